@@ -1,0 +1,22 @@
+"""sepmc: Monte Carlo of multi-body stage separation by the constraint force equation method."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("sepmc")
+except PackageNotFoundError:  # run from a bare tree
+    __version__ = "0+unknown"
+
+__all__ = ["SceneError", "__version__", "load"]
+
+
+def __getattr__(name: str):  # the heavy parts are imported when first used
+    if name == "load":
+        from sepmc.campaign import load  # noqa: PLC0415
+
+        return load
+    if name == "SceneError":
+        from sepmc.scene.messages import SceneError  # noqa: PLC0415
+
+        return SceneError
+    raise AttributeError(f"module 'sepmc' has no attribute {name!r}")

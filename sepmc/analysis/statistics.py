@@ -1,0 +1,230 @@
+"""Sample statistics of a campaign's outcomes, how sure they are, and how they lie beside reference figures.
+
+Rows whose status is not ``ok`` never enter; they are counted. A NaN in an ``ok`` row is an outcome that case does not have (no release
+time, say): it is left out of that outcome alone, and the column ``n`` says how many values stand behind every figure of the row.
+"""
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+
+import numpy as np
+import pandas as pd
+
+OK = "ok"
+WIDTH = 118  # of the printed tables, in characters
+PERCENTILES = {"p0_135": 0.135, "p1": 1.0, "p5": 5.0, "p50": 50.0, "p95": 95.0, "p99": 99.0, "p99_865": 99.865}
+REFERENCED = ("mean", "sigma", "min", "max")
+_TAIL_CASES = 741  # 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two outermost values
+
+
+def statistics(cases: pd.DataFrame, outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None = None) -> pd.DataFrame:
+    """Describe each outcome over the cases whose status is ``ok``.
+
+    Parameters
+    ----------
+    cases : DataFrame, shape (n_cases, ...)
+        Columns ``case`` (number), ``status`` (string) and the outcomes, each in the unit its name ends with.
+    outcomes : sequence of str
+        Columns to describe.
+    reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
+        Figures to compare with, in the outcome's unit; any of the four, or the outcome itself, may be absent.
+
+    Returns
+    -------
+    DataFrame, one row per outcome
+        ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to ``p99_865`` (linear between order
+        statistics: sample percentiles, without a confidence), in the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see
+        Notes; ``case_min`` and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they can be NaN too.
+        What needs more values than there are is NaN. With ``reference`` also ``ref_*``, and deviations here minus reference:
+        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
+
+    Notes
+    -----
+    Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian
+    s / sqrt(2 n) would be 58 % too large for uniform data. Checked against repeated sampling in the tests.
+    """
+    missing = [name for name in outcomes if name not in cases]
+    if missing:
+        raise KeyError(f"the case table has no column {', '.join(missing)}")
+    flown = cases[cases["status"] == OK]
+    numbers = flown["case"].to_numpy()
+    rows = [_describe(flown[name].to_numpy(dtype=float, na_value=np.nan), numbers) for name in outcomes]
+    columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES, "mean_se", "sigma_se", "case_min", "case_max"]
+    table = pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome", dtype="str"), columns=columns)
+    table = table.astype(dict.fromkeys(columns, float) | {"n": "int64"})  # a nullable column would turn the NaN of a row into pd.NA
+    return table if reference is None else _beside(table, reference)
+
+
+def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
+    """One row of the table from one outcome's values, shape (n_ok,), and the case numbers they belong to."""
+    there = ~np.isnan(values)
+    x, numbers = values[there], numbers[there]
+    if x.size == 0:
+        return {"n": 0}
+    mean, sigma, mean_se, sigma_se = _moments(x)
+    row = {"n": x.size, "mean": mean, "sigma": sigma, "min": x.min(), "max": x.max(), "mean_se": mean_se, "sigma_se": sigma_se}
+    with np.errstate(invalid="ignore"):  # between two infinities there is no number, and the table then says NaN
+        row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
+    return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
+
+
+def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
+    """Mean, sigma and the standard errors of both, from values of shape (n,), n >= 1."""
+    n, low, span = x.size, x.min(), np.ptp(x)
+    if n == 1:
+        return float(low), np.nan, np.nan, np.nan
+    if span == 0.0:  # the rounded mean of equal values need not equal them, and would leave a sigma of some 1e-17
+        return float(low), 0.0, 0.0, 0.0
+    with np.errstate(invalid="ignore"):  # an infinity in an ok row stays visible: mean inf, sigma NaN
+        mean = x.mean()
+        c = (x - mean) / span  # of order 1, so that the fourth power neither overflows nor underflows
+        variance, fourth = c @ c / (n - 1), np.mean(c**4)
+        sigma = np.sqrt(variance)
+        # (n - 3) n^2 < (n - 1)^3 and fourth >= (c @ c / n)^2 keep the bracket positive
+        sigma_se = np.sqrt((fourth - (n - 3) / (n - 1) * variance**2) / n) / (2.0 * sigma)
+    return float(mean), float(sigma * span), float(sigma * span / np.sqrt(n)), float(sigma_se * span)
+
+
+def _beside(table: pd.DataFrame, reference: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
+    """Append the reference figures and the deviations from them; absent ones are NaN."""
+    table = table.copy()
+    for name in REFERENCED:
+        table[f"ref_{name}"] = [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in table.index]
+    scale = table["ref_sigma"].where(table["ref_sigma"] > 0.0)  # deviations in units of nothing do not exist
+    for name in REFERENCED:
+        table[f"dev_{name}"] = (table[name] - table[f"ref_{name}"]) / scale
+    return table
+
+
+def status_counts(cases: pd.DataFrame) -> dict[str, int]:
+    """Count the cases of each status: ``ok`` first (0 if there is none), then the failures, most frequent first. Sums to the rows."""
+    counts = {str(status): int(count) for status, count in cases["status"].value_counts(dropna=False).items() if count}
+    return {OK: counts.pop(OK, 0)} | counts
+
+
+def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Spread of a quantity over the cases, at each time.
+
+    Parameters
+    ----------
+    histories : DataFrame, long form
+        Columns ``case``, ``time_s`` and ``column``: one row per case and time. Rows of failed cases are the caller's to leave out.
+    column : str
+        The quantity. NaN is left out of its time.
+
+    Returns
+    -------
+    DataFrame, shape (n_times, 8)
+        Indexed by ``time_s`` in s, ascending: ``min``, ``p1``, ``p5``, ``p50``, ``p95``, ``p99``, ``max``, ``mean``, in the column's unit.
+    """
+    time = histories["time_s"].round(9)  # cases may reach one time by different sums; nobody asks for less than a nanosecond
+    grouped = histories[column].astype(float).groupby(time)
+    curves = grouped.agg(["min", "max", "mean"])
+    inner = ["p1", "p5", "p50", "p95", "p99"]
+    quantiles = grouped.quantile(np.array([PERCENTILES[name] for name in inner]) / 100.0).unstack()
+    curves[inner] = quantiles.to_numpy().reshape(len(curves), len(inner))
+    return curves[["min", *inner, "max", "mean"]].rename_axis("time_s")
+
+
+def rounded(value: float, scale: float, digits: int = 3) -> str:
+    """Write ``value`` with the decimals that show ``scale`` (its sigma, say) to ``digits`` significant digits; "-" if it is NaN."""
+    if pd.isna(value):
+        return "-"
+    if not (np.isfinite(scale) and scale > 0.0):  # nothing to measure by but the value itself
+        scale, digits = abs(value), digits + 1
+    if not (np.isfinite(scale) and scale > 0.0):
+        return f"{value:zg}"
+    decimals = max(0, digits - 1 - int(np.floor(np.log10(scale))))
+    plain = decimals <= 7 and abs(value) < 1e8
+    return f"{value:z.{decimals}f}" if plain else f"{value:z.{digits}e}"
+
+
+def summary_text(stats: pd.DataFrame, counts: Mapping[str, int], units: Mapping[str, str] | None = None, source: str = "paper") -> str:
+    """Write the tables an engineer reads in a terminal, at most 118 columns wide.
+
+    Parameters
+    ----------
+    stats : DataFrame
+        From `statistics`; with ``ref_*`` columns a table beside the reference follows.
+    counts : mapping of status to number of cases
+        From `status_counts`.
+    units : mapping of outcome to unit, optional
+        Adds a column of units.
+    source : str
+        What to call the reference at the head of its columns.
+
+    Returns
+    -------
+    str
+        Plain text; every figure of a row has the decimals that show its sigma to three digits, standard errors to two.
+    """
+    parts = [_counts_line(counts)]
+    if len(stats):
+        parts.append(_layout(list(stats.index), _groups(stats, units)))
+    if stats["n"].between(1, _TAIL_CASES - 1).any():
+        parts.append(f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between the two outermost values.")
+    compared = stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)] if "ref_mean" in stats else stats[:0]
+    if len(compared):
+        head = f"Beside the {source} (dev: here minus {source}; mean, max and min in sigmas of the {source}, sigma in percent)"
+        groups = [(name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")]
+        parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), groups)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _counts_line(counts: Mapping[str, int]) -> str:
+    """The first line: how many cases, how many of them count, and what became of the others."""
+    total, ok = sum(counts.values()), counts.get(OK, 0)
+    others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
+    return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), WIDTH)
+
+
+def _groups(stats: pd.DataFrame, units: Mapping[str, str] | None) -> list[tuple[str, dict[str, list[str]]]]:
+    """Columns of the main table as (heading, {column: cells})."""
+
+    def column(name: str) -> list[str]:
+        return [rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)]
+
+    def error(name: str) -> list[str]:
+        return [rounded(value, value, 2) for value in stats[name]]
+
+    def case(name: str) -> list[str]:
+        return ["-" if pd.isna(value) else str(int(value)) for value in stats[name]]
+
+    first = {"unit": [units.get(name, "") for name in stats.index]} if units else {}
+    percent = {f"{value:g} %": column(name) for name, value in PERCENTILES.items()}
+    lower, upper = list(percent.items())[:4], list(percent.items())[4:]  # two groups, so that wide numbers can be folded between them
+    return [
+        ("", first | {"n": [str(n) for n in stats["n"]]}),
+        ("", {"mean": column("mean"), "s.e.": error("mean_se")}),
+        ("", {"sigma": column("sigma"), "s.e.": error("sigma_se")}),
+        ("", {"min": column("min"), "case": case("case_min")}),
+        ("", {"max": column("max"), "case": case("case_max")}),
+        ("percentiles to the median", dict(lower)),
+        ("and above", dict(upper)),
+    ]
+
+
+def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[str]]:
+    """Reference, here and deviation of one statistic. The reference keeps the digits it was given with."""
+    given = ["-" if np.isnan(value) else f"{value:.6g}" for value in stats[f"ref_{name}"]]
+    here = [rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)]
+    unit = (100.0, ".1f", "%") if name == "sigma" else (1.0, ".2f", "")
+    deviation = ["-" if np.isnan(dev) else f"{dev * unit[0]:+z{unit[1]}}{unit[2]}" for dev in stats[f"dev_{name}"]]
+    return {source: given, "here": here, "dev": deviation}
+
+
+def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]]) -> str:
+    """Set groups of columns beside each other under their headings; what would pass `WIDTH` goes into a further block below."""
+    longest = max(len(name) for name in [*names, "outcome"])
+    stub = [text.ljust(longest) for text in ["", "outcome", *names]]
+    blocks, used = [[stub]], longest
+    for heading, columns in groups:
+        padded = [[cell.rjust(max(map(len, [head, *cells]))) for cell in [head, *cells]] for head, cells in columns.items()]
+        lines = ["  ".join(row) for row in zip(*padded, strict=True)]
+        lines = [heading.center(len(lines[0]), "-") if heading else " " * len(lines[0]), *lines]
+        if used + 3 + len(lines[0]) > WIDTH and len(blocks[-1]) > 1:
+            blocks, used = [*blocks, [stub]], longest
+        blocks[-1].append(lines)
+        used += 3 + len(lines[0])
+    texts = [["   ".join(row).rstrip() for row in zip(*block, strict=True)] for block in blocks]
+    return "\n\n".join("\n".join(line for line in text if line) for text in texts)

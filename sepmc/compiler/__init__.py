@@ -1,0 +1,1 @@
+"""Scene to plan: what a kernel must know, as arrays."""

@@ -1,0 +1,64 @@
+"""Every compile option, and where compiled code is kept.
+
+The cache folder is named by a digest of all kernel sources: Numba alone looks only at the file that defines the cached
+function and would miss a change in one it inlines (numba #1833). Nothing outside this folder is cached or touched.
+"""
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import numba
+from numba import config
+from platformdirs import user_cache_dir
+
+# Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must survive to be reported.
+_FASTMATH = {"contract"}
+_HERE = Path(__file__).parent
+
+
+def sources_digest() -> str:
+    """Digest of every kernel source and of the compiler's version."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(_HERE.glob("*.py")):
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_folder() -> Path:
+    """Folder of this version's compiled kernels; a temporary one if the user's cache cannot be written."""
+    base = Path(os.environ.get("SEPMC_CACHE_DIR") or user_cache_dir("sepmc"))
+    folder = base / "kernels" / sources_digest()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.gettempdir()) / "sepmc-kernels" / sources_digest()
+
+
+CACHE_FOLDER = cache_folder()
+
+
+def is_cached() -> bool:
+    """Whether some kernel of this version was compiled before."""
+    return any(CACHE_FOLDER.rglob("*.nbi"))
+
+
+# A formula on scalars and tuples: small, and callable from Python for tests.
+formula = numba.njit(fastmath=_FASTMATH, error_model="numpy")
+# A stage of the engine: called from compiled code only, so no Python wrapper is built (7 s of 40 s to compile the door).
+stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def door(function):
+    """Compile a function that Python calls: parallel over cases, and kept on disk."""
+    previous = config.CACHE_DIR
+    config.CACHE_DIR = str(CACHE_FOLDER)
+    try:
+        return numba.njit(parallel=True, cache=True, fastmath=_FASTMATH, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = previous

@@ -1,0 +1,26 @@
+"""Air-relative angles and the aerodynamic force and moment of one body."""
+
+import math
+
+from sepmc.kernels._jit import formula
+
+
+@formula
+def air_angles(u):
+    """Airspeed (m/s), angle of attack and sideslip (rad) from the air-relative velocity in body axes; paper eqs (10), (11)."""
+    v = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    if v == 0.0:
+        return 0.0, 0.0, 0.0
+    return v, math.atan2(-u[1], u[0]), math.asin(u[2] / v)
+
+
+@formula
+def aero_force(qs, c):
+    """Force in body axes, N, from dynamic pressure x area (N) and C_A, C_N, C_Y: q S (-C_A, C_N, -C_Y)."""
+    return (-qs * c[0], qs * c[1], -qs * c[2])
+
+
+@formula
+def aero_moment(qsl, c):
+    """Moment in body axes, N m, from q S L (N m) and C_l, C_n, C_m: q S L (C_l, -C_n, C_m)."""
+    return (qsl * c[0], -qsl * c[1], qsl * c[2])

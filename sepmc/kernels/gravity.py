@@ -1,0 +1,16 @@
+"""Gravity over a flat ground: along -y, constant or falling with the inverse square of the distance to the centre."""
+
+from sepmc.kernels._jit import formula
+from sepmc.kernels.atmosphere import R0
+from sepmc.kernels.layout import INVERSE_SQUARE, NO_GRAVITY
+
+
+@formula
+def gravity(kind, surface, height):
+    """Acceleration downward, m/s2: ``surface`` at the ground, times (R0 / (R0 + height))^2 if inverse-square (eq 17 of the 1976 standard)."""
+    if kind == NO_GRAVITY:
+        return 0.0
+    if kind == INVERSE_SQUARE:
+        ratio = R0 / (R0 + height)
+        return surface * ratio * ratio
+    return surface

@@ -1,0 +1,79 @@
+"""Runge-Kutta methods as data: each checks its own row sums and order conditions of quadrature. No numba here."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sepmc.kernels import dop853_coefficients as dop
+
+
+@dataclass(frozen=True)
+class Method:
+    """An explicit Runge-Kutta method with a continuous extension.
+
+    ``a`` (m, m) holds the stage matrix and, below row ``len(b)``, the stages only the extension needs; ``c`` (m,) the nodes;
+    ``b`` (s,) the weights. The state at fraction theta of a step is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``.
+    """
+
+    name: str
+    order: int
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    dense: np.ndarray
+    dense_order: int
+    checked: bool = field(init=False, default=True)
+
+    def __post_init__(self):
+        if not np.allclose(self.a.sum(axis=1), self.c, rtol=0, atol=1e-14 * np.abs(self.a).sum(axis=1).max()):
+            raise ValueError(f"{self.name}: rows of the stage matrix do not sum to the nodes")
+        nodes = self.c[: len(self.b)]
+        for power in range(self.order):
+            if abs(self.b @ nodes**power - 1.0 / (power + 1)) > 1e-13:
+                raise ValueError(f"{self.name}: the weights do not integrate degree {power}")
+        full = np.zeros(len(self.dense))
+        full[: len(self.b)] = self.b
+        if not np.allclose(self.dense.sum(axis=1), full, rtol=0, atol=1e-12 * np.abs(self.dense).max()):
+            raise ValueError(f"{self.name}: the continuous extension does not end on the step")
+
+
+def _rk4() -> Method:
+    """The classical method; extension of order 3 (Hairer, Norsett, Wanner, Solving ODE I, II.6, eq 6.8 ff.)."""
+    a = np.zeros((4, 4))
+    a[1, 0] = a[2, 1] = 0.5
+    a[3, 2] = 1.0
+    b = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+    dense = np.array([[0.0, 1.0, -1.5, 2.0 / 3.0], [0.0, 0.0, 1.0, -2.0 / 3.0], [0.0, 0.0, 1.0, -2.0 / 3.0], [0.0, 0.0, -0.5, 2.0 / 3.0]])
+    return Method("rk4", 4, a, b, np.array([0.0, 0.5, 0.5, 1.0]), dense, 3)
+
+
+def _dop853() -> Method:
+    """Dormand and Prince, order 8, twelve stages; extension of order 7 with four more (Hairer, Norsett, Wanner, II.5, II.6)."""
+    stages, total = 12, 16
+    a = np.zeros((total, total))
+    for (i, j), value in dop.A.items():
+        a[i, j] = value
+    b = a[stages, :stages].copy()
+    # The extension is y0 + t (F0 + u (F1 + t (F2 + u (F3 + ...)))), u = 1 - t; written here as powers of t per stage.
+    unit = np.eye(total)
+    f = np.zeros((7, total))
+    f[0, :stages] = b
+    f[1] = unit[0] - f[0]
+    f[2] = 2.0 * f[0] - unit[stages] - unit[0]
+    for (i, j), value in dop.D.items():
+        f[3 + i, j] = value
+    dense = np.zeros((total, 8))
+    for i in range(total):
+        poly = np.polynomial.Polynomial([0.0])
+        for k in range(6, -1, -1):
+            poly = (poly + f[k, i]) * np.polynomial.Polynomial([0.0, 1.0] if k % 2 == 0 else [1.0, -1.0])
+        dense[i, : len(poly.coef)] = poly.coef[:8]
+    return Method("dop853", 8, a, b, np.array(dop.C), dense, 7)
+
+
+METHODS = {"rk4": _rk4, "dop853": _dop853}
+
+
+def method(name: str) -> Method:
+    """The method called ``name``."""
+    return METHODS[name]()

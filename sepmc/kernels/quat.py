@@ -1,0 +1,60 @@
+"""Attitude: quaternions (scalar first, body to ground), matrices and the angles pitch, yaw, roll of CONVENTIONS.md."""
+
+import math
+
+from sepmc.kernels._jit import formula
+
+
+@formula
+def matrix(q):
+    """Attitude matrix (9-tuple, body to ground) of a unit quaternion."""
+    w, x, y, z = q
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@formula
+def rate(q, omega):
+    """q' = 1/2 q (0, omega), omega in body axes, rad/s."""
+    w, x, y, z = q
+    p, r, s = omega
+    return (
+        0.5 * (-x * p - y * r - z * s),
+        0.5 * (w * p + y * s - z * r),
+        0.5 * (w * r + z * p - x * s),
+        0.5 * (w * s + x * r - y * p),
+    )
+
+
+@formula
+def from_angles(pitch, yaw, roll):
+    """Quaternion of Rz(pitch) Ry(yaw) Rx(roll), angles in rad."""
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    return (
+        cp * cy * cr + sp * sy * sr,
+        cp * cy * sr - sp * sy * cr,
+        cp * sy * cr + sp * cy * sr,
+        sp * cy * cr - cp * sy * sr,
+    )
+
+
+@formula
+def angles(m):
+    """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular at yaw = +-90 deg."""
+    s = m[6]
+    if s > 1.0:  # round-off; NaN passes through
+        s = 1.0
+    if s < -1.0:
+        s = -1.0
+    return math.atan2(m[3], m[0]), -math.asin(s), math.atan2(m[7], m[8])

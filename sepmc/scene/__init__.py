@@ -1,0 +1,1 @@
+"""TOML to an immutable model in SI, with units, validation and messages."""

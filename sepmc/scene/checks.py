@@ -1,0 +1,120 @@
+"""What no single value can show: references between tables, inertias a solid body can have, phases that end, laws in range."""
+
+import math
+
+import numpy as np
+
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.fields import convert
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.model import Body, Joint, Scene
+
+ATMOSPHERE_TOP = 86_000.0
+
+
+def check_scene(scene: Scene, problems: Problems) -> None:
+    """Note every problem of a scene whose tables are each well formed."""
+    if not scene.body:
+        problems.add("body", "at least one body is needed: [body.NAME]")
+    for name, body in scene.body.items():
+        _check_body(name, body, problems)
+    for motor in scene.motor:
+        _check_known(f"motor.{motor.name}.body", motor.body, scene.body, "body", problems)
+    for name, joint in scene.joint.items():
+        _check_joint(name, joint, scene, problems)
+    _check_phases(scene, problems)
+    _check_initial(scene, problems)
+
+
+def _check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
+    if name not in known:
+        problems.add(place, f"no such {what}; {nearest(name, known)}", name)
+
+
+def inertia_tensor(body: Body) -> np.ndarray:
+    """Inertia tensor of a body, kg m2, shape (3, 3)."""
+    (xx, yy, zz), (xy, xz, yz) = body.inertia, body.inertia_products
+    return body.inertia_factor * np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
+
+
+def inertia_fault(tensor: np.ndarray) -> str | None:
+    """Why no solid body can have this inertia, or None. Principal moments obey A + B >= C (Goldstein, ch. 5)."""
+    principal = np.linalg.eigvalsh(tensor)
+    if principal[0] <= 0.0:
+        return f"must be positive definite; its smallest principal moment is {principal[0]:.6g} kg m2"
+    if principal[0] + principal[1] < principal[2] * (1.0 - 1e-9):
+        return f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m2, which no solid body has"
+    return None
+
+
+def _check_body(name: str, body: Body, problems: Problems) -> None:
+    fault = inertia_fault(inertia_tensor(body))
+    if fault:
+        problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
+
+
+def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
+    place = f"joint.{name}.bodies"
+    for body in joint.bodies:
+        _check_known(place, body, scene.body, "body", problems)
+    if joint.bodies[0] == joint.bodies[1]:
+        problems.add(place, "must name two different bodies", list(joint.bodies))
+    x, y = np.array(joint.x_axis), np.array(joint.y_axis)
+    if np.linalg.norm(np.cross(x, y)) < 1e-6 * max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300):
+        problems.add(f"joint.{name}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis))
+
+
+def _check_phases(scene: Scene, problems: Problems) -> None:
+    end = scene.run.end_time
+    if not scene.phase:
+        problems.add("phase", "at least one [[phase]] is needed")
+    last_time = 0.0
+    for number, phase in enumerate(scene.phase):
+        place = f"phase.{phase.name}"
+        for joint in phase.joints:
+            _check_known(f"{place}.joints", joint, scene.joint, "joint", problems)
+        is_last = number == len(scene.phase) - 1
+        until = phase.until
+        if until is None:
+            if not is_last:
+                problems.add(place, "never ends: give it until = { time_s = ... } or { joint = ..., stroke_mm = ... }")
+            continue
+        if is_last:
+            problems.add(f"{place}.until", "the last phase ends at run.end_time_s; remove until")
+        if until.time is None and until.joint is None:
+            problems.add(f"{place}.until", "never ends: give time_s, or joint and stroke_mm")
+        if (until.joint is None) != (until.stroke is None):
+            problems.add(f"{place}.until", "joint and stroke_mm belong together")
+        if until.joint is not None:
+            _check_known(f"{place}.until.joint", until.joint, scene.joint, "joint", problems)
+            if until.joint in scene.joint and phase.joints.get(until.joint) != "slider":
+                problems.add(f"{place}.until.joint", "must be a slider in this phase, to have a stroke", until.joint)
+        if until.time is not None:
+            if until.time < last_time:
+                problems.add(f"{place}.until.time_s", f"must be >= {last_time:g}, the end of the phase before", until.time)
+            if until.time >= end and not is_last:
+                problems.add(f"{place}.until.time_s", f"must be < run.end_time_s = {end:g}, or the next phase never begins", until.time)
+            last_time = max(last_time, until.time)
+
+
+def _check_initial(scene: Scene, problems: Problems) -> None:
+    initial = scene.initial
+    if abs(initial.yaw) > math.radians(89.0):
+        problems.add("initial.yaw_deg", "must lie within +-89 deg (the attitude angles are singular at 90)", math.degrees(initial.yaw))
+    if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
+        problems.add("initial.altitude_m", "must lie in 0 to 86000 m, where the 1976 atmosphere is defined", initial.altitude)
+
+
+def check_dispersion(dispersion: Dispersion, problems: Problems) -> None:
+    """A law whose support leaves what its parameter may be is an error before any case is drawn."""
+    place = f"dispersion.{dispersion.parameter.key}"
+    field = dispersion.parameter.field
+    for bound in dispersion.support:
+        if math.isfinite(bound) and field is not None:
+            _, allowed = convert(bound * dispersion.parameter.factor, field.type)
+            if allowed:
+                problems.add(place, f"the law reaches {bound:g}, but the value {allowed}")
+    if dispersion.parameter.path == "initial.altitude":
+        low, high = (bound * dispersion.parameter.factor for bound in dispersion.support)
+        if low < 0.0 or high > ATMOSPHERE_TOP:
+            problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")

@@ -1,0 +1,100 @@
+"""How one parameter varies: a law resolved against its nominal, in the unit of its TOML key."""
+
+import math
+from dataclasses import dataclass
+
+from sepmc.scene.messages import Problems
+from sepmc.scene.model import Law, Scene
+from sepmc.scene.parameters import Parameter, UnknownPath, find, value
+
+LAWS = ("uniform", "normal", "triangular", "discrete", "constant")
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """A parameter and its law.
+
+    ``numbers`` by law, in the unit of the key: uniform (low, high); normal (mean, sigma, truncation in sigmas or inf);
+    triangular (low, mode, high); discrete the values; constant (value,).
+    """
+
+    parameter: Parameter
+    law: str
+    numbers: tuple[float, ...]
+    weights: tuple[float, ...] = ()
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value the law can give."""
+        if self.law == "normal":
+            mean, sigma, cut = self.numbers
+            reach = sigma * cut if sigma > 0.0 else 0.0
+            return mean - reach, mean + reach
+        return min(self.numbers), max(self.numbers)
+
+
+def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dispersion, ...]:
+    """Resolve the laws of a file against the scene's nominal values, noting every problem."""
+    result: list[Dispersion] = []
+    seen: dict[str, str] = {}
+    for key, law in laws.items():
+        place = f"dispersion.{key}"
+        try:
+            parameter = find(scene, key)
+        except UnknownPath as error:
+            problems.add(place, str(error.args[0]))
+            continue
+        if parameter.path in seen:
+            problems.add(place, f"given twice, also as {seen[parameter.path]!r}")
+            continue
+        if parameter.path.split(".")[0] in ("run", "solver"):
+            problems.add(place, "is a setting of the run, which cannot vary from case to case")
+            continue
+        seen[parameter.path] = key
+        found = _resolve_one(law, parameter, value(scene, parameter.path) / parameter.factor, place, problems)
+        if found:
+            result.append(found)
+    return tuple(result)
+
+
+def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems) -> Dispersion | None:
+    given = [name for name in LAWS if getattr(law, name) is not None]
+    if len(given) != 1:
+        problems.add(place, "give exactly one of " + ", ".join(LAWS) + (f", not {' and '.join(given)}" if given else ""))
+        return None
+    name = given[0]
+    scale = nominal if law.relative else 1.0
+    if law.relative and nominal == 0.0:
+        problems.add(place, "relative to a nominal of 0 is always 0; give the law in the unit of the key")
+        return None
+    raw = getattr(law, name)
+    numbers = tuple(float(x) * scale for x in raw) if isinstance(raw, tuple) else (float(raw) * scale,)
+    count = len(problems)
+    weights: tuple[float, ...] = ()
+    if name in ("uniform", "triangular", "normal") and not isinstance(raw, tuple):
+        width = abs(numbers[0])
+        if float(raw) < 0.0:
+            problems.add(place, "the half-width or sigma must be >= 0", raw)
+        numbers = {"uniform": (nominal - width, nominal + width), "triangular": (nominal - width, nominal, nominal + width)}.get(
+            name, (nominal, width)
+        )
+    if name == "normal":
+        if numbers[1] < 0.0:
+            problems.add(place, "sigma must be >= 0", raw)
+        numbers = (*numbers, law.truncate_sigma or math.inf)
+    elif law.truncate_sigma is not None:
+        problems.add(place, "truncate_sigma belongs to the normal law")
+    if name in ("uniform", "triangular") and list(numbers) != sorted(numbers):
+        if law.relative and nominal < 0.0:
+            numbers = tuple(sorted(numbers))
+        else:
+            problems.add(place, "must rise from low to high", raw)
+    if name == "discrete":
+        weights = law.weights or tuple(1.0 for _ in numbers)
+        if not numbers or len(weights) != len(numbers) or min(weights) < 0.0 or sum(weights) <= 0.0:
+            problems.add(place, "discrete needs values, and as many weights >= 0 with a positive sum")
+    elif law.weights is not None:
+        problems.add(place, "weights belong to the discrete law")
+    if len(problems) > count:
+        return None
+    return Dispersion(parameter, name, numbers, weights)

@@ -1,0 +1,126 @@
+"""What the model's fields are: their quantity, the TOML keys they accept, and how one value is converted and checked."""
+
+import functools
+import types
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from sepmc.scene.model import Quantity
+from sepmc.scene.units import UNITS
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a table of the model."""
+
+    name: str
+    type: Any  # as annotated, with constraints: what msgspec checks a value against
+    bare: Any  # without `| None` and `Annotated`
+    quantity: Quantity
+    required: bool
+    default: Any
+
+    @property
+    def units(self) -> dict[str, float]:
+        return UNITS.get(self.quantity.kind, {})
+
+    @property
+    def keys(self) -> dict[str, float]:
+        """TOML keys this field accepts, with the factor of each to SI."""
+        if not self.units:
+            return {self.name: 1.0}
+        return {f"{self.name}_{unit}": factor for unit, factor in self.units.items()}
+
+    @property
+    def table(self) -> type[msgspec.Struct] | None:
+        """The nested table, if the field is one."""
+        return self.bare if isinstance(self.bare, type) and issubclass(self.bare, msgspec.Struct) else None
+
+    @property
+    def table_of_tables(self) -> type[msgspec.Struct] | None:
+        return self._container(dict)
+
+    @property
+    def array_of_tables(self) -> type[msgspec.Struct] | None:
+        return self._container(tuple)
+
+    def _container(self, origin: type) -> type[msgspec.Struct] | None:
+        if get_origin(self.bare) is not origin:
+            return None
+        inner = get_args(self.bare)[1 if origin is dict else 0]
+        return inner if isinstance(inner, type) and issubclass(inner, msgspec.Struct) else None
+
+
+@functools.cache
+def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
+    """Fields of a table by name, in the order they are declared."""
+    hints = get_type_hints(kind, include_extras=True)
+    result = {}
+    for info in msgspec.structs.fields(kind):
+        annotation = hints[info.name]
+        bare, quantity = _unwrap(annotation)
+        result[info.name] = Field(info.name, annotation, bare, quantity or Quantity(""), info.required, info.default)
+    return result
+
+
+def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
+    if get_origin(annotation) in (Union, types.UnionType):
+        options = [a for a in get_args(annotation) if a is not type(None)]
+        if len(options) == 1:
+            return _unwrap(options[0])
+        return annotation, None
+    if get_origin(annotation) is Annotated:
+        inner, *extras = get_args(annotation)
+        quantity = next((e for e in extras if isinstance(e, Quantity)), None)
+        bare, nested = _unwrap(inner)
+        return bare, quantity or nested
+    return annotation, None
+
+
+def to_si(value: Any, factor: float) -> Any:
+    """Scale a number or a list of numbers; anything else is left for the type check to name."""
+    if isinstance(value, bool) or factor == 1.0:
+        return value
+    if isinstance(value, int | float):
+        return value * factor
+    if isinstance(value, list):
+        return [to_si(item, factor) for item in value]
+    return value
+
+
+def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
+    """Convert one value to ``kind``; returns the value and, if it does not fit, what is allowed."""
+    try:
+        return msgspec.convert(value, kind), None
+    except msgspec.ValidationError as error:
+        options = _options(kind)
+        return None, f"must be one of {', '.join(options)}" if options else _plain(str(error))
+
+
+def _options(kind: Any) -> list[str]:
+    """What a choice may be, for the message."""
+    bare, _ = _unwrap(kind)
+    if get_origin(bare) is dict:
+        bare = get_args(bare)[1]
+    return [str(option) for option in get_args(bare)] if get_origin(bare) is Literal else []
+
+
+_WORDS = {
+    "`float` > 0.0": "must be > 0",
+    "`int` > 0": "must be > 0",
+    "`float` >= 0.0": "must be >= 0",
+    "`int` >= 0": "must be >= 0",
+    "`int` >= 1": "must be >= 1",
+}
+
+
+def _plain(message: str) -> str:
+    text = message.split(" - at ", maxsplit=1)[0].replace("Expected ", "")
+    for ours, plain in _WORDS.items():
+        if text.startswith(ours):
+            return plain
+    text = text.replace("`float`", "a number").replace("`int`", "a whole number").replace("`str`", "text").replace("`bool`", "true or false")
+    text = text.replace("`array`", "a list").replace("`object`", "a table").replace(" | null", "").replace("`", "")
+    return text if text.startswith("Invalid") else f"must be {text}"

@@ -1,0 +1,41 @@
+"""Errors and warnings that speak to an engineer: where, what was given, what is allowed."""
+
+import difflib
+
+
+class SceneError(ValueError):
+    """Bad input. One line per problem: ``file: place = value: what is allowed``."""
+
+    def __init__(self, problems: list[str]):
+        self.problems = problems
+        super().__init__("\n".join(problems))
+
+
+class SceneWarning(UserWarning):
+    """Input that can be flown but deserves a look."""
+
+
+class Problems(list[str]):
+    """Collects problems while a file is read."""
+
+    def add(self, place: str, allowed: str, value: object = None) -> None:
+        shown = "" if value is None else f" = {shorten(value)}"
+        self.append(f"{place}{shown}: {allowed}")
+
+    def raise_if_any(self, source: str) -> None:
+        if self:
+            raise SceneError([f"{source}: {line}" for line in self])
+
+
+def shorten(value: object, limit: int = 60) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def nearest(word: str, known, listed=None) -> str:
+    """A phrase that names the nearest known word or, if none is near, all of them (or those of ``listed``)."""
+    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    if match:
+        return f"did you mean {match[0]!r}?"
+    known = list(known if listed is None else listed)
+    return "known here: " + (", ".join(known) if known else "nothing")

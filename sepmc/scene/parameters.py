@@ -1,0 +1,126 @@
+"""Parameters by path: ``body.upper.cg_mm.x`` names one number of a scene, with its unit, column and SI value."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from sepmc.scene.fields import Field, fields_of
+from sepmc.scene.messages import nearest
+from sepmc.scene.model import Scene
+from sepmc.scene.units import split_unit
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a scene.
+
+    ``key`` is the path as written in TOML, with its unit; ``path`` the same without unit, which names its random stream;
+    ``factor`` takes a value in ``unit`` to SI.
+    """
+
+    key: str
+    path: str
+    unit: str
+    factor: float
+    field: Field | None
+
+    @property
+    def column(self) -> str:
+        """Name of its column in the case table: ``in_body_upper_cg_x_mm``."""
+        stem = "in_" + self.path.replace(".", "_").replace("-", "_")
+        return f"{stem}_{self.unit}" if self.unit else stem
+
+
+class UnknownPath(KeyError):
+    """A path that names no number of the scene; its argument is the sentence that says why."""
+
+
+def find(scene: Scene, key: str) -> Parameter:
+    """The parameter that ``key`` names. Raises `UnknownPath` with a sentence if there is none."""
+    node: Any = scene
+    path: list[str] = []
+    unit, factor, last = "", 1.0, None
+    for part in key.split("."):
+        if isinstance(node, msgspec.Struct):
+            name, unit, factor, last = _field(node, part)
+            node = getattr(node, name)
+        else:
+            name, node = _item(node, part, last)
+        path.append(name)
+    if isinstance(node, bool) or not isinstance(node, int | float):
+        raise UnknownPath(_not_a_number(node, last))
+    return Parameter(key, ".".join(path), unit, factor, last if last and not last.quantity.components else None)
+
+
+def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
+    fields = fields_of(type(node))
+    accepted = {key: field for field in fields.values() for key in field.keys}
+    if part not in accepted:
+        stem = split_unit(part)[0]
+        if stem in fields and fields[stem].units:
+            raise UnknownPath(f"{part!r} has a wrong or missing unit; allowed: " + ", ".join(fields[stem].keys))
+        raise UnknownPath(f"no {part!r} here; " + nearest(part, accepted))
+    field = accepted[part]
+    if getattr(node, field.name) is None:
+        raise UnknownPath(f"{part!r} is not set in this scene, so it cannot vary")
+    unit = split_unit(part)[1] if field.units else ""
+    return field.name, unit, field.keys[part], field
+
+
+def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
+    if isinstance(node, dict):
+        if part not in node:
+            raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
+        return part, node[part]
+    if isinstance(node, tuple) and field and field.quantity.components:
+        names = field.quantity.components
+        if part not in names:
+            raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
+        return part, node[names.index(part)]
+    if isinstance(node, tuple):
+        names = tuple(getattr(item, "name", "?") for item in node)
+        if part not in names:
+            raise UnknownPath(f"no {part!r} here; " + nearest(part, names))
+        return part, node[names.index(part)]
+    raise UnknownPath(f"{part!r} does not exist: the path ends before it")
+
+
+def _not_a_number(node: Any, field: Field | None) -> str:
+    if isinstance(node, tuple) and field and field.quantity.components:
+        return "is a vector; name one component: ." + ", .".join(field.quantity.components)
+    return "is not a number, so it cannot vary"
+
+
+def value(scene: Scene, path: str) -> float:
+    """The SI value at an unit-less path (`Parameter.path`)."""
+    node: Any = scene
+    field: Field | None = None
+    for part in path.split("."):
+        if isinstance(node, msgspec.Struct):
+            field = fields_of(type(node))[part]
+            node = getattr(node, part)
+        else:
+            node = _item(node, part, field)[1]
+    return float(node)
+
+
+def replace(scene: Scene, values: dict[str, float]) -> Scene:
+    """A scene with SI ``values`` at unit-less paths put in place."""
+    for path, number in values.items():
+        scene = _replace(scene, path.split("."), number, None)
+    return scene
+
+
+def _replace(node: Any, parts: list[str], number: float, field: Field | None) -> Any:
+    if not parts:
+        return number
+    part, rest = parts[0], parts[1:]
+    if isinstance(node, msgspec.Struct):
+        inner = fields_of(type(node))[part]
+        return msgspec.structs.replace(node, **{part: _replace(getattr(node, part), rest, number, inner)})
+    if isinstance(node, dict):
+        return {**node, part: _replace(node[part], rest, number, None)}
+    names = field.quantity.components if field and field.quantity.components else tuple(item.name for item in node)
+    place = names.index(part)
+    return (*node[:place], _replace(node[place], rest, number, None), *node[place + 1 :])

@@ -1,0 +1,133 @@
+"""A TOML tree to a table of the model: keys with units in, SI out, every problem named with its place."""
+
+import math
+import re
+from typing import Any
+
+import msgspec
+
+from sepmc.scene.fields import Field, convert, fields_of, to_si
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.units import split_unit
+
+_TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
+_NAME = re.compile(r"^[A-Za-z][A-Za-z0-9_-]*$")
+
+
+def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> Any:
+    """Read one table into ``kind``; None, with the problems noted, if that is not possible."""
+    if not isinstance(tree, dict):
+        problems.add(place, "must be a table", tree)
+        return None
+    fields = fields_of(kind)
+    accepted = {key: (field, factor) for field in fields.values() for key, factor in field.keys.items()}
+    values: dict[str, Any] = {}
+    seen: dict[str, str] = {}
+    count = len(problems)
+    for key, value in tree.items():
+        if key not in accepted:
+            problems.add(_join(place, key), _unknown_key(key, fields, accepted))
+            seen[split_unit(key)[0]] = key  # named once already, not "missing" as well
+            seen[key] = key
+            continue
+        field, factor = accepted[key]
+        if field.name in values or field.name in seen:
+            problems.add(_join(place, key), f"given twice, also as {seen[field.name]!r}")
+            continue
+        seen[field.name] = key
+        values[field.name] = _read_value(field, value, factor, _join(place, key), problems)
+    for field in fields.values():
+        if field.required and field.name not in seen:
+            problems.add(place or "file", f"{_missing(field)} is missing")
+    if len(problems) > count:
+        return None
+    return kind(**values)
+
+
+def _read_value(field: Field, value: Any, factor: float, place: str, problems: Problems) -> Any:
+    if field.table:
+        return read_table(field.table, value, place, problems)
+    if field.table_of_tables:
+        return _read_named(field.table_of_tables, value, place, problems)
+    if field.array_of_tables:
+        return _read_array(field.array_of_tables, value, place, problems)
+    if not _finite(value) and not (field.name == "burn" and value == math.inf):
+        problems.add(place, "must be finite", value)
+        return None
+    if field.quantity.components and isinstance(value, dict):
+        value = _components(field, value, factor, place, problems)
+    result, allowed = convert(to_si(value, factor), field.type)
+    if allowed:
+        problems.add(place, allowed, value)
+    if field.bare == dict[str, float] and result is not None:
+        for term in result:
+            if not _TERM.match(term):
+                problems.add(_join(place, term), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2")
+    return result
+
+
+def _components(field: Field, value: dict[str, Any], factor: float, place: str, problems: Problems) -> list[Any]:
+    """A vector written as ``{ y = 1.0 }``: the components left out keep their default."""
+    names = field.quantity.components
+    for key in value:
+        if key not in names:
+            problems.add(_join(place, key), "is no component; allowed: " + ", ".join(names))
+    default = field.default if isinstance(field.default, tuple) else (0.0,) * len(names)
+    return [value.get(name, default[i] / factor) for i, name in enumerate(names)]
+
+
+def _read_named(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> dict[str, Any]:
+    if not isinstance(tree, dict):
+        problems.add(place, "must be a table of tables", tree)
+        return {}
+    for name in tree:
+        if not _NAME.match(name):
+            problems.add(_join(place, name), "a name is a letter followed by letters, digits, - or _")
+    return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
+
+
+def _read_array(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> tuple[Any, ...]:
+    if not isinstance(tree, list):
+        problems.add(place, f"must be an array of tables: [[{place}]]", tree)
+        return ()
+    result, names = [], set()
+    for number, sub in enumerate(tree):
+        name = sub.get("name", number) if isinstance(sub, dict) else number
+        result.append(read_table(kind, sub, _join(place, str(name)), problems))
+        if name in names:
+            problems.add(_join(place, str(name)), "the name is used twice")
+        names.add(name)
+    return tuple(result)
+
+
+def _unknown_key(key: str, fields: dict[str, Field], accepted: dict[str, Any]) -> str:
+    stem, unit = split_unit(key)
+    field = fields.get(stem) or fields.get(key)
+    if field is None:
+        return "unknown key; " + nearest(key, accepted, [next(iter(f.keys)) for f in fields.values()])
+    if not field.units:
+        return f"has no unit; write {field.name!r}"
+    problem = f"{unit!r} is not a unit of {field.quantity.kind}" if unit else "the unit is missing"
+    return f"{problem}; allowed: " + ", ".join(field.keys)
+
+
+def _missing(field: Field) -> str:
+    if field.table or field.table_of_tables:
+        return f"table [{field.name}]"
+    if field.array_of_tables:
+        return f"table [[{field.name}]]"
+    return repr(next(iter(field.keys)))
+
+
+def _finite(value: Any) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list):
+        return all(_finite(item) for item in value)
+    if isinstance(value, dict):
+        return all(_finite(item) for item in value.values())
+    return True
+
+
+def _join(place: str, key: str) -> str:
+    return f"{place}.{key}" if place else key

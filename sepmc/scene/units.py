@@ -1,0 +1,31 @@
+"""Units that may end the name of a parameter, by kind of quantity, and their factors to SI."""
+
+import math
+
+_DEG = math.pi / 180.0
+_FT, _LB, _LBF = 0.3048, 0.45359237, 4.4482216152605
+_SLUG = _LBF / _FT
+
+# kind -> {suffix: factor to SI}; the first suffix is the one messages and column names prefer.
+UNITS: dict[str, dict[str, float]] = {
+    "mass": {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": _LB, "slug": _SLUG},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": _FT},
+    "area": {"m2": 1.0, "cm2": 1e-4, "mm2": 1e-6, "in2": 0.0254**2, "ft2": _FT**2},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
+    "angle": {"deg": _DEG, "rad": 1.0},
+    "speed": {"m_s": 1.0, "km_s": 1e3, "km_h": 1.0 / 3.6, "ft_s": _FT},
+    "angular rate": {"deg_s": _DEG, "rad_s": 1.0, "rpm": 2.0 * math.pi / 60.0},
+    "acceleration": {"m_s2": 1.0, "ft_s2": _FT},
+    "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": _LBF},
+    "inertia": {"kg_m2": 1.0, "t_m2": 1e3, "slug_ft2": _SLUG * _FT**2},
+}
+
+_SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reverse=True)
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """Split ``mass_kg`` into ``("mass", "kg")``; a key without a known unit gives ``(key, "")``."""
+    for suffix in _SUFFIXES:
+        if key.endswith("_" + suffix):
+            return key[: -len(suffix) - 1], suffix
+    return key, ""

@@ -1,0 +1,173 @@
+"""The run folder: case parts in Parquet, histories, manifest, resolved campaign. The only place that knows pyarrow."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from sepmc.schema import Column
+
+CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
+_OURS = (CASES, HISTORIES)
+
+
+class StoreError(Exception):
+    """A run folder that cannot be used as asked; its argument is the sentence to show."""
+
+
+def next_folder(name: str, root: Path = Path("runs")) -> Path:
+    """``runs/<name>-<n>`` with the smallest free n."""
+    n = 1
+    while (root / f"{name}-{n}").exists():
+        n += 1
+    return root / f"{name}-{n}"
+
+
+def open_folder(folder: Path, overwrite: bool = False, resume: bool = False) -> Path:
+    """Make ``folder`` ready to be written, without losing anything unasked.
+
+    Raises
+    ------
+    StoreError
+        If it exists and neither ``overwrite`` nor ``resume`` is given, is no run folder, or cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise StoreError(f"{folder}: is a file; give --out a folder")
+    if folder.is_dir() and any(folder.iterdir()):
+        if not (overwrite or resume):
+            raise StoreError(f"{folder}: exists; add --resume to fly its missing cases, --overwrite to replace it, or choose another --out")
+        if not (folder / MANIFEST).is_file():
+            raise StoreError(f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose another --out")
+        if overwrite:
+            _clear(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return folder
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a run made, and nothing else."""
+    for name in _OURS:
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for path in folder.iterdir():
+        if path.name in (MANIFEST, CAMPAIGN, "statistics.csv", "statistics.json", "history.parquet") or path.suffix == ".png":
+            path.unlink()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file so that a reader sees the old or the new text, never a part."""
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def write_json(path: Path, data: Any) -> None:
+    write_text(path, json.dumps(data, indent=2, allow_nan=True) + "\n")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run. Raises StoreError if there is none or it cannot be read."""
+    path = folder / MANIFEST
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run") from None
+    except (OSError, json.JSONDecodeError) as error:
+        raise StoreError(f"{path}: cannot be read: {error}") from None
+
+
+def table(columns: list[Column], data: dict[str, Any]) -> pa.Table:
+    """An Arrow table whose fields carry unit and meaning in their metadata."""
+    fields, arrays = [], []
+    for column in columns:
+        values = data[column.name]
+        array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values)
+        if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
+            array = array.dictionary_encode()
+        fields.append(pa.field(column.name, array.type, metadata={"unit": column.unit, "meaning": column.meaning}))
+        arrays.append(array)
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def write_parquet(path: Path, columns: list[Column], data: dict[str, Any]) -> None:
+    """Write one Parquet file atomically. Dictionary encoding only where text repeats: floats take 7 times longer with it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(path.name + ".tmp")
+    text = [c.name for c in columns if isinstance(data[c.name], np.ndarray) and data[c.name].dtype.kind in "OUT"]
+    pq.write_table(table(columns, data), temporary, compression="zstd", use_dictionary=text or False)
+    os.replace(temporary, path)
+
+
+def part_path(folder: Path, kind: str, first: int) -> Path:
+    """Path of the part that begins with case ``first``."""
+    return folder / kind / f"part-{first:010d}.parquet"
+
+
+def cases_done(folder: Path) -> np.ndarray:
+    """Numbers of the cases a run folder holds, sorted; shape (n,)."""
+    parts = sorted((folder / CASES).glob("part-*.parquet"))
+    if not parts:
+        return np.empty(0, dtype=np.int64)
+    return np.sort(np.concatenate([pq.read_table(part, columns=["case"])["case"].to_numpy() for part in parts]))
+
+
+def read_cases(folder: Path) -> pd.DataFrame:
+    """All case rows of a run, in order of case."""
+    return _read(folder, CASES, ["case"])
+
+
+def read_histories(folder: Path) -> pd.DataFrame | None:
+    """Histories of a run in long form (case, time_s, ...), or None if it kept none."""
+    if not (folder / HISTORIES).is_dir():
+        return None
+    return _read(folder, HISTORIES, ["case", "time_s"])
+
+
+def _read(folder: Path, kind: str, order: list[str]) -> pd.DataFrame:
+    parts = sorted((folder / kind).glob("part-*.parquet"))
+    if not parts:
+        raise StoreError(f"{folder}: no {kind}/part-*.parquet here; give the folder of a run")
+    try:
+        frame = pd.concat([pq.read_table(part).to_pandas() for part in parts], ignore_index=True)
+    except (OSError, pa.ArrowException) as error:
+        raise StoreError(f"{folder}/{kind}: cannot be read: {error}") from None
+    if "status" in frame:
+        frame["status"] = frame["status"].astype(str)
+    return frame.sort_values(order, ignore_index=True)
+
+
+def units(folder: Path, kind: str = CASES) -> dict[str, str]:
+    """Unit of each column, from the metadata of the first part."""
+    part = next(iter(sorted((folder / kind).glob("part-*.parquet"))), None)
+    if part is None:
+        return {}
+    return {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in pq.read_schema(part)}
+
+
+def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[int, int]]:
+    """Ranges (first, end) of at most ``chunk`` cases that are not done yet."""
+    flown = np.zeros(cases, dtype=bool)
+    index = np.asarray(list(done), dtype=np.int64)
+    flown[index[index < cases]] = True
+    ranges: list[tuple[int, int]] = []
+    first = None
+    for i in range(cases + 1):
+        open_case = i < cases and not flown[i]
+        if open_case and first is None:
+            first = i
+        if first is not None and (not open_case or i - first == chunk):
+            ranges.append((first, i))
+            first = i if open_case else None
+    return ranges

@@ -1,0 +1,315 @@
+"""Figures: the right files, and in them the right data, units and marks. Degenerate data must neither fail nor warn."""
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+from numpy.testing import assert_allclose
+
+from sepmc.report.figures import campaign_figures, run_figures
+
+UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
+REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures by file name; laid out and drawn, but not encoded to a file, which takes the most time."""
+    caught = {}
+
+    def keep(figure, path, **options):
+        caught[path.name] = figure
+        figure.draw_without_rendering()
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return caught
+
+
+def campaign(n=40):
+    rng = np.random.default_rng(11)
+    cases = pd.DataFrame({"case": np.arange(n), "status": "ok"})
+    time, acceleration = np.linspace(0.0, 0.5, 11), rng.normal(1.2, 0.1, n)[:, None]
+    cases["upper_alpha_deg"] = rng.normal(4.0, 0.7, n)
+    long = {"case": np.repeat(np.arange(n), time.size), "time_s": np.tile(time, n)}
+    long["separation_speed_m_s"] = (acceleration * time).ravel()
+    long["separation_distance_mm"] = (500.0 * acceleration * time**2).ravel()
+    histories = pd.DataFrame(long)
+    last = histories.groupby("case").last()
+    for name in ("separation_speed_m_s", "separation_distance_mm"):
+        cases[name] = last[name].reindex(cases["case"]).to_numpy()
+    return cases, histories
+
+
+def texts(figure):
+    return [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+
+
+def line(ax, label):
+    found = [one for one in ax.lines if one.get_label() == label]
+    assert found, f"no line {label!r} among {[one.get_label() for one in ax.lines]}"
+    return found
+
+
+def test_campaign_files(tmp_path):
+    cases, histories = campaign()
+    folder = tmp_path / "new" / "figures"
+    written = campaign_figures(cases, histories, folder, UNITS, REFERENCE, outcomes=list(UNITS))
+    names = ["separation_speed", "separation_distance", *(f"hist_{name}" for name in UNITS), "histograms"]
+    assert written == [folder / f"{name}.png" for name in names]
+    for path in written:
+        assert path.read_bytes().startswith(PNG)
+        assert path.stat().st_size > 5000
+
+
+def test_equal_data_give_equal_bytes(tmp_path):
+    cases, histories = campaign()
+    first = campaign_figures(cases, histories, tmp_path / "a", UNITS, outcomes=["upper_alpha_deg"])
+    second = campaign_figures(cases, histories, tmp_path / "b", UNITS, outcomes=["upper_alpha_deg"])
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
+
+
+def test_bands(tmp_path, drawn):
+    cases, histories = campaign()
+    cases.loc[7, "status"] = "no_release"
+    histories.loc[histories["case"] == 7, "separation_speed_m_s"] = 1e6  # a failed case must not stretch the envelope
+    campaign_figures(cases, histories, tmp_path, UNITS, outcomes=[])
+    assert set(drawn) == {"separation_speed.png", "separation_distance.png"}
+    (ax,) = drawn["separation_speed.png"].axes
+    assert ax.get_xlabel() == "time (s)"
+    assert ax.get_ylabel() == "axial separation speed (m/s)"
+    ok = histories[histories["case"] != 7].pivot(index="time_s", columns="case", values="separation_speed_m_s")
+    (median,) = line(ax, "median")
+    assert_allclose(median.get_xdata(), ok.index)
+    assert_allclose(median.get_ydata(), ok.median(axis=1))
+    for band, percents in zip(ax.collections, ((0, 100), (1, 99), (5, 95)), strict=True):
+        corners = band.get_paths()[0].vertices
+        at_end = corners[corners[:, 0] == ok.index[-1], 1]
+        assert (at_end.min(), at_end.max()) == pytest.approx(tuple(np.percentile(ok.iloc[-1], percents)))
+    singles = line(ax, "single cases")
+    assert len(singles) == 5
+    assert any(np.allclose(singles[0].get_ydata(), ok[case]) for case in ok)
+    assert texts(drawn["separation_speed.png"]) == ["min to max", "1 to 99 %", "5 to 95 %", "single cases", "median"]
+
+
+def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, drawn):
+    cases, _ = campaign(500)
+    campaign_figures(cases, None, tmp_path, UNITS, REFERENCE, labels={"upper_alpha_deg": "angle of attack"})
+    (ax,) = drawn["hist_upper_alpha_deg.png"].axes
+    assert sum(bar.get_height() * bar.get_width() for bar in ax.patches) == pytest.approx(1.0)
+    (normal,) = line(ax, "normal, same mean and sigma")
+    x, density = normal.get_data()
+    assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-3)
+    assert x[density.argmax()] == pytest.approx(cases["upper_alpha_deg"].mean(), abs=0.02)
+    assert density.max() == pytest.approx(1.0 / (cases["upper_alpha_deg"].std() * np.sqrt(2.0 * np.pi)), rel=1e-3)
+    assert [one.get_xdata()[0] for one in line(ax, "reference mean")] == [4.06]
+    assert [one.get_xdata()[0] for one in line(ax, "reference min and max")] == [2.42, 5.93]
+    assert ax.get_xlabel() == "angle of attack (deg)"
+    assert ax.get_ylabel() == "density (1/deg)"
+    mean, sigma = cases["upper_alpha_deg"].mean(), cases["upper_alpha_deg"].std()
+    assert ax.get_title() == f"n 500, mean {mean:.3f}, sigma {sigma:.3f} deg"
+
+
+def test_units_and_words_of_a_column(tmp_path, drawn):
+    cases, _ = campaign()
+    cases["hits"] = cases["upper_alpha_deg"].round()
+    campaign_figures(cases, None, tmp_path, UNITS, outcomes=["separation_speed_m_s", "hits"])
+    (speed,), (hits,) = (drawn[f"hist_{name}.png"].axes for name in ("separation_speed_m_s", "hits"))
+    assert (speed.get_xlabel(), speed.get_ylabel()) == ("separation speed (m/s)", "density (1/(m/s))")
+    assert (hits.get_xlabel(), hits.get_ylabel()) == ("hits", "density")
+
+
+@pytest.mark.parametrize(("centre", "sigma"), [(70000.0, 0.1), (3e6, 700.0), (-0.012345, 1e-5)])
+def test_long_numbers_do_not_run_into_each_other(tmp_path, drawn, centre, sigma):
+    cases, _ = campaign()
+    for name in ("a_m", "b_m", "c_m"):
+        cases[name] = centre + sigma * (cases["upper_alpha_deg"] - 4.0)
+    campaign_figures(cases, None, tmp_path, {}, outcomes=["a_m", "b_m", "c_m"])
+    for ax in drawn["histograms.png"].axes:
+        low, high = ax.get_xlim()
+        boxes = [tick.get_window_extent() for tick in ax.get_xticklabels() if low <= tick.get_position()[0] <= high]
+        assert len(boxes) >= 2
+        assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
+
+
+def test_overview_shows_the_referenced_outcomes_or_the_first_nine(tmp_path, drawn):
+    cases, _ = campaign()
+    for k in range(10):
+        cases[f"q{k}_deg"] = cases["upper_alpha_deg"] + k
+    outcomes = [f"q{k}_deg" for k in range(10)]
+    campaign_figures(cases, None, tmp_path, UNITS, outcomes=outcomes)
+    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [f"q{k} deg" for k in range(9)]
+    campaign_figures(cases, None, tmp_path, UNITS, {name: {"mean": 4.0} for name in outcomes[1:5]}, outcomes=outcomes[:6])
+    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [f"q{k} deg" for k in range(1, 5)]
+
+
+@pytest.mark.parametrize("values", [[26.4] * 20, [0.0] * 20, [1e3 + k * 2e-13 for k in range(20)], [3.0]])
+def test_degenerate_outcome(tmp_path, drawn, values):
+    cases = pd.DataFrame({"case": np.arange(len(values)), "status": "ok", "stroke_mm": values})
+    campaign_figures(cases, None, tmp_path, {"stroke_mm": "mm"})
+    (ax,) = drawn["hist_stroke_mm.png"].axes
+    assert [one.get_xdata()[0] for one in line(ax, "all cases")] == [values[0]]
+    assert not ax.patches
+    title = {26.4: "mean 26.40, sigma 0", 0.0: "mean 0, sigma 0", 1e3: "mean 1000, sigma 0", 3.0: "mean 3.000, sigma -"}
+    assert ax.get_title() == f"n {len(values)}, {title[values[0]]} mm"
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0], [-1e-12, 1e-12, 0.0], [1e12, 1e12 + 5e3, 3.0], [1.0, np.nan, np.inf, 4.0]])
+def test_few_and_odd_values(tmp_path, drawn, values):
+    cases = pd.DataFrame({"case": np.arange(len(values)), "status": "ok", "stroke_mm": values})
+    campaign_figures(cases, None, tmp_path, {"stroke_mm": "mm"})
+    (ax,) = drawn["hist_stroke_mm.png"].axes
+    assert ax.get_title().startswith(f"n {np.isfinite(values).sum()}, ")
+
+
+def test_what_is_missing_is_left_out(tmp_path):
+    cases, histories = campaign()
+    cases["never_s"] = np.nan
+    assert campaign_figures(cases, None, tmp_path, {}, outcomes=["never_s", "not_a_column"]) == []
+    assert campaign_figures(cases, histories[["case", "time_s"]], tmp_path, {}, outcomes=[]) == []
+    cases["status"] = "failed"
+    assert campaign_figures(cases, histories, tmp_path, UNITS) == []
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_bands_of_one_case_and_one_time(tmp_path, rows):
+    cases, histories = campaign(1)
+    assert len(campaign_figures(cases, histories[:rows], tmp_path, UNITS, outcomes=[])) == 2
+
+
+PHASES = (("locked", 0.0, 0.05), ("guided", 0.05, 0.26), ("free", 0.26, 0.5))
+
+
+def run(phases=PHASES):
+    """Two bodies and a joint: both ends of every phase are rows, and the axial force ends with the first phase."""
+    parts = [pd.DataFrame({"time_s": np.linspace(start, end, 6), "phase": name}) for name, start, end in phases]
+    history = pd.concat(parts, ignore_index=True)
+    time, locked = history["time_s"], history["phase"] == phases[0][0]
+    columns = {"separation_speed_m_s": time, "separation_distance_mm": 500.0 * time**2}
+    for sign, body in ((1.0, "upper"), (-1.0, "lower")):
+        for k, axis in enumerate("xyz"):
+            columns[f"{body}_omega_{axis}_deg_s"] = k + sign * time
+            columns[f"pins_force_on_{body}_{axis}_N"] = sign * np.where(locked, -220.0, 0.0) if axis == "x" else k * sign * time
+            columns[f"pins_moment_on_{body}_{axis}_N_m"] = sign * (k - 1) * 100.0 * time
+        for k, angle in enumerate(("alpha", "beta", "pitch", "yaw")):
+            columns[f"{body}_{angle}_deg"] = k + sign * time
+        columns[f"{body}_roll_deg"] = 1e-16 * np.cos(40.0 * time)
+        columns[f"{body}_axial_acceleration_m_s2"] = -1.0 - time
+    return history.assign(**columns)
+
+
+def test_run_files(tmp_path):
+    written = run_figures(run(), tmp_path, ["upper", "lower"], ["pins"])
+    names = [f"{kind}_on_{body}" for body in ("upper", "lower") for kind in ("force", "moment")]
+    assert written == [tmp_path / f"{name}.png" for name in [*names, "rates", "angles", "axial_acceleration", "separation"]]
+    assert all(path.read_bytes().startswith(PNG) for path in written)
+
+
+def test_a_step_in_force_is_drawn_as_a_step(tmp_path, drawn):
+    history = run()
+    run_figures(history, tmp_path, ["upper", "lower"], ["pins"])
+    (ax,) = drawn["force_on_upper.png"].axes
+    time, force = line(ax, "$F_x$")[0].get_data()
+    assert_allclose(force, history["pins_force_on_upper_x_N"])
+    assert list(force[np.asarray(time) == 0.05]) == [-220.0, 0.0]
+    assert ax.get_ylabel() == "force at pins (N)"
+    styles = {one.get_label(): one.get_linestyle() for one in ax.lines if one.get_label().startswith("$")}
+    assert len(set(styles.values())) == 3  # to be told apart in grey print
+    assert drawn["moment_on_lower.png"].axes[0].get_ylabel() == "moment at pins (N m)"
+
+
+def test_phases_are_marked_and_named(tmp_path, drawn):
+    run_figures(run(), tmp_path, ["upper", "lower"], ["pins"])
+    for name, first in (("force_on_upper.png", 1), ("rates.png", 1), ("angles.png", 2)):
+        axes = drawn[name].axes
+        for ax in axes:
+            assert [one.get_xdata()[0] for one in ax.lines if list(one.get_xdata()) in ([0.05] * 2, [0.26] * 2)] == [0.05, 0.26]
+        for ax in axes[:first]:
+            assert [(text.get_text(), text.xy[0]) for text in ax.texts] == [
+                ("locked", pytest.approx(0.025)),
+                ("guided", pytest.approx(0.155)),
+                ("free", pytest.approx(0.38)),
+            ]
+        assert not any(ax.texts for ax in axes[first:])
+
+
+def test_names_wider_than_their_phase_are_slanted(tmp_path, drawn):
+    history = run((("locked", 0.0, 0.05), ("bolts_open", 0.05, 0.055), ("free", 0.055, 0.5)))
+    run_figures(history, tmp_path, ["upper", "lower"], ["pins"])
+    assert {text.get_rotation() for text in drawn["rates.png"].axes[0].texts} == {35.0}
+
+
+def test_rates_and_angles(tmp_path, drawn):
+    history = run()
+    run_figures(history, tmp_path, ["upper", "lower"], ["pins"])
+    assert [ax.get_ylabel() for ax in drawn["rates.png"].axes] == ["upper (deg/s)", "lower (deg/s)"]
+    assert_allclose(line(drawn["rates.png"].axes[1], r"$\omega_z$")[0].get_ydata(), history["lower_omega_z_deg_s"])
+    angles = drawn["angles.png"].axes
+    assert [ax.get_ylabel() for ax in angles] == ["alpha (deg)", "pitch (deg)", "yaw (deg)", "roll (deg)"]
+    assert [line(angles[1], body)[0].get_linestyle() for body in ("upper", "lower")] == ["--", "-."]
+    assert_allclose(line(angles[1], "lower")[0].get_ydata(), history["lower_pitch_deg"])
+    assert texts(drawn["angles.png"]) == ["upper", "lower"]
+    assert angles[3].get_ylim() == pytest.approx((-0.5, 0.5))  # round-off in roll is not blown up
+
+
+def test_a_joint_draws_only_the_bodies_it_touches(tmp_path, drawn):
+    history = run()
+    for name in [name for name in history if name.startswith("pins_force_on_lower")]:
+        history[name.replace("pins", "strut").replace("lower", "booster")] = history[name]
+        history[name.replace("pins", "strut")] = history[name]
+    written = run_figures(history, tmp_path, ["upper", "lower", "booster"], ["pins", "strut"])
+    assert "moment_on_booster.png" not in {path.name for path in written}
+    assert [ax.get_ylabel() for ax in drawn["force_on_booster.png"].axes] == ["force at strut (N)"]
+    assert [ax.get_ylabel() for ax in drawn["force_on_lower.png"].axes] == ["force at pins (N)", "force at strut (N)"]
+
+
+def test_little_to_draw(tmp_path):
+    history = run()
+    assert run_figures(history[:0], tmp_path, ["upper", "lower"], ["pins"]) == []
+    assert run_figures(history[["time_s", "phase"]], tmp_path, ["upper"], []) == []
+    assert len(run_figures(history[:1], tmp_path, ["upper"], ["pins"])) == 6
+    assert [path.name for path in run_figures(history[["time_s", "upper_alpha_deg"]], tmp_path, ["upper"], ["pins"])] == ["angles.png"]
+
+
+def test_large_forces_are_written_out(tmp_path, drawn):
+    history = run()
+    history["pins_force_on_upper_x_N"] *= 1e5
+    run_figures(history, tmp_path, ["upper"], ["pins"])
+    (ax,) = drawn["force_on_upper.png"].axes
+    assert ax.yaxis.get_offset_text().get_text() == ""
+    assert "−20000000" in [label.get_text() for label in ax.get_yticklabels()]
+
+
+def test_more_bodies_than_line_styles(tmp_path, drawn):
+    history = pd.DataFrame({"time_s": [0.0, 1.0]} | {f"b{k}_alpha_deg": [k, k + 1.0] for k in range(6)})
+    run_figures(history, tmp_path, [f"b{k}" for k in range(6)], [])
+    assert len(drawn["angles.png"].axes[0].lines) == 6
+
+
+@pytest.mark.parametrize("reference", [None, REFERENCE])
+def test_nothing_is_clipped_and_no_legend_lies_on_data(tmp_path, drawn, reference):
+    cases, histories = campaign()
+    campaign_figures(cases, histories, tmp_path, UNITS, reference, outcomes=list(UNITS))
+    run_figures(run(), tmp_path, ["upper", "lower"], ["pins"])
+    for name, figure in drawn.items():
+        width, height = figure.canvas.get_width_height()
+        for legend in figure.legends:
+            box = legend.get_window_extent()
+            assert box.x0 >= 0, name
+            assert box.x1 <= width, name
+            assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes), name
+        for ax in figure.axes:
+            box = ax.get_tightbbox()
+            assert box.x0 >= -1, name
+            assert box.x1 <= width + 1, name
+            assert box.y1 <= height + 1, name
+
+
+def test_pyplot_stays_out():
+    """It would cost import time, and may look for a display."""
+    code = "import sys, sepmc.report.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
