@@ -59,8 +59,14 @@ class Case:
     inputs: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as plain nested dicts and lists, SI and radians."""
-        return msgspec.to_builtins(self.scene)
+        """The scene as plain nested dicts and lists, SI and radians; what is not set is left out."""
+        return _set_only(msgspec.to_builtins(self.scene))
+
+
+def _set_only(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {key: _set_only(value) for key, value in node.items() if value is not None}
+    return [_set_only(item) for item in node] if isinstance(node, list | tuple) else node
 
 
 @dataclass

@@ -171,3 +171,30 @@ def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[in
             ranges.append((first, i))
             first = i if open_case else None
     return ranges
+
+
+def write_statistics(folder: Path, stats: pd.DataFrame, counts: dict[str, int], of: dict[str, str]) -> None:
+    """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit. What is not a number is null."""
+    frame = stats.copy()
+    frame.insert(0, "unit", [of.get(str(name), "") for name in frame.index])
+    write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
+    rows = {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in frame.to_dict("index").items()}
+    write_json(folder / "statistics.json", {"cases": counts, "outcomes": rows})
+
+
+def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
+    """Write the time history of a single run, ``history.parquet``; units are taken from ``history.attrs``."""
+    columns = [Column(str(name), history.attrs["units"][name], meanings.get(str(name), "")) for name in history.columns]
+    path = folder / "history.parquet"
+    write_parquet(path, columns, {c.name: history[c.name].to_numpy(dtype=object if c.name == "phase" else None) for c in columns})
+    return path
+
+
+def read_history(folder: Path) -> pd.DataFrame | None:
+    """The time history of a single run, or None if the folder holds none."""
+    path = folder / "history.parquet"
+    if not path.is_file():
+        return None
+    frame = pq.read_table(path).to_pandas()
+    frame["phase"] = frame["phase"].astype(str)
+    return frame

@@ -1,0 +1,5 @@
+"""``python -m sepmc``."""
+
+from sepmc.cli import main
+
+main()

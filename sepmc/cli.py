@@ -1,0 +1,323 @@
+"""The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
+
+Exit codes: 0 done, 2 bad input (nothing was flown), 130 interrupted.
+"""
+
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sepmc import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sepmc.campaign import Campaign, Result
+
+_SETTINGS = click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460.")
+_OUT = click.option("--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N.")
+_OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
+_NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
+_QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="sepmc")
+def main() -> None:
+    """Monte Carlo of multi-body stage separation by the constraint force equation method."""
+
+
+@main.command()
+@click.argument("file")
+@click.option("--cases", type=click.IntRange(min=1), help="Number of cases, instead of the file's.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
+@_OUT
+@click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores. The result does not depend on it.")
+@_SETTINGS
+@_NO_PLOTS
+@_OVERWRITE
+@click.option("--resume", is_flag=True, help="Fly only the cases missing in --out.")
+@_QUIET
+def campaign(
+    file: str,
+    cases: int | None,
+    seed: int | None,
+    out: Path | None,
+    threads: int | None,
+    settings: tuple[str, ...],
+    no_plots: bool,
+    overwrite: bool,
+    resume: bool,
+    quiet: bool,
+) -> None:
+    """Fly the dispersed cases of FILE (a path, a run folder, or a shipped campaign) into a run folder."""
+    say = _speaker(quiet)
+    with _plain_errors(quiet):
+        if (resume or overwrite) and out is None:
+            raise click.UsageError(f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant")
+        if resume and overwrite:
+            raise click.UsageError("--resume and --overwrite exclude each other")
+        loaded = _load(file, settings)
+        from sepmc import store
+
+        folder = out or store.next_folder(loaded.name)
+        n = cases or loaded.scene.run.cases
+        say(f"{loaded.name}: {loaded.file.title or 'no title'}; {n} cases into {folder}")
+        with _progress(n, quiet) as progress:
+            try:
+                result = loaded.run(
+                    cases, seed, threads, folder, overwrite=overwrite, resume=resume, progress=progress, announce=say
+                )
+            except KeyboardInterrupt:
+                click.echo(f"\ninterrupted; finished cases are kept. Go on with: sepmc campaign {file} --out {folder} --resume", err=True)
+                sys.exit(130)
+        for note in result.notes:
+            click.echo(f"warning: {note}", err=True)
+        say(_timing_line(result))
+        _report(folder, loaded, result.to_pandas(), result.histories(), say, plots=not no_plots)
+
+
+@main.command()
+@click.argument("file")
+@click.option("--case", "number", type=click.IntRange(min=0), help="Dispersed case to fly; default the nominal.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the case, instead of the file's.")
+@click.option("--every-s", type=click.FloatRange(min=0.0, min_open=True), default=0.001, show_default=True, help="Time between rows.")
+@_OUT
+@_SETTINGS
+@_NO_PLOTS
+@_OVERWRITE
+@_QUIET
+def run(
+    file: str,
+    number: int | None,
+    seed: int | None,
+    every_s: float,
+    out: Path | None,
+    settings: tuple[str, ...],
+    no_plots: bool,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays one of its cases."""
+    say = _speaker(quiet)
+    with _plain_errors(quiet):
+        loaded = _load(file, settings)
+        from sepmc import schema, store
+        from sepmc.campaign import warm_up
+
+        case = loaded.nominal() if number is None else loaded.case(number, seed)
+        folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
+        store.open_folder(folder, overwrite)
+        seconds = warm_up(loaded.plan, None, say)
+        start = time.perf_counter()
+        history = loaded.simulate(case, every_s)
+        seconds_flown = time.perf_counter() - start
+        meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.bodies, loaded.plan.joints)}
+        store.write_history(folder, history, meanings)
+        store.write_text(folder / store.CAMPAIGN, loaded.file.toml)
+        manifest = {
+            "campaign": loaded.name,
+            "digest": loaded.digest,
+            "case": case.number,
+            "inputs": case.inputs,
+            "status": history.attrs["status"],
+            "outcomes": history.attrs["outcomes"],
+            "bodies": loaded.plan.bodies,
+            "joints": list(loaded.plan.joints),
+            "sepmc": __version__,
+        }
+        store.write_json(folder / store.MANIFEST, manifest)
+        say(f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {history.attrs['status']}")
+        for name, value in case.inputs.items():
+            say(f"  {name:44s} {value:.9g}")
+        for name, value in history.attrs["outcomes"].items():
+            say(f"  {name:44s} {value:.9g}")
+        say(f"compile {seconds:.2f} s, flight {seconds_flown:.3f} s, {len(history)} rows")
+        if not no_plots:
+            from sepmc.report.figures import run_figures
+
+            run_figures(history, folder, loaded.plan.bodies, list(loaded.plan.joints))
+        say(f"wrote {folder}")
+
+
+@main.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+def stats(folder: Path) -> None:
+    """Compute and print the statistics of RUN again, from its files alone."""
+    with _plain_errors(False):
+        from sepmc import store
+
+        frame = store.read_cases(folder)
+        _report(folder, _load(str(folder), ()), frame, None, click.echo, plots=False)
+
+
+@main.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+def plot(folder: Path) -> None:
+    """Draw the figures of RUN again, from its files alone."""
+    with _plain_errors(False):
+        from sepmc import store
+        from sepmc.report.figures import run_figures
+
+        history = store.read_history(folder)
+        if history is not None:
+            manifest = store.read_manifest(folder)
+            written = run_figures(history, folder, manifest["bodies"], manifest["joints"])
+        else:
+            frame = store.read_cases(folder)
+            written = _figures(folder, _load(str(folder), ()), frame, store.read_histories(folder))
+        for path in written:
+            click.echo(path)
+
+
+@main.command()
+@click.argument("file")
+@_SETTINGS
+def check(file: str, settings: tuple[str, ...]) -> None:
+    """Validate FILE and say what it contains. Flies nothing."""
+    with _plain_errors(False):
+        loaded = _load(file, settings)
+        from sepmc import cases
+
+        settings_of_run = loaded.scene.run
+        click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
+        for line in loaded.plan.lines:
+            click.echo("  " + line)
+        click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
+        click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
+        for dispersion in loaded.file.dispersions:
+            numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
+            click.echo(f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) {dispersion.parameter.unit}")
+        drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
+        broken = loaded.implausible_inertias(drawn)
+        if broken:
+            click.echo(f"warning: {broken} of {settings_of_run.cases} drawn cases have an inertia that breaks the triangle inequality", err=True)
+        click.echo("can be flown")
+
+
+@main.command(name="list")
+def list_campaigns() -> None:
+    """List the campaigns that come with sepmc."""
+    import tomllib
+
+    from sepmc.scene.read import shipped_campaigns
+
+    for name, path in shipped_campaigns().items():
+        click.echo(f"{name:24s} {tomllib.loads(path.read_text(encoding='utf-8')).get('title', '')}")
+
+
+def _load(file: str, settings: tuple[str, ...]) -> "Campaign":
+    """Read and validate, before anything is written."""
+    from sepmc.scene.messages import SceneWarning
+    from sepmc.scene.read import parse_setting
+
+    given = dict(parse_setting(text) for text in settings)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        from sepmc.campaign import check_reference, load
+
+        loaded = load(file, given)
+        check_reference(loaded)
+    for warning in caught:
+        click.echo(f"warning: {warning.message}", err=True)
+    return loaded
+
+
+@contextmanager
+def _plain_errors(quiet: bool) -> Iterator[None]:
+    """Bad input and unusable folders end with their sentence and exit code 2, without a traceback."""
+    from sepmc.scene.messages import SceneError
+
+    try:
+        yield
+    except SceneError as error:
+        for line in error.problems:
+            click.echo(f"error: {line}", err=True)
+        sys.exit(2)
+    except Exception as error:
+        if type(error).__name__ == "StoreError" or type(error) is ValueError:
+            click.echo(f"error: {error}", err=True)
+            sys.exit(2)
+        raise
+
+
+def _speaker(quiet: bool) -> Callable[[str], None]:
+    return (lambda text: None) if quiet else click.echo
+
+
+@contextmanager
+def _progress(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """A bar on a terminal, plain lines every few seconds elsewhere: cases, rate, time left, failures."""
+    if quiet:
+        yield None
+        return
+    if sys.stderr.isatty():
+        from tqdm import tqdm
+
+        with tqdm(total=total, unit=" cases", dynamic_ncols=True) as bar:
+
+            def on_terminal(done: int, left: int, failures: int) -> None:
+                bar.total = left
+                bar.set_postfix(failures=failures, refresh=False)
+                bar.update(done - bar.n)
+
+            yield on_terminal
+        return
+    started = last = time.perf_counter()
+
+    def in_lines(done: int, left: int, failures: int) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if now - last < 5.0 and done < left:
+            return
+        last = now
+        rate = done / max(now - started, 1e-9)
+        click.echo(f"{done}/{left} cases, {rate:.0f} cases/s, {(left - done) / rate:.0f} s left, {failures} failures", err=True)
+
+    yield in_lines
+
+
+def _timing_line(result: "Result") -> str:
+    timing = result.timing
+    flown = len(result.table["case"])
+    return f"{flown} cases: " + ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in timing.items())
+
+
+def _report(
+    folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None", say: Callable[[str], None], plots: bool
+) -> None:
+    """Statistics to the screen and to files, and figures if wanted."""
+    from sepmc import store
+    from sepmc.analysis.statistics import statistics, status_counts, summary_text
+    from sepmc.schema import Status
+
+    units = {c.name: c.unit for c in loaded.outcome_columns}
+    table = statistics(frame, list(units), loaded.reference)
+    counts = status_counts(frame)
+    store.write_statistics(folder, table, counts, units)
+    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    say(summary_text(table, counts, units, source))
+    sentences = {status.label: status.sentence for status in Status}
+    for label, count in counts.items():
+        if label != Status.OK.label and count:
+            say(f"{count} cases {label}: {sentences.get(label, '')}")
+    if plots:
+        _figures(folder, loaded, frame, histories)
+    say(f"wrote {folder}")
+
+
+def _figures(folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None") -> list[Path]:
+    from sepmc.report.figures import campaign_figures
+
+    units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
+    return campaign_figures(frame, histories, folder, units, loaded.reference)
+
+
+if __name__ == "__main__":
+    main()
