@@ -281,6 +281,8 @@ class Campaign:
         ranges = store.missing_ranges(total, done, settings.chunk)
         left = sum(end - first for first, end in ranges)
         try:
+            if progress:
+                progress(0, left, 0)
             for first, end in ranges:
                 flight.fly(first, end)
                 if progress:

@@ -263,17 +263,22 @@ def _progress(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], Non
         with tqdm(total=total, unit=" cases", dynamic_ncols=True) as bar:
 
             def on_terminal(done: int, left: int, failures: int) -> None:
-                bar.total = left
+                if done == 0:
+                    bar.reset(total=left)
+                    return
                 bar.set_postfix(failures=failures, refresh=False)
                 bar.update(done - bar.n)
 
             yield on_terminal
         return
-    started = last = time.perf_counter()
+    started = last = 0.0
 
     def in_lines(done: int, left: int, failures: int) -> None:
-        nonlocal last
+        nonlocal started, last
         now = time.perf_counter()
+        if done == 0:  # told once before the first chunk, so that compiling does not count
+            started = last = now
+            return
         if now - last < 5.0 and done < left:
             return
         last = now
