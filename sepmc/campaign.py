@@ -139,7 +139,9 @@ class Campaign:
 
     @cached_property
     def input_columns(self) -> list[Column]:
-        return [Column(d.parameter.column, d.parameter.unit.replace("_", "/", 1), f"{d.parameter.key}, {d.law}") for d in self.file.dispersions]
+        return [
+            Column(d.parameter.column, d.parameter.unit.replace("_", "/", 1), f"{d.parameter.key}, {d.law}") for d in self.file.dispersions
+        ]
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
@@ -173,7 +175,11 @@ class Campaign:
             raise ValueError(f"case = {number}: must be >= 0")
         drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
         values = {d.parameter.path: float(x) for d, x in zip(self.file.dispersions, drawn * self._factors, strict=True)}
-        return Case(number, parameters.replace(self.nominal().scene, values), {c.name: float(x) for c, x in zip(self.input_columns, drawn, strict=True)})
+        return Case(
+            number,
+            parameters.replace(self.nominal().scene, values),
+            {c.name: float(x) for c, x in zip(self.input_columns, drawn, strict=True)},
+        )
 
     def nominal(self) -> Case:
         """The case without dispersion, number -1. Its zero of ``alpha_ref`` is pinned, so that every case shares it."""
@@ -300,7 +306,9 @@ class Campaign:
         for key, here in (("digest", self.digest), ("seed", seed)):
             if manifest.get(key) != here:
                 what = "campaign" if key == "digest" else f"seed ({manifest.get(key)}, not {seed})"
-                raise store.StoreError(f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out")
+                raise store.StoreError(
+                    f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
+                )
         return store.cases_done(folder)
 
 
@@ -389,7 +397,11 @@ class _Flight:
         history = self._history(first, end, block) if self.separation else None
         if self.folder:
             if history:  # before the cases, which say what is done
-                columns = [Column("case", "1", "number of the case"), Column("time_s", "s", "time since ignition of the clock"), *self.separation]
+                columns = [
+                    Column("case", "1", "number of the case"),
+                    Column("time_s", "s", "time since ignition of the clock"),
+                    *self.separation,
+                ]
                 store.write_parquet(store.part_path(self.folder, store.HISTORIES, first), columns, history)
             store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, part)
         t3 = clock()
@@ -419,7 +431,9 @@ class _Flight:
         assert self.folder is not None
         campaign = self.campaign
         tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed}}
-        resolved = CampaignFile(campaign.name, campaign.file.title, campaign.scene, campaign.file.dispersions, campaign.file.reference, tree)
+        resolved = CampaignFile(
+            campaign.name, campaign.file.title, campaign.scene, campaign.file.dispersions, campaign.file.reference, tree
+        )
         store.write_text(self.folder / store.CAMPAIGN, resolved.toml)
         manifest = {
             "campaign": campaign.name,
@@ -444,7 +458,9 @@ class _Flight:
     def notes(self) -> list[str]:
         if not self.implausible:
             return []
-        return [f"{self.implausible} of {self.flown} drawn cases have an inertia that breaks the triangle inequality, which no solid body has"]
+        return [
+            f"{self.implausible} of {self.flown} drawn cases have an inertia that breaks the triangle inequality, which no solid body has"
+        ]
 
     def result(self, resumed: bool) -> Result:
         campaign = self.campaign

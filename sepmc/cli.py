@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     from sepmc.campaign import Campaign, Result
 
-_SETTINGS = click.option("--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460.")
+_SETTINGS = click.option(
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460."
+)
 _OUT = click.option("--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N.")
 _OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
 _NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
@@ -71,9 +73,7 @@ def campaign(
         say(f"{loaded.name}: {loaded.file.title or 'no title'}; {n} cases into {folder}")
         with _progress(n, quiet) as progress:
             try:
-                result = loaded.run(
-                    cases, seed, threads, folder, overwrite=overwrite, resume=resume, progress=progress, announce=say
-                )
+                result = loaded.run(cases, seed, threads, folder, overwrite=overwrite, resume=resume, progress=progress, announce=say)
             except KeyboardInterrupt:
                 click.echo(f"\ninterrupted; finished cases are kept. Go on with: sepmc campaign {file} --out {folder} --resume", err=True)
                 sys.exit(130)
@@ -197,7 +197,9 @@ def check(file: str, settings: tuple[str, ...]) -> None:
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         broken = loaded.implausible_inertias(drawn)
         if broken:
-            click.echo(f"warning: {broken} of {settings_of_run.cases} drawn cases have an inertia that breaks the triangle inequality", err=True)
+            click.echo(
+                f"warning: {broken} of {settings_of_run.cases} drawn cases have an inertia that breaks the triangle inequality", err=True
+            )
         click.echo("can be flown")
 
 

@@ -197,7 +197,9 @@ def _model(scene: Scene, starts: tuple[int, int, int, int], terms: np.ndarray, s
         size_w=rhs_w + unknowns,
         **table_starts,
         table=np.array([x for table in tables.values() for x in table], dtype=np.int64),
-        numbers=np.array([x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), _apart(scene, j))], dtype=float),
+        numbers=np.array(
+            [x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), _apart(scene, j))], dtype=float
+        ),
     )
 
 

@@ -8,13 +8,14 @@ import hashlib
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numba
-from numba import config
 from platformdirs import user_cache_dir
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must survive to be reported.
 _FASTMATH = {"contract"}
+config: Any = numba.core.config  # its names are made at run time
 _HERE = Path(__file__).parent
 
 
@@ -51,7 +52,8 @@ def is_cached() -> bool:
 # A formula on scalars and tuples: small, and callable from Python for tests.
 formula = numba.njit(fastmath=_FASTMATH, error_model="numpy")
 # A stage of the engine: called from compiled code only, so no Python wrapper is built (7 s of 40 s to compile the door).
-stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
 
 
 def door(function):

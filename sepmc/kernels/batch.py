@@ -1,8 +1,8 @@
 """The door: one parallel call flies a block of cases. Nothing raises inside; every case leaves a status."""
 
-from numba import config, get_num_threads, prange, set_num_threads
+from numba import get_num_threads, prange, set_num_threads
 
-from sepmc.kernels._jit import door
+from sepmc.kernels._jit import config, door
 from sepmc.kernels.flight import fly_case
 
 

@@ -7,7 +7,10 @@ from sepmc.kernels.layout import INVERSE_SQUARE, NO_GRAVITY
 
 @formula
 def gravity(kind, surface, height):
-    """Acceleration downward, m/s2: ``surface`` at the ground, times (R0 / (R0 + height))^2 if inverse-square (eq 17 of the 1976 standard)."""
+    """Acceleration downward, m/s2: ``surface`` at the ground, times (R0 / (R0 + height))^2 if inverse-square.
+
+    Source: eq (17) of the 1976 standard atmosphere. Checked against its printed table.
+    """
     if kind == NO_GRAVITY:
         return 0.0
     if kind == INVERSE_SQUARE:

@@ -19,11 +19,7 @@ def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     centripetal_b = vec3.cross(omega_b, vec3.cross(omega_b, rho_b))
     centripetal_a = vec3.cross(omega_a, vec3.cross(omega_a, rho_a))
     e_rate = vec3.cross(omega_a, e)
-    gamma = (
-        -vec3.dot(vec3.sub(centripetal_b, centripetal_a), e)
-        - 2.0 * vec3.dot(d_rate, e_rate)
-        - vec3.dot(d, vec3.cross(omega_a, e_rate))
-    )
+    gamma = -vec3.dot(vec3.sub(centripetal_b, centripetal_a), e) - 2.0 * vec3.dot(d_rate, e_rate) - vec3.dot(d, vec3.cross(omega_a, e_rate))
     return arm_a, arm_b, gamma
 
 
@@ -32,9 +28,7 @@ def rotation(a, b, omega_a, omega_b):
     """Row of a rotation constraint: n and gamma in C'' = n . (omega_B' - omega_A') - gamma."""
     a_rate = vec3.cross(omega_b, a)
     b_rate = vec3.cross(omega_a, b)
-    gamma = (
-        -vec3.dot(vec3.cross(omega_b, a_rate), b) - 2.0 * vec3.dot(a_rate, b_rate) - vec3.dot(a, vec3.cross(omega_a, b_rate))
-    )
+    gamma = -vec3.dot(vec3.cross(omega_b, a_rate), b) - 2.0 * vec3.dot(a_rate, b_rate) - vec3.dot(a, vec3.cross(omega_a, b_rate))
     return vec3.cross(a, b), gamma
 
 

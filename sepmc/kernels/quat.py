@@ -53,8 +53,8 @@ def from_angles(pitch, yaw, roll):
 def angles(m):
     """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular at yaw = +-90 deg."""
     s = m[6]
-    if s > 1.0:  # round-off; NaN passes through
+    if s > 1.0:  # noqa: PLR1730  round-off; unlike min and max, this lets NaN through
         s = 1.0
-    if s < -1.0:
+    if s < -1.0:  # noqa: PLR1730
         s = -1.0
     return math.atan2(m[3], m[0]), -math.asin(s), math.atan2(m[7], m[8])

@@ -43,7 +43,9 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
     if principal[0] <= 0.0:
         return f"must be positive definite; its smallest principal moment is {principal[0]:.6g} kg m2"
     if principal[0] + principal[1] < principal[2] * (1.0 - 1e-9):
-        return f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m2, which no solid body has"
+        return (
+            f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m2, which no solid body has"
+        )
     return None
 
 
@@ -60,7 +62,8 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     if joint.bodies[0] == joint.bodies[1]:
         problems.add(place, "must name two different bodies", list(joint.bodies))
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
-    if np.linalg.norm(np.cross(x, y)) < 1e-6 * max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300):
+    lengths = float(np.linalg.norm(x)) * float(np.linalg.norm(y))
+    if float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths:
         problems.add(f"joint.{name}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis))
 
 

@@ -121,6 +121,8 @@ def _plain(message: str) -> str:
     for ours, plain in _WORDS.items():
         if text.startswith(ours):
             return plain
-    text = text.replace("`float`", "a number").replace("`int`", "a whole number").replace("`str`", "text").replace("`bool`", "true or false")
+    text = (
+        text.replace("`float`", "a number").replace("`int`", "a whole number").replace("`str`", "text").replace("`bool`", "true or false")
+    )
     text = text.replace("`array`", "a list").replace("`object`", "a table").replace(" | null", "").replace("`", "")
     return text if text.startswith("Invalid") else f"must be {text}"

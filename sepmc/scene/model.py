@@ -32,19 +32,19 @@ class _Table(Struct, frozen=True):
     pass
 
 
-class Wind(_Table, kw_only=True):
+class Wind(_Table, frozen=True, kw_only=True):
     speed: Speed = 0.0
     direction: Angle = 0.0
 
 
-class Environment(_Table, kw_only=True):
+class Environment(_Table, frozen=True, kw_only=True):
     atmosphere: Literal["us1976", "none"] = "us1976"
     gravity: Literal["inverse-square", "constant", "none"] = "inverse-square"
     surface_gravity: Annotated[float, Positive, Quantity("acceleration")] = 9.80665
     wind: Wind = field(default_factory=Wind)
 
 
-class Aerodynamics(_Table, kw_only=True):
+class Aerodynamics(_Table, frozen=True, kw_only=True):
     reference_area: Annotated[float, Positive, Quantity("area")]
     reference_length: Annotated[float, Positive, Quantity("length")]
     axial: Polynomial = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Aerodynamics(_Table, kw_only=True):
     moment_point: Point | None = None
 
 
-class Body(_Table, kw_only=True):
+class Body(_Table, frozen=True, kw_only=True):
     mass: Annotated[float, Positive, Quantity("mass")]
     inertia: Annotated[Vector, Quantity("inertia", ("xx", "yy", "zz"))]
     inertia_products: Annotated[Vector, Quantity("inertia", ("xy", "xz", "yz"))] = (0.0, 0.0, 0.0)
@@ -67,7 +67,7 @@ class Body(_Table, kw_only=True):
     aerodynamics: Aerodynamics | None = None
 
 
-class Motor(_Table, kw_only=True):
+class Motor(_Table, frozen=True, kw_only=True):
     name: Name
     body: str
     thrust: Annotated[float, Quantity("force")]
@@ -83,26 +83,26 @@ class Motor(_Table, kw_only=True):
     deflection_clock: Angle = 0.0
 
 
-class Joint(_Table, kw_only=True):
+class Joint(_Table, frozen=True, kw_only=True):
     bodies: tuple[str, str]
     point: Point
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
 
 
-class Until(_Table, kw_only=True):
+class Until(_Table, frozen=True, kw_only=True):
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
 
 
-class Phase(_Table, kw_only=True):
+class Phase(_Table, frozen=True, kw_only=True):
     name: Name
     joints: dict[str, JointKind] = field(default_factory=dict)
     until: Until | None = None
 
 
-class Initial(_Table, kw_only=True):
+class Initial(_Table, frozen=True, kw_only=True):
     altitude: Length
     speed: Annotated[float, Positive, Quantity("speed")]
     omega: Annotated[Vector, Quantity("angular rate", _XYZ)] = (0.0, 0.0, 0.0)
@@ -114,7 +114,7 @@ class Initial(_Table, kw_only=True):
     path_reference: Angle | None = None  # zero of `alpha_ref`; None: nominal pitch - alpha
 
 
-class Run(_Table, kw_only=True):
+class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1)] = 1000
     seed: Annotated[int, NotNegative] = 0
@@ -122,13 +122,13 @@ class Run(_Table, kw_only=True):
     chunk: Annotated[int, Meta(ge=1)] = 2048
 
 
-class Solver(_Table, kw_only=True):
+class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["dop853", "rk4"] = "dop853"
     step: Annotated[float, Positive, Quantity("time")] = 0.05
 
 
-class Scene(_Table, kw_only=True):
+class Scene(_Table, frozen=True, kw_only=True):
     """What flies and how it is integrated."""
 
     environment: Environment = field(default_factory=Environment)
@@ -141,7 +141,7 @@ class Scene(_Table, kw_only=True):
     solver: Solver = field(default_factory=Solver)
 
 
-class Law(_Table, kw_only=True):
+class Law(_Table, frozen=True, kw_only=True):
     """How one parameter varies. Exactly one law; numbers in the unit of the parameter's key."""
 
     uniform: float | tuple[float, float] | None = None
@@ -154,14 +154,14 @@ class Law(_Table, kw_only=True):
     relative: bool = False
 
 
-class Expected(_Table, kw_only=True):
+class Expected(_Table, frozen=True, kw_only=True):
     mean: float | None = None
     sigma: Annotated[float, Positive] | None = None
     min: float | None = None
     max: float | None = None
 
 
-class Reference(_Table, kw_only=True):
+class Reference(_Table, frozen=True, kw_only=True):
     """Statistics printed elsewhere, to stand beside the campaign's own."""
 
     source: str

@@ -86,7 +86,9 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
     return parse_campaign(tree, str(path.name), settings, default_name=path.stem)
 
 
-def parse_campaign(tree: dict[str, Any], source: str, settings: dict[str, Any] | None = None, default_name: str = "campaign") -> CampaignFile:
+def parse_campaign(
+    tree: dict[str, Any], source: str, settings: dict[str, Any] | None = None, default_name: str = "campaign"
+) -> CampaignFile:
     """Validate a TOML tree; see `read_campaign`."""
     problems = Problems()
     tree = copy.deepcopy(tree)

@@ -62,7 +62,9 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
     if field.bare == dict[str, float] and result is not None:
         for term in result:
             if not _TERM.match(term):
-                problems.add(_join(place, term), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2")
+                problems.add(
+                    _join(place, term), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2"
+                )
     return result
 
 
