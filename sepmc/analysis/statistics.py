@@ -165,7 +165,8 @@ def summary_text(stats: pd.DataFrame, counts: Mapping[str, int], units: Mapping[
         parts.append(f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between the two outermost values.")
     compared = stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)] if "ref_mean" in stats else stats[:0]
     if len(compared):
-        head = f"Beside the {source} (dev: here minus {source}; mean, max and min in sigmas of the {source}, sigma in percent)"
+        called = source if source[:1].isupper() else f"the {source}"  # "Table 3", "the paper"
+        head = f"Beside {called} (dev: here minus {called}; mean, max and min in its sigmas, sigma in percent)"
         groups = [(name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")]
         parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), groups)]
     return "\n\n".join(parts) + "\n"
@@ -199,8 +200,8 @@ def _groups(stats: pd.DataFrame, units: Mapping[str, str] | None) -> list[tuple[
         ("", {"sigma": column("sigma"), "s.e.": error("sigma_se")}),
         ("", {"min": column("min"), "case": case("case_min")}),
         ("", {"max": column("max"), "case": case("case_max")}),
-        ("percentiles to the median", dict(lower)),
-        ("and above", dict(upper)),
+        ("percentiles", dict(lower)),
+        ("percentiles", dict(upper)),
     ]
 
 

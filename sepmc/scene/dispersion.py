@@ -47,14 +47,19 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
         if parameter.path in seen:
             problems.add(place, f"given twice, also as {seen[parameter.path]!r}")
             continue
-        if parameter.path.split(".")[0] in ("run", "solver"):
-            problems.add(place, "is a setting of the run, which cannot vary from case to case")
+        if _is_structure(parameter.path.split(".")):
+            problems.add(place, "is a setting of the scene, which cannot vary from case to case")
             continue
         seen[parameter.path] = key
         found = _resolve_one(law, parameter, value(scene, parameter.path) / parameter.factor, place, problems)
         if found:
             result.append(found)
     return tuple(result)
+
+
+def _is_structure(parts: list[str]) -> bool:
+    """Whether a path names a number that all cases share: run and solver settings, joint axes, the zero of alpha_ref."""
+    return parts[0] in ("run", "solver") or (parts[0] == "joint" and parts[2] != "point") or parts[:2] == ["initial", "path_reference"]
 
 
 def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems) -> Dispersion | None:

@@ -1,0 +1,105 @@
+"""Print the numbers sepmc is judged by, each beside its target: ``python tests/measure.py``. Takes about a minute."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import sepmc
+from sepmc.campaign import _fly
+
+sys.path.insert(0, str(Path(__file__).parent))
+import oracle
+
+SEEDS = (2019, 1, 2, 3, 4, 5)
+REPEATS = 7
+
+
+def line(what, target, measured):
+    print(f"| {what} | {target} | {measured} |", flush=True)
+
+
+def scaled_error(ours, reference, sigma):
+    """Largest |difference| / max(|reference|, sigma over the campaign), and the outcome it belongs to."""
+    error = ((ours - reference).abs() / reference.abs().clip(lower=sigma, axis=1)).max()
+    return f"{error.max():.1e} ({error.idxmax()})"
+
+
+def table3(campaign):
+    rows = [campaign.run(seed=seed).statistics().loc[list(campaign.reference)] for seed in SEEDS]
+    dev = {name: np.array([row[f"dev_{name}"] for row in rows]) for name in ("mean", "sigma", "min", "max")}
+    extremes = np.stack([dev["min"], dev["max"]])
+    line("nine means, worst of 6 seeds", "<= 0.05 sigma", f"{np.abs(dev['mean']).max():.3f} sigma")
+    line("nine sigmas, worst of 6 seeds", "<= 5 %", f"{100 * np.abs(dev['sigma']).max():.1f} %")
+    line("eighteen extremes, average of 6 seeds", "<= 0.6 sigma", f"{np.abs(extremes.mean(axis=1)).max():.2f} sigma")
+    line("eighteen extremes, any seed", "<= 0.9 sigma", f"{np.abs(extremes).max():.2f} sigma")
+
+
+def table1():
+    history = sepmc.load("table1.toml").simulate()
+
+    def vector(name, unit):
+        return history[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy()
+
+    force_u, force_l = vector("pins_force_on_upper", "N"), vector("pins_force_on_lower", "N")
+    moment_u, moment_l = vector("pins_moment_on_upper", "N_m"), vector("pins_moment_on_lower", "N_m")
+    balance = moment_u + moment_l + np.cross(vector("pins_gap", "m"), force_l)
+    free = (history["phase"] == "free").to_numpy()
+    after = history[history["phase"] != "locked"]
+    wrench = np.abs(np.hstack([force_u, force_l, moment_u, moment_l])[free]).max()
+    margin = (after["upper_axial_acceleration_m_s2"] - after["lower_axial_acceleration_m_s2"]).min()
+    line("Table 1: release", "0.260 +- 0.005 s", f"{history.attrs['outcomes']['release_time_s']:.5f} s")
+    line("Table 1: largest abs(F_upper + F_lower)", "round-off", f"{np.abs(force_u + force_l).max():.1e} N")
+    line("Table 1: largest abs(M_u + M_l + (r_l - r_u) x F_l)", "<= 1e-9 N m", f"{np.abs(balance).max():.1e} N m")
+    line("Table 1: largest wrench after release", "0", f"{wrench:g}")
+    line("Table 1: least extra deceleration of the lower stage after unlock", "> 0", f"{margin:.3f} m/s2")
+
+
+def agreement(campaign):
+    result = campaign.run()
+    cases, outcomes = result.to_pandas(), result.outcomes
+    sigma = cases[outcomes].std()
+    reduced = cases[outcomes][:1000]
+    full = campaign.with_settings({"solver.formulation": "full"}).run(cases=1000).to_pandas()[outcomes]
+    line("full against reduced, 1,000 cases, every outcome", "<= 1e-10", scaled_error(full, reduced, sigma))
+    flown = cases[outcomes][:50].copy()
+    reference = flown.copy()
+    for i in range(len(reference)):
+        found = oracle.fly(campaign.case(i).to_dict())
+        reference.loc[i] = [found[name] for name in outcomes]
+    line("default step against DOP853 at rtol 1e-13, 50 cases", "<= 1e-8", scaled_error(flown, reference, sigma))
+    line("joint gap, every case", "<= 1e-9 m", f"{cases['joint_gap_residual_m'].max():.1e} m")
+    line("joint angle, every case", "<= 1e-9 rad", f"{cases['joint_angle_residual_rad'].max():.1e} rad")
+
+
+def same_bits(campaign):
+    base = campaign.run(threads=1)
+    table = base.to_pandas().drop(columns="status").to_numpy()
+    others = {
+        "2 threads": campaign.run(threads=2),
+        "chunk 64": campaign.with_settings({"run.chunk": 64}).run(),
+        "chunk 4096": campaign.with_settings({"run.chunk": 4096}).run(),
+    }
+    equal = {name: np.array_equal(table, other.to_pandas().drop(columns="status").to_numpy()) for name, other in others.items()}
+    drawn = base.to_pandas()[[c.name for c in campaign.input_columns]].to_numpy() * campaign._factors
+    reverse = _fly(campaign.plan, campaign._slots, drawn[::-1], 0, 0, 0).outcomes[::-1]
+    forward = _fly(campaign.plan, campaign._slots, drawn, 0, 0, 0).outcomes
+    equal["case order reversed"] = np.array_equal(reverse, forward)
+    line("same bits: " + ", ".join(equal), "yes", "yes" if all(equal.values()) else str(equal))
+
+
+def kernel_time(campaign):
+    bare = campaign.with_settings({"run.history_step_s": 0.0})
+    for name, which in (("with curves over time", campaign), ("outcomes only", bare)):
+        seconds = sorted(which.run().timing["kernel"] for _ in range(REPEATS))
+        line(f"kernel, 10,000 cases, {name} (median of {REPEATS})", "< 2 s", f"{seconds[REPEATS // 2]:.2f} s")
+
+
+if __name__ == "__main__":
+    table2 = sepmc.load("table2.toml")
+    print("| what | target | measured |\n|---|---|---|")
+    table3(table2)
+    table1()
+    agreement(table2)
+    same_bits(table2)
+    kernel_time(table2)
