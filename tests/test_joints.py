@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 from sepmc.kernels import joints
 from sepmc.kernels.linear import solve_ldlt, solve_lu
 
-SEEDS = range(12)
 # Central differences of order 8, offsets -4 to 4.
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -18,40 +17,35 @@ GUIDED = [
     {"name": "guided", "joints": {"pins": "slider"}, "until": {"joint": "pins", "stroke_mm": 150.0}},
     {"name": "free"},
 ]
-SPINNING = {
-    "phase": GUIDED,
-    "initial.altitude_m": 0.0,  # so that heights lose nothing to rounding
-    "initial.omega_rad_s": [1.5, 0.8, -1.2],
-    "body.fore.cg_m": [1.0, 0.05, -0.02],
-    "body.aft.cg_m": [3.0, -0.04, 0.03],
-    "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15],
-    "run.end_time_s": 1.0,
-    "motor": [{"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.2, "cant_deg": 175.0, "offset_m": [0.1, 0.05]}],
-}
+LOPSIDED = {"body.fore.cg_m": [1.0, 0.05, -0.02], "body.aft.cg_m": [3.0, -0.04, 0.03], "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15]}
+RETRO = {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.2, "cant_deg": 175.0, "offset_m": [0.1, 0.05]}
+# At height 0, so that heights lose nothing to rounding.
+SPINNING = LOPSIDED | {"motor": [RETRO], "initial.altitude_m": 0.0, "initial.omega_rad_s": [1.5, 0.8, -1.2], "run.end_time_s": 1.0}
 
 
 class Motion:
-    """A random smooth rigid motion whose rates at t = 0 are known: x0 + v t + a t^2 / 2, exp(S(omega t + omega' t^2 / 2)) R0."""
+    """A random smooth rigid motion whose rates at t = 0 are known: x0 + v t + a t^2 / 2, exp(S(omega t + omega' t^2 / 2)) R0.
+
+    ``body`` is a point or a vector in body axes, what is returned in ground axes.
+    """
 
     def __init__(self, random):
         self.x, self.v, self.a, self.omega, self.omega_rate = random.normal(size=(5, 3))
-        self.r = Rotation.random(random_state=random)
+        self.r = Rotation.from_quat(random.normal(size=4))
 
     def point(self, t, body):
-        """Ground place at t of a point given in body axes."""
         return self.x + self.v * t + 0.5 * self.a * t * t + self.turn(t, body)
 
     def turn(self, t, body):
-        """Ground components at t of a vector given in body axes."""
         return (Rotation.from_rotvec(self.omega * t + 0.5 * self.omega_rate * t * t) * self.r).apply(body)
 
 
-def second_difference(function, h=0.03):
-    """Second derivative at 0, good to 1e-9 here: h^8 times a tenth derivative of up to 1e6 over 3e3, and round-off over h^2."""
+def second_difference(function, h=0.02):
+    """Second derivative at 0. Measured: good to 2e-10 here, from h^8 times tenth derivatives of 1e7 over 3e3, and round-off over h^2."""
     return SECOND @ [function(h * i) for i in range(-4, 5)] / h**2
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(12))
 def test_translation_row(seed):
     """C'' of C = (r_B - r_A) . e_A, points far apart and moving, so that no term is small."""
     random = np.random.default_rng(seed)
@@ -65,11 +59,11 @@ def test_translation_row(seed):
     expected = second_difference(lambda t: (b.point(t, rho_b) - a.point(t, rho_a)) @ a.turn(t, e))
     terms = [d @ np.cross(a.omega_rate, ge), 2 * d_rate @ np.cross(a.omega, ge), d @ np.cross(a.omega, np.cross(a.omega, ge))]
     assert np.min(np.abs(terms)) > 1e-6  # leaving out any term of d would show
-    assert_allclose(found, expected, rtol=0, atol=1e-8)
+    assert_allclose(found, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", range(12))
 def test_rotation_row(seed, axis):
     """C'' of C = a_B . b_A for the pair that stands for each axis, at any relative attitude."""
     random = np.random.default_rng(seed)
@@ -80,7 +74,7 @@ def test_rotation_row(seed, axis):
 
     n, gamma = joints.rotation(*pair(0.0), tuple(a.omega), tuple(b.omega))
     found = np.dot(n, b.omega_rate - a.omega_rate) - gamma
-    assert_allclose(found, second_difference(lambda t: np.dot(*pair(t))), rtol=0, atol=1e-8)
+    assert_allclose(found, second_difference(lambda t: np.dot(*pair(t))), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -114,7 +108,7 @@ class Side:
 @pytest.fixture(scope="module", params=["reduced", "full"])
 def flight(request, pair):
     """A spinning, lopsided pair pushed apart, every 10 ms: its phases and both sides of the joint."""
-    history = pair(SPINNING | {"solver.formulation": request.param, "solver.step_s": 0.01}).simulate(step_s=0.01)
+    history = pair(SPINNING | {"phase": GUIDED, "solver.formulation": request.param, "solver.step_s": 0.01}).simulate(step_s=0.01)
     assert history.attrs["status"] == "ok"
     return history["phase"].to_numpy(), Side(history, "fore", [-1.0, -0.05, 0.02]), Side(history, "aft", [1.0, 0.04, -0.03])
 
@@ -140,10 +134,7 @@ def test_action_and_reaction(flight):
 
 @pytest.mark.parametrize("phase", ["locked", "guided", "free"])
 def test_the_wrench_moves_the_body_without_a_motor(flight, phase):
-    """m v' = F_A and (J w)' = rho_A x F_A + M_A: eqs (12), (13), by first differences of order 8 over 10 ms.
-
-    1e-11: round-off of 1e-15 in speeds and spins of some units, over 0.01 s, and a margin of ten.
-    """
+    """m v' = F_A, (J w)' = rho_A x F_A + M_A (eqs 12, 13). 1e-11: round-off of speeds and spins over 10 ms, and a margin of ten."""
     phases, fore, _ = flight
     first = np.flatnonzero(phases == phase)[1]  # the first row of a phase need not stand on the 10 ms grid
     rows, middle = slice(first, first + 9), first + 4
@@ -158,8 +149,7 @@ def test_constraints_hold_and_freedoms_carry_nothing(flight):
     phases, fore, aft = flight
     locked, guided, free = (phases == name for name in ("locked", "guided", "free"))
     gap, force = fore.r.inv().apply(aft.gap), np.abs(fore.r.inv().apply(aft.force))
-    assert np.abs(aft.gap[locked]).max() <= 1e-14
-    assert np.abs(gap[guided, 1:]).max() <= 1e-14
+    assert max(np.abs(gap[locked]).max(), np.abs(gap[guided, 1:]).max()) <= 1e-14
     assert (fore.r[guided].inv() * aft.r[guided]).magnitude().max() <= 1e-14
     assert force[guided].max() > 0.5
     assert force[guided, 0].max() <= 1e-14 * force[guided].max()
@@ -197,8 +187,7 @@ def test_solvers_against_numpy(solver, n):
     right = random.normal(size=n)
     pivot, found = solve(solver, np.tril(matrix) if solver is solve_ldlt else matrix, right)  # LDL^T reads the lower triangle
     assert 0.0 < pivot <= 1.0
-    expected = np.linalg.solve(matrix, right)
-    assert np.linalg.norm(found - expected) <= 1e-14 * np.linalg.cond(matrix) * np.linalg.norm(expected)
+    assert np.linalg.norm(found - np.linalg.solve(matrix, right)) <= 1e-14 * np.linalg.cond(matrix) * np.linalg.norm(found)
 
 
 def test_lu_pivots():
