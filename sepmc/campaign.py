@@ -19,8 +19,7 @@ import pandas as pd
 from sepmc import __version__, cases, schema, store
 from sepmc.compiler.plan import Plan, make_plan
 from sepmc.scene import parameters
-from sepmc.scene.checks import inertia_fault, inertia_tensor
-from sepmc.scene.messages import Problems
+from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
 from sepmc.schema import Column, Status
@@ -44,7 +43,9 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
     SceneError
         If anything in the file cannot be flown, with every problem and its place.
     """
-    return Campaign(read_campaign(path, settings))
+    campaign = Campaign(read_campaign(path, settings))
+    _check_reference(campaign)
+    return campaign
 
 
 @dataclass(frozen=True)
@@ -223,15 +224,19 @@ class Campaign:
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
         """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle inequality."""
-        paths = [d.parameter.path for d in self.file.dispersions]
-        touched = [b for b in self.scene.body if any(p.startswith((f"body.{b}.inertia.", f"body.{b}.inertia_products.")) for p in paths)]
-        if not touched:
-            return 0
-        count = 0
-        for row in drawn * self._factors:
-            scene = parameters.replace(self.scene, dict(zip(paths, row.tolist(), strict=True)))
-            count += any(inertia_fault(inertia_tensor(scene.body[b])) is not None for b in touched)
-        return count
+        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
+        broken = np.zeros(len(drawn), dtype=bool)
+        for name in self.scene.body:
+            prefixes = (f"body.{name}.inertia.", f"body.{name}.inertia_products.")
+            if any(path.startswith(prefixes) for path in place):
+                values = {
+                    path: drawn[:, place[path]] * self._factors[place[path]] if path in place else parameters.value(self.scene, path)
+                    for path in (prefix + part for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True) for part in parts)
+                }
+                tensors = np.moveaxis(_tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
+                low, middle, high = np.linalg.eigvalsh(tensors).T
+                broken |= (low > 0.0) & (low + middle < high * (1.0 - 1e-9))
+        return int(np.count_nonzero(broken))
 
     def run(
         self,
@@ -310,6 +315,14 @@ class Campaign:
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
                 )
         return store.cases_done(folder)
+
+
+_TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
+
+
+def _tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
+    """Inertia tensors from arrays of moments and products; shape (3, 3, n)."""
+    return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
 
 
 @dataclass
@@ -399,7 +412,7 @@ class _Flight:
             if history:  # before the cases, which say what is done
                 columns = [
                     Column("case", "1", "number of the case"),
-                    Column("time_s", "s", "time since ignition of the clock"),
+                    Column("time_s", "s", "time since the start of the case"),
                     *self.separation,
                 ]
                 store.write_parquet(store.part_path(self.folder, store.HISTORIES, first), columns, history)
@@ -481,10 +494,8 @@ def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def check_reference(campaign: Campaign) -> None:
+def _check_reference(campaign: Campaign) -> None:
     """Raise SceneError if the reference names an outcome this scene does not have."""
-    from sepmc.scene.messages import nearest  # noqa: PLC0415
-
     problems = Problems()
     known = [column.name for column in campaign.outcome_columns]
     for name in campaign.reference or {}:

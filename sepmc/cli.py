@@ -222,10 +222,9 @@ def _load(file: str, settings: tuple[str, ...]) -> "Campaign":
     given = dict(parse_setting(text) for text in settings)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
-        from sepmc.campaign import check_reference, load
+        from sepmc.campaign import load
 
         loaded = load(file, given)
-        check_reference(loaded)
     for warning in caught:
         click.echo(f"warning: {warning.message}", err=True)
     return loaded

@@ -6,6 +6,7 @@ import numpy as np
 
 from sepmc.kernels import layout as at
 from sepmc.kernels._jit import stage
+from sepmc.kernels.atmosphere import TOP
 from sepmc.kernels.dynamics import height, set_attitudes
 from sepmc.kernels.observe import body_outcomes, full_row, joint_residual, separation, separation_row
 from sepmc.kernels.places import motor_params, motor_work, phase_params, phase_rows
@@ -55,12 +56,13 @@ def _normalise(y, m):
 
 
 @stage
-def _health(t, y0, y1, m, w):
-    """OK, or why the state y1 cannot be used."""
+def _health(t, t_next, y0, y1, m, w):
+    """OK, or why the state y1 cannot be used: where the atmosphere ends it has no density, and the state is not finite."""
     for n in range(y1.shape[0]):
         if not math.isfinite(y1[n]):
             for b in range(m.n_bodies):
-                if m.atmosphere != at.NO_ATMOSPHERE and not 200.0 < height(t, y0, b, m, w) < 85_800.0:
+                before, after = height(t, y0, b, m, w), height(t_next, y0, b, m, w)
+                if m.atmosphere != at.NO_ATMOSPHERE and not (min(before, after) >= 0.0 and max(before, after) <= TOP):
                     return OUTSIDE_ATMOSPHERE
             return NOT_FINITE
     return OK
@@ -149,7 +151,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
         return INVALID_INPUT, 0
 
     status, t, rows, next_sample, steps = OK, 0.0, 0, 0, 0
-    gap, angle, pivot = 0.0, 0.0, 1.0
+    gap, angle = 0.0, 0.0
     end = w[at.END_TIME]
     for phase in range(m.n_phases):
         phase_start = t
@@ -170,10 +172,12 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                 last = i == count - 1
                 t_next = stretch_end if last else stretch_start + (stretch_end - stretch_start) * (i + 1) / count
                 length = t_next - t
-                pivot = min(pivot, first_stage(t, y0, k, phase, m, w))
-                pivot = min(pivot, step(t, length, y0, y1, scratch, k, rk, phase, m, w))
+                singular = not first_stage(t, y0, k, phase, m, w) > 0.0
+                pivot = step(t, length, y0, y1, scratch, k, rk, phase, m, w)
                 steps += 1
-                status = _health(t, y0, y1, m, w) if pivot > 0.0 else SINGULAR_JOINT
+                status = SINGULAR_JOINT if singular else _health(t, t_next, y0, y1, m, w)
+                if status == OK and not pivot > 0.0:
+                    status = SINGULAR_JOINT
                 if status != OK:
                     break
                 _normalise(y1, m)
