@@ -1,6 +1,7 @@
 """A campaign: scene and seed to cases, cases through the door in chunks, results to a run folder or to memory."""
 
 import hashlib
+import operator
 import os
 import platform
 import time
@@ -19,9 +20,10 @@ import pandas as pd
 from sepmc import __version__, cases, schema, store
 from sepmc.compiler.plan import Plan, make_plan
 from sepmc.scene import parameters
-from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
+from sepmc.scene.units import unit_text
 from sepmc.schema import Column, Status
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
@@ -43,9 +45,7 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
     SceneError
         If anything in the file cannot be flown, with every problem and its place.
     """
-    campaign = Campaign(read_campaign(path, settings))
-    _check_reference(campaign)
-    return campaign
+    return Campaign(read_campaign(path, settings))
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,9 @@ def _set_only(node: Any) -> Any:
 class Result:
     """What a campaign gave. ``timing`` is in seconds by stage: compile, sample, kernel, write."""
 
-    columns: list[Column]
+    campaign: "Campaign"
     table: dict[str, np.ndarray]
     history: dict[str, np.ndarray] | None
-    outcomes: list[str]
-    reference: dict[str, dict[str, float]] | None
     timing: dict[str, float]
     seed: int
     folder: Path | None = None
@@ -96,11 +94,20 @@ class Result:
         """Statistics of every outcome; see `sepmc.analysis.statistics.statistics`."""
         from sepmc.analysis.statistics import statistics  # noqa: PLC0415
 
-        return statistics(self.to_pandas(), self.outcomes, self.reference)
+        return statistics(self.to_pandas(), self.outcomes, self.campaign.reference)
+
+    def case(self, number: int) -> Case:
+        """Case ``number`` as it was flown here, fully resolved in SI."""
+        return self.campaign.case(number, self.seed)
+
+    @property
+    def outcomes(self) -> list[str]:
+        """Names of the outcome columns."""
+        return [column.name for column in self.campaign.outcome_columns]
 
     @property
     def units(self) -> dict[str, str]:
-        return {column.name: column.unit for column in self.columns}
+        return {column.name: column.unit for column in self.campaign.columns}
 
     @property
     def status_counts(self) -> dict[str, int]:
@@ -140,9 +147,7 @@ class Campaign:
 
     @cached_property
     def input_columns(self) -> list[Column]:
-        return [
-            Column(d.parameter.column, d.parameter.unit.replace("_", "/", 1), f"{d.parameter.key}, {d.law}") for d in self.file.dispersions
-        ]
+        return [Column(d.parameter.column, unit_text(d.parameter.unit), f"{d.parameter.key}, {d.law}") for d in self.file.dispersions]
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
@@ -172,8 +177,7 @@ class Campaign:
 
     def case(self, number: int, seed: int | None = None) -> Case:
         """Case ``number`` of the campaign, fully resolved in SI, drawn without the others."""
-        if number < 0:
-            raise ValueError(f"case = {number}: must be >= 0")
+        number = _whole("case", number, 0)
         drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
         values = {d.parameter.path: float(x) for d, x in zip(self.file.dispersions, drawn * self._factors, strict=True)}
         return Case(
@@ -198,8 +202,7 @@ class Campaign:
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
             the case and its ``status``.
         """
-        if not step_s > 0.0:
-            raise ValueError(f"step_s = {step_s}: must be > 0")
+        check_every(step_s, self.scene)
         plan = make_plan((case or self.nominal()).scene, history_step=step_s)
         columns = schema.history_columns(plan.bodies, plan.joints)
         room = int(plan.scene.run.end_time / step_s) + 2 * len(plan.phases) + 4
@@ -217,10 +220,7 @@ class Campaign:
         return frame
 
     def _seed(self, seed: int | None) -> int:
-        value = self.scene.run.seed if seed is None else seed
-        if value < 0:
-            raise ValueError(f"seed = {value}: must be >= 0")
-        return value
+        return self.scene.run.seed if seed is None else _whole("seed", seed, 0)
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
         """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle inequality."""
@@ -278,13 +278,11 @@ class Campaign:
         Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and ``resume=True`` goes on from there.
         """
         settings = self.scene.run
-        total = settings.cases if cases is None else cases
-        if total < 1:
-            raise ValueError(f"cases = {total}: must be >= 1")
+        total = settings.cases if cases is None else _whole("cases", cases, 1, 10**9)
         seed = self._seed(seed)
         threads = check_threads(threads)
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
-        done = self._resumed(folder, seed) if folder and resume else np.empty(0, dtype=np.int64)
+        done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
         timing = {"compile": warm_up(self.plan, threads, announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
         flight = _Flight(self, seed, total, folder, timing)
         if folder:
@@ -303,7 +301,7 @@ class Campaign:
                 flight.write_manifest(threads, complete=flight.flown == left)
         return flight.result(resumed=len(done) > 0)
 
-    def _resumed(self, folder: Path, seed: int) -> np.ndarray:
+    def _resumed(self, folder: Path, seed: int, total: int) -> np.ndarray:
         """Cases a folder already holds, if it is the same campaign."""
         if not (folder / store.MANIFEST).is_file():
             return np.empty(0, dtype=np.int64)
@@ -314,7 +312,10 @@ class Campaign:
                 raise store.StoreError(
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
                 )
-        return store.cases_done(folder)
+        done = store.cases_done(folder)
+        if len(done) and done[-1] >= total:
+            raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")
+        return done
 
 
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
@@ -359,13 +360,33 @@ def _fly(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int
     return block
 
 
+def _whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number in range; raises ValueError with the name, the value and what is allowed."""
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} = {value!r}: must be a whole number") from None
+    if number < least or (most is not None and number > most):
+        raise ValueError(f"{name} = {number}: must be >= {least}" + (f" and <= {most}" if most is not None else ""))
+    return number
+
+
+def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
+    """Raise ValueError if a history cannot have a row every ``step_s``."""
+    most = 10 * MOST_ROWS
+    if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
+        raise ValueError(f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there are at most {most} rows")
+
+
 def check_threads(threads: int | None) -> int | None:
     """``threads`` if this machine can use so many; raises ValueError otherwise."""
     if threads is None:
         return None
     from sepmc.kernels.batch import max_threads  # noqa: PLC0415
 
-    if not 1 <= threads <= max_threads():
+    if isinstance(threads, bool) or not 1 <= threads <= max_threads():
         raise ValueError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
     return threads
 
@@ -486,19 +507,8 @@ class _Flight:
         else:
             table = _join(self.parts)
             history = _join(self.history_parts) if self.history_parts else None
-        outcomes = [column.name for column in campaign.outcome_columns]
-        return Result(campaign.columns, table, history, outcomes, campaign.reference, self.timing, self.seed, self.folder, self.notes)
+        return Result(campaign, table, history, self.timing, self.seed, self.folder, self.notes)
 
 
 def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _check_reference(campaign: Campaign) -> None:
-    """Raise SceneError if the reference names an outcome this scene does not have."""
-    problems = Problems()
-    known = [column.name for column in campaign.outcome_columns]
-    for name in campaign.reference or {}:
-        if name not in known:
-            problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
-    problems.raise_if_any(campaign.name)

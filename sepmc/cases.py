@@ -25,7 +25,7 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
     generator = np.random.Philox(key=key).advance(first // _PER_BLOCK)
     skip = first % _PER_BLOCK
     raw = generator.random_raw(skip + count)[skip:]
-    return (raw >> np.uint64(11)) * 2.0**-53 + 2.0**-54
+    return np.minimum((raw >> np.uint64(11)) * 2.0**-53 + 2.0**-54, 1.0 - 2.0**-53)
 
 
 def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:

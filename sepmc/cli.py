@@ -37,7 +37,7 @@ def main() -> None:
 
 @main.command()
 @click.argument("file")
-@click.option("--cases", type=click.IntRange(min=1), help="Number of cases, instead of the file's.")
+@click.option("--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
 @_OUT
 @click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores. The result does not depend on it.")
@@ -67,7 +67,9 @@ def campaign(
             raise click.UsageError("--resume and --overwrite exclude each other")
         loaded = _load(file, settings)
         from sepmc import store
+        from sepmc.campaign import check_threads
 
+        check_threads(threads)
         folder = out or store.next_folder(loaded.name)
         n = cases or loaded.scene.run.cases
         say(f"{loaded.name}: {loaded.file.title or 'no title'}; {n} cases into {folder}")
@@ -75,7 +77,7 @@ def campaign(
             try:
                 result = loaded.run(cases, seed, threads, folder, overwrite=overwrite, resume=resume, progress=progress, announce=say)
             except KeyboardInterrupt:
-                click.echo(f"\ninterrupted; finished cases are kept. Go on with: sepmc campaign {file} --out {folder} --resume", err=True)
+                click.echo(f"\ninterrupted; finished cases are kept. Go on with: sepmc campaign {folder} --out {folder} --resume", err=True)
                 sys.exit(130)
         for note in result.notes:
             click.echo(f"warning: {note}", err=True)
@@ -109,11 +111,12 @@ def run(
     with _plain_errors(quiet):
         loaded = _load(file, settings)
         from sepmc import schema, store
-        from sepmc.campaign import warm_up
+        from sepmc.campaign import check_every, warm_up
 
+        check_every(every_s, loaded.scene, "--every-s")
         case = loaded.nominal() if number is None else loaded.case(number, seed)
         folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
-        store.open_folder(folder, overwrite)
+        store.open_folder(folder, overwrite, resumable=False)
         seconds = warm_up(loaded.plan, None, say)
         start = time.perf_counter()
         history = loaded.simulate(case, every_s)

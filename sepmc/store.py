@@ -1,6 +1,7 @@
 """The run folder: case parts in Parquet, histories, manifest, resolved campaign. The only place that knows pyarrow."""
 
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -17,6 +18,8 @@ from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 _OURS = (CASES, HISTORIES)
+_FIGURES = ("hist_*", "histograms", "separation*", "force_on_*", "moment_on_*", "rates", "angles", "axial_acceleration")
+_OUR_FILES = (MANIFEST, CAMPAIGN, "statistics.csv", "statistics.json", "history.parquet", *(f"{name}.png" for name in _FIGURES))
 
 
 class StoreError(Exception):
@@ -31,8 +34,8 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
     return root / f"{name}-{n}"
 
 
-def open_folder(folder: Path, overwrite: bool = False, resume: bool = False) -> Path:
-    """Make ``folder`` ready to be written, without losing anything unasked.
+def open_folder(folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True) -> Path:
+    """Make ``folder`` ready to be written, without losing anything unasked. ``resumable``: say that it could be resumed.
 
     Raises
     ------
@@ -43,11 +46,15 @@ def open_folder(folder: Path, overwrite: bool = False, resume: bool = False) -> 
         raise StoreError(f"{folder}: is a file; give --out a folder")
     if folder.is_dir() and any(folder.iterdir()):
         if not (overwrite or resume):
-            raise StoreError(f"{folder}: exists; add --resume to fly its missing cases, --overwrite to replace it, or choose another --out")
+            ways = "add --resume to fly its missing cases, --overwrite to replace it," if resumable else "add --overwrite to replace it"
+            raise StoreError(f"{folder}: exists; {ways} or choose another --out")
         if not (folder / MANIFEST).is_file():
             raise StoreError(f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose another --out")
         if overwrite:
             _clear(folder)
+    for name in _OURS:
+        if (folder / name).exists() and not (folder / name).is_dir():
+            raise StoreError(f"{folder / name}: is a file where a run keeps a folder; choose another --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -62,7 +69,7 @@ def _clear(folder: Path) -> None:
     for name in _OURS:
         shutil.rmtree(folder / name, ignore_errors=True)
     for path in folder.iterdir():
-        if path.name in (MANIFEST, CAMPAIGN, "statistics.csv", "statistics.json", "history.parquet") or path.suffix == ".png":
+        if path.is_file() and any(path.match(pattern) for pattern in _OUR_FILES):
             path.unlink()
 
 
@@ -74,18 +81,30 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, data: Any) -> None:
-    write_text(path, json.dumps(data, indent=2, allow_nan=True) + "\n")
+    """Write JSON; a number that is not finite becomes null, as JSON has none."""
+    write_text(path, json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
+
+
+def _finite(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {key: _finite(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run. Raises StoreError if there is none or it cannot be read."""
     path = folder / MANIFEST
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run") from None
-    except (OSError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(manifest, dict):
+        raise StoreError(f"{path}: cannot be read: it holds no table")
+    return manifest
 
 
 def table(columns: list[Column], data: dict[str, Any]) -> pa.Table:
@@ -120,7 +139,10 @@ def cases_done(folder: Path) -> np.ndarray:
     parts = sorted((folder / CASES).glob("part-*.parquet"))
     if not parts:
         return np.empty(0, dtype=np.int64)
-    return np.sort(np.concatenate([pq.read_table(part, columns=["case"])["case"].to_numpy() for part in parts]))
+    try:
+        return np.sort(np.concatenate([pq.read_table(part, columns=["case"])["case"].to_numpy() for part in parts]))
+    except (OSError, pa.ArrowException) as error:
+        raise StoreError(f"{folder}/{CASES}: cannot be read: {error}") from None
 
 
 def read_cases(folder: Path) -> pd.DataFrame:

@@ -11,6 +11,7 @@ where V and W are the partial velocities. After release each body obeys Newton a
 integrated as rotation matrices, R' = R [omega x], and positions relative to a point that moves with the constant
 initial velocity of the mass centre, so that 7e4 m never enters a difference.
 """
+
 import re
 
 import numpy as np
@@ -89,8 +90,11 @@ class Body:
         dy, dz = m.get("offset", (0.0, 0.0))
         radius, ignition = m.get("radius", 0.0), m.get("ignition", 0.0)
         arm = self.from_cg([m["station"], -radius * np.sin(clock) + dy, radius * np.cos(clock) + dz])
-        return {"build_up": 0.0} | m | {"ignition": ignition, "burnout": ignition + m.get("burn", np.inf),
-                                        "force": force, "moment": np.cross(arm, force)}
+        return (
+            {"build_up": 0.0}
+            | m
+            | {"ignition": ignition, "burnout": ignition + m.get("burn", np.inf), "force": force, "moment": np.cross(arm, force)}
+        )
 
     def air(self, R, v):
         """Airspeed (m/s), alpha and beta (rad) for attitude R and ground velocity v (m/s)."""
@@ -123,7 +127,7 @@ class _Flight:
     """State and equations of one flight. Bodies are flown as (x, v, R, omega), x and v relative to the moving origin."""
 
     def __init__(self, case, rtol):
-        (self.joint, joint), = case["joint"].items()
+        ((self.joint, joint),) = case["joint"].items()
         self.names, self.rtol = joint["bodies"], rtol
         self.A, self.B = (Body(name, case) for name in self.names)
         self.point = [b.from_cg(joint["point"]) for b in (self.A, self.B)]  # mass centre to joint point, body axes
@@ -148,8 +152,10 @@ class _Flight:
 
     def loads(self, t, t_mid, y):
         """External (force, moment) of A and of B, each in its own body axes."""
-        return [body.loads(t, t_mid, self.altitude + self.velocity[1] * t + x[1], R, self.velocity + v)
-                for body, (x, v, R, _) in zip((self.A, self.B), self.bodies(y), strict=True)]
+        return [
+            body.loads(t, t_mid, self.altitude + self.velocity[1] * t + x[1], R, self.velocity + v)
+            for body, (x, v, R, _) in zip((self.A, self.B), self.bodies(y), strict=True)
+        ]
 
     def accelerate(self, t, t_mid, y):
         """Mated accelerations a_A, omega', s'' and a_B (body axes) and the reaction (force, moment) on B at its joint point."""
@@ -182,16 +188,19 @@ class _Flight:
         return np.concatenate(out)
 
     def integrate(self, t_end, event=None):
-        sol = solve_ivp(self.derivative, (self.t, t_end), self.y, "DOP853", rtol=self.rtol, atol=self.rtol * 1e-2,
-                        events=event, args=(self.t_mid,))
+        sol = solve_ivp(
+            self.derivative, (self.t, t_end), self.y, "DOP853", rtol=self.rtol, atol=self.rtol * 1e-2, events=event, args=(self.t_mid,)
+        )
         if not sol.success:
             raise RuntimeError(sol.message)
         return sol.t[-1], sol.y[:, -1]
 
     def advance(self, t_end, stroke=np.inf):
         """Fly a stretch without switches to t_end (s), or until s reaches stroke (m); True if that ended it."""
+
         def event(t, y, _):
             return y[18] - stroke
+
         event.terminal, event.direction = True, 1.0
         self.t_mid, watch = 0.5 * (self.t + t_end), self.kind == "slider" and np.isfinite(stroke)
         t, y = self.integrate(t_end, event if watch else None)

@@ -73,7 +73,6 @@ def test_any_part_of_a_stream(seed, path, first, count):
     assert np.all((whole > 0.0) & (whole < 1.0))
 
 
-@pytest.mark.xfail(strict=True, reason="reported bug: (2^53 - 1) 2^-53 + 2^-54 rounds to 1, whose normal quantile is infinite")
 def test_largest_number_is_below_one(monkeypatch):
     class Largest(np.random.Philox):
         def advance(self, delta):

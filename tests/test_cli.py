@@ -16,7 +16,6 @@ from sepmc import cli
 from sepmc.campaign import Campaign
 
 CASES = 50
-BUG = pytest.mark.xfail(strict=True, reason="reported bug, told in the docstring")
 
 
 def call(*arguments):
@@ -155,7 +154,6 @@ def test_replay(campaign, tmp_path, from_folder):
         assert sorted(call("plot", tmp_path).stdout.split()) == sorted(str(p) for p in tmp_path.glob("*.png")) != []
 
 
-@BUG
 def test_the_line_to_go_on_with_goes_on(tmp_path, monkeypatch):
     """It leaves out --cases, --seed and --set; the folder as FILE would hold them all."""
     options = ["--cases", 6, "--seed", 5, "--set", "run.chunk=2", "--set", "body.upper.mass_kg=460"]

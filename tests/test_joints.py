@@ -19,15 +19,11 @@ GUIDED = [
 ]
 LOPSIDED = {"body.fore.cg_m": [1.0, 0.05, -0.02], "body.aft.cg_m": [3.0, -0.04, 0.03], "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15]}
 RETRO = {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.2, "cant_deg": 175.0, "offset_m": [0.1, 0.05]}
-# At height 0, so that heights lose nothing to rounding.
 SPINNING = LOPSIDED | {"motor": [RETRO], "initial.altitude_m": 0.0, "initial.omega_rad_s": [1.5, 0.8, -1.2], "run.end_time_s": 1.0}
 
 
 class Motion:
-    """A random smooth rigid motion whose rates at t = 0 are known: x0 + v t + a t^2 / 2, exp(S(omega t + omega' t^2 / 2)) R0.
-
-    ``body`` is a point or a vector in body axes, what is returned in ground axes.
-    """
+    """A random smooth motion x0 + v t + a t^2 / 2, exp(S(omega t + omega' t^2 / 2)) R0: its rates at t = 0 are known. Takes body axes."""
 
     def __init__(self, random):
         self.x, self.v, self.a, self.omega, self.omega_rate = random.normal(size=(5, 3))
@@ -73,8 +69,7 @@ def test_rotation_row(seed, axis):
         return joints.rotation_pair(axis, *(tuple(m.turn(t, e)) for m, e in zip((a, a, a, b, b), (*AXES, *AXES[:2]), strict=True)))
 
     n, gamma = joints.rotation(*pair(0.0), tuple(a.omega), tuple(b.omega))
-    found = np.dot(n, b.omega_rate - a.omega_rate) - gamma
-    assert_allclose(found, second_difference(lambda t: np.dot(*pair(t))), rtol=0, atol=1e-9)
+    assert_allclose(np.dot(n, b.omega_rate - a.omega_rate) - gamma, second_difference(lambda t: np.dot(*pair(t))), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", range(3))

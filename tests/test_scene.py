@@ -175,7 +175,6 @@ _EDIT = st.tuples(st.sampled_from(list(_paths(TREE))), _ACTIONS, st.sampled_from
 
 
 @pytest.mark.filterwarnings("ignore::sepmc.scene.messages.SceneWarning")
-@pytest.mark.xfail(strict=False, reason="reported bugs: a name that is a list, 10**400 in a unit that is not SI")
 @given(st.lists(_EDIT, min_size=1, max_size=3))
 @settings(max_examples=400, deadline=None)
 def test_any_tree_is_refused_or_can_be_flown(edits):

@@ -10,6 +10,8 @@ from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import Body, Joint, Scene
 
 ATMOSPHERE_TOP = 86_000.0
+MOST_ROWS = 100_000  # of history in a case
+MOST_STEPS = 100_000_000
 
 
 def check_scene(scene: Scene, problems: Problems) -> None:
@@ -24,6 +26,7 @@ def check_scene(scene: Scene, problems: Problems) -> None:
         _check_joint(name, joint, scene, problems)
     _check_phases(scene, problems)
     _check_initial(scene, problems)
+    _check_histories(scene, problems)
 
 
 def _check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
@@ -100,6 +103,14 @@ def _check_phases(scene: Scene, problems: Problems) -> None:
             last_time = max(last_time, until.time)
 
 
+def _check_histories(scene: Scene, problems: Problems) -> None:
+    step = scene.run.history_step
+    if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
+        problems.add("run.history_step_s", f"gives more than {MOST_ROWS} rows a case up to {scene.run.end_time:g} s; 0 keeps none", step)
+    if scene.run.end_time / scene.solver.step > MOST_STEPS:
+        problems.add("solver.step_s", f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s", scene.solver.step)
+
+
 def _check_initial(scene: Scene, problems: Problems) -> None:
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
@@ -108,16 +119,30 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
         problems.add("initial.altitude_m", "must lie in 0 to 86000 m, where the 1976 atmosphere is defined", initial.altitude)
 
 
-def check_dispersion(dispersion: Dispersion, problems: Problems) -> None:
-    """A law whose support leaves what its parameter may be is an error before any case is drawn."""
-    place = f"dispersion.{dispersion.parameter.key}"
-    field = dispersion.parameter.field
-    for bound in dispersion.support:
-        if math.isfinite(bound) and field is not None:
-            _, allowed = convert(bound * dispersion.parameter.factor, field.type)
-            if allowed:
-                problems.add(place, f"the law reaches {bound:g}, but the value {allowed}")
-    if dispersion.parameter.path == "initial.altitude":
-        low, high = (bound * dispersion.parameter.factor for bound in dispersion.support)
-        if low < 0.0 or high > ATMOSPHERE_TOP:
-            problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")
+def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
+    """A law whose support leaves what its parameter may be is an error before any case is drawn.
+
+    The tails of an untruncated normal law are not: a case drawn there gets a status.
+    """
+    parameter = dispersion.parameter
+    place = f"dispersion.{parameter.key}"
+    tail = dispersion.law == "normal" and math.isinf(dispersion.numbers[2])
+    if not all(math.isfinite(x * parameter.factor) for x in dispersion.numbers[: 2 if dispersion.law == "normal" else None]):
+        problems.add(place, "the law and its nominal must be finite", list(dispersion.numbers))
+        return
+    if tail:
+        return
+    low, high = (bound * parameter.factor for bound in dispersion.support)
+    if not (math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])):
+        problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
+        return
+    for bound, shown in zip((low, high), dispersion.support, strict=True):
+        _, allowed = convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
+        if allowed:
+            problems.add(place, f"the law reaches {shown:g}, but the value {allowed}")
+    if parameter.path == "initial.altitude" and scene.environment.atmosphere == "us1976" and (low < 0.0 or high > ATMOSPHERE_TOP):
+        problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")
+    if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
+        problems.add(place, f"reaches {math.degrees(low):g} to {math.degrees(high):g} deg; yaw must stay within +-89 deg")
+    if parameter.path.startswith("phase.") and parameter.path.endswith(".until.time") and high >= scene.run.end_time:
+        problems.add(place, f"reaches {high:g} s; a phase must end before run.end_time_s = {scene.run.end_time:g}")

@@ -96,8 +96,8 @@ def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, pro
             problems.add(place, "must rise from low to high", raw)
     if name == "discrete":
         weights = law.weights or tuple(1.0 for _ in numbers)
-        if not numbers or len(weights) != len(numbers) or min(weights) < 0.0 or sum(weights) <= 0.0:
-            problems.add(place, "discrete needs values, and as many weights >= 0 with a positive sum")
+        if not numbers or len(weights) != len(numbers) or min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
+            problems.add(place, "discrete needs values, and as many weights >= 0 with a positive, finite sum")
     elif law.weights is not None:
         problems.add(place, "weights belong to the discrete law")
     if len(problems) > count:

@@ -1,6 +1,8 @@
 """What the model's fields are: their quantity, the TOML keys they accept, and how one value is converted and checked."""
 
 import functools
+import math
+import re
 import types
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -80,11 +82,14 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
 
 
 def to_si(value: Any, factor: float) -> Any:
-    """Scale a number or a list of numbers; anything else is left for the type check to name."""
-    if isinstance(value, bool) or factor == 1.0:
+    """Scale a number or a list of numbers; anything else is left for the type check to name. What overflows becomes infinite."""
+    if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
-        return value * factor
+        try:
+            return value if factor == 1.0 and abs(value) < 2**63 else float(value) * factor
+        except OverflowError:
+            return math.inf
     if isinstance(value, list):
         return [to_si(item, factor) for item in value]
     return value
@@ -113,7 +118,10 @@ _WORDS = {
     "`float` >= 0.0": "must be >= 0",
     "`int` >= 0": "must be >= 0",
     "`int` >= 1": "must be >= 1",
+    "`int` <= ": "must be at most 1000000000",
+    "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
+_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "array": "a list", "object": "a table"}
 
 
 def _plain(message: str) -> str:
@@ -121,8 +129,7 @@ def _plain(message: str) -> str:
     for ours, plain in _WORDS.items():
         if text.startswith(ours):
             return plain
-    text = (
-        text.replace("`float`", "a number").replace("`int`", "a whole number").replace("`str`", "text").replace("`bool`", "true or false")
-    )
-    text = text.replace("`array`", "a list").replace("`object`", "a table").replace(" | null", "").replace("`", "")
-    return text if text.startswith("Invalid") else f"must be {text}"
+    text = text.replace(" | null", "").replace("`", "")
+    for ours, plain in _TYPES.items():
+        text = re.sub(rf"\b{ours}\b", plain, text)
+    return text if text.startswith("Invalid") else f"must be {text.replace(' | ', ' or ')}"

@@ -23,7 +23,7 @@ Angle = Annotated[float, Quantity("angle")]
 Speed = Annotated[float, NotNegative, Quantity("speed")]
 Point = Annotated[Vector, Quantity("length", _XYZ)]
 Direction = Annotated[Vector, Quantity("", _XYZ)]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
 Polynomial = dict[str, float]  # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
 JointKind = Literal["fixed", "slider", "free"]
 
@@ -116,7 +116,7 @@ class Initial(_Table, frozen=True, kw_only=True):
 
 class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
-    cases: Annotated[int, Meta(ge=1)] = 1000
+    cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
     seed: Annotated[int, NotNegative] = 0
     history_step: Time = 0.0  # 0: no histories
     chunk: Annotated[int, Meta(ge=1)] = 2048

@@ -1,23 +1,27 @@
 """A campaign file in TOML to a validated `CampaignFile`, and back to TOML text."""
 
 import copy
+import re
 import tomllib
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import tomli_w
 
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.dispersion import Dispersion, resolve
-from sepmc.scene.fields import fields_of
-from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest
+from sepmc.scene.fields import fields_of, to_si
+from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
 from sepmc.scene.model import Law, Reference, Scene
 from sepmc.scene.parameters import replace
 from sepmc.scene.tables import read_table
-from sepmc.scene.units import split_unit
+from sepmc.scene.units import UNITS, split_unit
+from sepmc.schema import outcome_columns
 
+_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = ("name", "title", "dispersion", "reference")
 
 
@@ -50,10 +54,13 @@ def shipped_campaigns() -> dict[str, Path]:
 def find_file(file: str | Path) -> Path:
     """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a shipped campaign."""
     path = Path(file)
-    if path.is_dir() and (path / "campaign.toml").is_file():
-        return path / "campaign.toml"
-    if path.is_file():
-        return path
+    try:
+        if path.is_dir() and (path / "campaign.toml").is_file():
+            return path / "campaign.toml"
+        if path.is_file():
+            return path
+    except (OSError, ValueError):  # a name no file can have
+        raise SceneError([f"{shorten(str(file))}: no such file, nor a shipped campaign"]) from None
     shipped = shipped_campaigns()
     for name in (path.name, path.name + ".toml"):
         if len(path.parts) == 1 and name in shipped:
@@ -78,8 +85,8 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
     """
     path = find_file(file)
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        tree = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are ValueErrors
         raise SceneError([f"{path}: is not TOML: {error}"]) from None
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
@@ -93,11 +100,12 @@ def parse_campaign(
     problems = Problems()
     tree = copy.deepcopy(tree)
     for key, value in (settings or {}).items():
-        _put(tree, key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]], value, problems, key)
+        _put(tree, key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]], _builtin(value), problems, key)
     name = tree.get("name", default_name)
-    for key in ("name", "title"):
-        if not isinstance(tree.get(key, ""), str):
-            problems.add(key, "must be text", tree[key])
+    if not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
+        problems.add("name", "must be text that can name a folder: letters, digits, . - and _, beginning with a letter or digit", name)
+    if not isinstance(tree.get("title", ""), str):
+        problems.add("title", "must be text", tree["title"])
     known = [*_OWN_TABLES, *(k for field in fields_of(Scene).values() for k in field.keys)]
     for key in tree:
         if key not in known:
@@ -109,10 +117,20 @@ def parse_campaign(
     check_scene(scene, problems)
     dispersions = resolve(scene, laws, problems)
     for dispersion in dispersions:
-        check_dispersion(dispersion, problems)
+        check_dispersion(dispersion, scene, problems)
+    if reference is not None:
+        _check_reference(reference, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     return CampaignFile(str(name), tree.get("title", ""), scene, dispersions, reference, tree)
+
+
+def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
+    """A reference can only stand beside an outcome that this scene has."""
+    known = [column.name for column in outcome_columns(list(scene.body), list(scene.joint))]
+    for name in reference.outcome:
+        if name not in known:
+            problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
 
 
 def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
@@ -147,42 +165,83 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 break
 
 
-def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str) -> None:
-    """Put a value at a TOML path, replacing the same parameter if it was given in another unit."""
+def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, named: bool = False) -> None:
+    """Put a value at a TOML path, replacing the same parameter if it was given in another unit.
+
+    ``named``: the tables in ``node`` have names of their own, so that one can be changed but not made.
+    """
     head, rest = parts[0], parts[1:]
     if isinstance(node, list):
-        match = [item for item in node if isinstance(item, dict) and item.get("name") == head]
-        names = [item.get("name") for item in node if isinstance(item, dict)]
-        if match and rest:
-            _put(match[0], rest, value, problems, key)
-        elif not match and not rest and head in _COMPONENTS and all(isinstance(x, int | float) for x in node):
-            place = _COMPONENTS[head] if len(node) == 3 else "yz".find(head)
-            node[place] = value
+        tables = {item.get("name"): item for item in node if isinstance(item, dict) and isinstance(item.get("name"), str)}
+        if head in tables and rest:
+            _put(tables[head], rest, value, problems, key)
         else:
-            problems.add(key, f"no {head!r} here; {nearest(head, [n for n in names if n])}")
+            problems.add(
+                key, f"{head!r} is a table; name one of its values" if head in tables else f"no {head!r} here; {nearest(head, tables)}"
+            )
         return
     if not isinstance(node, dict):
         problems.add(key, "the path ends before " + repr(head))
         return
-    if rest:
-        _put(node.setdefault(head, {}), rest, value, problems, key)
-        return
-    for other in list(node):
-        if other != head and split_unit(other)[0] == split_unit(head)[0] and split_unit(other)[1] and split_unit(head)[1]:
-            del node[other]
-    node[head] = value
+    stem, unit = split_unit(head)
+    other = next((k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem), None)
+    if other is not None:
+        held = node.pop(other)
+        if rest and isinstance(held, list) and _kind(unit) == _kind(split_unit(other)[1]):
+            kind = UNITS[_kind(unit)]
+            node[head] = to_si(held, kind[split_unit(other)[1]] / kind[unit])
+    if not rest:
+        node[head] = value
+    elif head not in node and named:
+        problems.add(key, f"no {head!r} here; {nearest(head, node)}")
+    elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:
+        if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
+            node[head][_COMPONENTS[stem].index(rest[0])] = value
+        else:
+            problems.add(key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem]))
+    else:
+        _put(node.setdefault(head, {}), rest, value, problems, key, named=head in ("body", "joint"))
 
 
-_COMPONENTS = {"x": 0, "y": 1, "z": 2, "xx": 0, "yy": 1, "zz": 2, "xy": 0, "xz": 1, "yz": 2}
+def _kind(unit: str) -> str:
+    return next(kind for kind, table in UNITS.items() if unit in table)
+
+
+def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]:
+    """Components of every vector of the model, by the name of its field."""
+    found: dict[str, tuple[str, ...]] = {}
+    for field in fields_of(kind).values():
+        inner = field.table or field.table_of_tables or field.array_of_tables
+        if inner is not None:
+            found |= _vector_components(inner)
+        elif field.quantity.components:
+            found[field.name] = field.quantity.components
+    return found
+
+
+_COMPONENTS = _vector_components(Scene)
+
+
+def _builtin(value: Any) -> Any:
+    """A setting given from Python as TOML would give it: numbers of numpy and tuples become plain numbers and lists."""
+    if isinstance(value, dict):
+        return {str(k): _builtin(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_builtin(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
     """``path=value`` of the command line; the value is TOML, or text if it is not."""
     key, separator, raw = text.partition("=")
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise SceneError([f"--set {text.encode(errors='replace').decode()}: is not text in UTF-8"]) from None
     if not separator or not key.strip():
         raise SceneError([f"--set {text}: must read path=value, such as body.upper.mass_kg=460"])
     try:
         value = tomllib.loads(f"value = {raw.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         value = raw.strip()
     return key.strip().replace('"', ""), value

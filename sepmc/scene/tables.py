@@ -11,7 +11,7 @@ from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.units import split_unit
 
 _TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
-_NAME = re.compile(r"^[A-Za-z][A-Za-z0-9_-]*$")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> Any:
@@ -51,12 +51,13 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
         return _read_named(field.table_of_tables, value, place, problems)
     if field.array_of_tables:
         return _read_array(field.array_of_tables, value, place, problems)
-    if not _finite(value) and not (field.name == "burn" and value == math.inf):
-        problems.add(place, "must be finite", value)
-        return None
     if field.quantity.components and isinstance(value, dict):
         value = _components(field, value, factor, place, problems)
-    result, allowed = convert(to_si(value, factor), field.type)
+    scaled = to_si(value, factor)
+    if not _finite(scaled) and not (field.name == "burn" and value == math.inf):
+        problems.add(place, "must be finite", value)
+        return None
+    result, allowed = convert(scaled, field.type)
     if allowed:
         problems.add(place, allowed, value)
     if field.bare == dict[str, float] and result is not None:
@@ -83,8 +84,8 @@ def _read_named(kind: type[msgspec.Struct], tree: Any, place: str, problems: Pro
         problems.add(place, "must be a table of tables", tree)
         return {}
     for name in tree:
-        if not _NAME.match(name):
-            problems.add(_join(place, name), "a name is a letter followed by letters, digits, - or _")
+        if not _NAME.fullmatch(name):
+            problems.add(_join(place, name), "a name is a letter followed by letters, digits or _")
     return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
 
 
@@ -92,13 +93,14 @@ def _read_array(kind: type[msgspec.Struct], tree: Any, place: str, problems: Pro
     if not isinstance(tree, list):
         problems.add(place, f"must be an array of tables: [[{place}]]", tree)
         return ()
-    result, names = [], set()
+    result: list[Any] = []
+    names: list[Any] = []
     for number, sub in enumerate(tree):
         name = sub.get("name", number) if isinstance(sub, dict) else number
         result.append(read_table(kind, sub, _join(place, str(name)), problems))
         if name in names:
             problems.add(_join(place, str(name)), "the name is used twice")
-        names.add(name)
+        names.append(name)
     return tuple(result)
 
 

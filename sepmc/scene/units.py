@@ -23,6 +23,12 @@ UNITS: dict[str, dict[str, float]] = {
 _SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reverse=True)
 
 
+def unit_text(suffix: str) -> str:
+    """A suffix as a person writes it: ``deg_s`` is deg/s, ``kg_m2`` is kg m2, and none is 1."""
+    head, _, last = suffix.rpartition("_")
+    return f"{head}{'/' if last in ('s', 's2', 'h') else ' '}{last}" if head else suffix or "1"
+
+
 def split_unit(key: str) -> tuple[str, str]:
     """Split ``mass_kg`` into ``("mass", "kg")``; a key without a known unit gives ``(key, "")``."""
     for suffix in _SUFFIXES:
