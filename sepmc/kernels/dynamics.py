@@ -68,7 +68,10 @@ def aerodynamics(t, y, b, m, w):
     """Aerodynamic force and moment about the centre of mass of body b, body axes, N and N m."""
     p = body_params(b)
     speed, alpha, beta = air_angles(air_velocity(y, b, m, w))
-    density, _, _ = us1976(height(t, y, b, m, w))
+    altitude = height(t, y, b, m, w)
+    density, _, _ = us1976(altitude)
+    if math.isnan(density) and math.isfinite(altitude):
+        w[m.work + at.LEFT_AIR] = 1.0
     force_c, moment_c = _coefficients(b, alpha, beta, m, w)
     qs = 0.5 * density * speed * speed * w[p + at.AREA]
     force = aero_force(qs * w[p + at.FORCE_FACTOR], force_c)

@@ -6,8 +6,7 @@ import numpy as np
 
 from sepmc.kernels import layout as at
 from sepmc.kernels._jit import stage
-from sepmc.kernels.atmosphere import TOP
-from sepmc.kernels.dynamics import height, set_attitudes
+from sepmc.kernels.dynamics import set_attitudes
 from sepmc.kernels.observe import body_outcomes, full_row, joint_residual, separation, separation_row
 from sepmc.kernels.places import motor_params, motor_work, phase_params, phase_rows
 from sepmc.kernels.prepare import set_inertias, set_initial_state, set_joints, set_motors
@@ -18,6 +17,7 @@ OK, NEVER_RELEASED, INVALID_INPUT, OUTSIDE_ATMOSPHERE, SINGULAR_JOINT, NOT_FINIT
 NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
 
 _ROOT = 1e-13  # s: a release is located when Newton's next correction is below this
+_TOUCH = 1e-12  # m: a phase that begins this close to its stroke has reached it (the gap of a locked joint is round-off)
 _GRAIN = 1e-12  # s: two times closer than this are one
 
 
@@ -56,15 +56,11 @@ def _normalise(y, m):
 
 
 @stage
-def _health(t, t_next, y0, y1, m, w):
-    """OK, or why the state y1 cannot be used: where the atmosphere ends it has no density, and the state is not finite."""
-    for n in range(y1.shape[0]):
-        if not math.isfinite(y1[n]):
-            for b in range(m.n_bodies):
-                before, after = height(t, y0, b, m, w), height(t_next, y0, b, m, w)
-                if m.atmosphere != at.NO_ATMOSPHERE and not (min(before, after) >= 0.0 and max(before, after) <= TOP):
-                    return OUTSIDE_ATMOSPHERE
-            return NOT_FINITE
+def _health(y, m, w):
+    """OK, or why the state cannot be used. Outside the atmosphere there is no density, and the state is not finite."""
+    for n in range(y.shape[0]):
+        if not math.isfinite(y[n]):
+            return OUTSIDE_ATMOSPHERE if w[m.work + at.LEFT_AIR] != 0.0 else NOT_FINITE
     return OK
 
 
@@ -160,7 +156,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
         wanted = phase_rows(phase, m)
         _mark_releases(t, phase, outcomes, m)
         set_attitudes(y0, m, w)
-        fired = event >= 0 and separation(y0, event, m, w)[0] >= stroke
+        fired = event >= 0 and separation(y0, event, m, w)[0] >= stroke - _TOUCH
         if level == FULL_HISTORY and t < phase_end and not fired:
             _set_burning(t + _GRAIN, m, w)
             rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
@@ -175,7 +171,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                 singular = not first_stage(t, y0, k, phase, m, w) > 0.0
                 pivot = step(t, length, y0, y1, scratch, k, rk, phase, m, w)
                 steps += 1
-                status = SINGULAR_JOINT if singular else _health(t, t_next, y0, y1, m, w)
+                status = SINGULAR_JOINT if singular else _health(y1, m, w)
                 if status == OK and not pivot > 0.0:
                     status = SINGULAR_JOINT
                 if status != OK:

@@ -31,8 +31,8 @@ WRENCH_COLUMNS = 15  # per joint in a full history: force and moment on both bod
 
 
 # Scratch of a case, behind its parameters in one array `w`. Fixed head, then blocks per body, motor, joint, constraint row.
-ORIGIN, ORIGIN_VELOCITY, AIR = 0, 3, 6
-WORK_HEAD = 9
+ORIGIN, ORIGIN_VELOCITY, AIR, LEFT_AIR = 0, 3, 6, 9  # the last: set once a height was outside the atmosphere
+WORK_HEAD = 10
 # per body: inertia, its inverse, attitude (9 each); load: force in ground axes, moment less w x J w in body axes; acceleration:
 # linear in ground axes, angular in body axes
 TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL = 0, 9, 18, 27, 33
