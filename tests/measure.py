@@ -36,7 +36,7 @@ def table3(campaign):
 
 
 def table1():
-    history = sepmc.load("table1.toml").simulate()
+    history = sepmc.load("table1.toml", {"solver.formulation": "full"}).simulate()  # the wrench on each stage is solved for
 
     def vector(name, unit):
         return history[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy()
@@ -48,11 +48,11 @@ def table1():
     after = history[history["phase"] != "locked"]
     wrench = np.abs(np.hstack([force_u, force_l, moment_u, moment_l])[free]).max()
     margin = (after["upper_axial_acceleration_m_s2"] - after["lower_axial_acceleration_m_s2"]).min()
-    line("Table 1: release", "0.260 +- 0.005 s", f"{history.attrs['outcomes']['release_time_s']:.5f} s")
-    line("Table 1: largest abs(F_upper + F_lower)", "round-off", f"{np.abs(force_u + force_l).max():.1e} N")
-    line("Table 1: largest abs(M_u + M_l + (r_l - r_u) x F_l)", "<= 1e-9 N m", f"{np.abs(balance).max():.1e} N m")
-    line("Table 1: largest wrench after release", "0", f"{wrench:g}")
-    line("Table 1: least extra deceleration of the lower stage after unlock", "> 0", f"{margin:.3f} m/s2")
+    line("Table 1 (full): release", "0.260 +- 0.005 s", f"{history.attrs['outcomes']['release_time_s']:.5f} s")
+    line("Table 1 (full): largest abs(F_upper + F_lower)", "round-off", f"{np.abs(force_u + force_l).max():.1e} N")
+    line("Table 1 (full): largest abs(M_u + M_l + (r_l - r_u) x F_l)", "<= 1e-9 N m", f"{np.abs(balance).max():.1e} N m")
+    line("Table 1 (full): largest wrench after release", "0", f"{wrench:g}")
+    line("Table 1 (full): least extra deceleration of the lower stage after unlock", "> 0", f"{margin:.3f} m/s2")
 
 
 def agreement(campaign):

@@ -6,9 +6,10 @@ import pytest
 import sepmc
 
 
-@pytest.fixture(scope="module")
-def history():
-    return sepmc.load("table1.toml").simulate()
+@pytest.fixture(scope="module", params=["reduced", "full"])
+def history(request):
+    """By both formulations: in the full one the wrench on each stage is solved for, and eq (15) is an outcome."""
+    return sepmc.load("table1.toml", {"solver.formulation": request.param}).simulate()
 
 
 def vector(history, name, unit):

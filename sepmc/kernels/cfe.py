@@ -6,13 +6,16 @@ from sepmc.kernels.layout import (
     ACCEL,
     ATTITUDE,
     AXES_B,
+    FORCE_A,
     FORCE_B,
     FULL,
     GAP,
     GAP_RATE,
     INVERSE,
+    JOINT_WORK,
     LOAD,
     MASS,
+    MOMENT_A,
     MOMENT_B,
     POSITION,
     RATE,
@@ -285,7 +288,9 @@ def solve_full(y, wanted, m, w):
             w[body_work(b, m) + ACCEL + i] = w[m.rhs_w + 6 * b + i]
     for j in range(m.n_joints):
         first, at = m.rhs_w + 6 * m.n_bodies + 12 * j, joint_work(j, m)
+        vec3.put(w, at + FORCE_A, vec3.get(w, first))
         vec3.put(w, at + FORCE_B, vec3.get(w, first + 3))
+        vec3.put(w, at + MOMENT_A, vec3.get(w, first + 6))
         vec3.put(w, at + MOMENT_B, vec3.get(w, first + 9))
     return pivot
 
@@ -296,12 +301,24 @@ def solve_motion(y, wanted, m, w):
     if m.formulation == FULL:
         return solve_full(y, wanted, m, w)
     for j in range(m.n_joints):
-        vec3.put(w, joint_work(j, m) + FORCE_B, (0.0, 0.0, 0.0))
-        vec3.put(w, joint_work(j, m) + MOMENT_B, (0.0, 0.0, 0.0))
+        for i in range(FORCE_B, JOINT_WORK):
+            w[joint_work(j, m) + i] = 0.0
     free_motion(m, w)
     held = 0
     for k in range(6 * m.n_joints):
         held += m.table[wanted + k]
     if held == 0:
         return 1.0
-    return solve_reduced(build_rows(y, wanted, m, w), m, w)
+    pivot = solve_reduced(build_rows(y, wanted, m, w), m, w)
+    for j in range(m.n_joints):
+        _react(j, m, w)
+    return pivot
+
+
+@stage
+def _react(j, m, w):
+    """Wrench on A from that on B, by action and reaction: what the virtual work of the rows gives (paper eq 15)."""
+    at = joint_work(j, m)
+    force_b, moment_b = vec3.get(w, at + FORCE_B), vec3.get(w, at + MOMENT_B)
+    vec3.put(w, at + FORCE_A, vec3.scale(-1.0, force_b))
+    vec3.put(w, at + MOMENT_A, vec3.scale(-1.0, vec3.add(moment_b, vec3.cross(vec3.get(w, at + GAP), force_b))))

@@ -40,9 +40,10 @@ BODY_WORK = 39
 # per motor: unit thrust, its moment about the centre of mass (body axes), and whether it burns in this stretch of time
 THRUST_LINE, THRUST_MOMENT, BURNING = 0, 3, 6
 MOTOR_WORK = 7
-# per joint: lever arms on A and B (body axes), joint axes carried by B (body axes), gap and its rate, force and moment on B (ground axes)
-RHO_A, RHO_B, AXES_B, GAP, GAP_RATE, FORCE_B, MOMENT_B = 0, 3, 6, 15, 18, 21, 24
-JOINT_WORK = 27
+# per joint: lever arms on A and B (body axes), joint axes carried by B (body axes), gap and its rate, force and moment on B at
+# r_B and on A at r_A (ground axes)
+RHO_A, RHO_B, AXES_B, GAP, GAP_RATE, FORCE_B, MOMENT_B, FORCE_A, MOMENT_A = 0, 3, 6, 15, 18, 21, 24, 27, 30
+JOINT_WORK = 33
 # per constraint row: direction e or 0, lever arms on A and B (body axes), n or 0 (ground axes), right-hand side, joint
 ROW_E, ROW_A, ROW_B, ROW_N, ROW_GAMMA, ROW_JOINT = 0, 3, 6, 9, 12, 13
 ROW_WORK = 14

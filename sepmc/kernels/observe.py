@@ -76,11 +76,7 @@ def full_row(t, y, phase, row, m, w):
         k += at.STATE_COLUMNS
     for j in range(m.n_joints):
         ra, work = attitude(first_body(j, m), m, w), joint_work(j, m)
-        d, force_b, moment_b = vec3.get(w, work + at.GAP), vec3.get(w, work + at.FORCE_B), vec3.get(w, work + at.MOMENT_B)
-        moment_a = vec3.sub(vec3.scale(-1.0, moment_b), vec3.cross(d, force_b))
-        vec3.put(row, k, vec3.unrotate(ra, vec3.scale(-1.0, force_b)))
-        vec3.put(row, k + 3, vec3.unrotate(ra, moment_a))
-        vec3.put(row, k + 6, vec3.unrotate(ra, force_b))
-        vec3.put(row, k + 9, vec3.unrotate(ra, moment_b))
-        vec3.put(row, k + 12, vec3.unrotate(ra, d))
+        order = (at.FORCE_A, at.MOMENT_A, at.FORCE_B, at.MOMENT_B, at.GAP)
+        for i in range(5):
+            vec3.put(row, k + 3 * i, vec3.unrotate(ra, vec3.get(w, work + order[i])))
         k += at.WRENCH_COLUMNS
