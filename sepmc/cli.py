@@ -18,7 +18,8 @@ from sepmc import __version__
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sepmc.campaign import Campaign, Result
+    from sepmc.campaign import Campaign
+    from sepmc.result import Result
 
 _SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460."
@@ -67,7 +68,7 @@ def campaign(
             raise click.UsageError("--resume and --overwrite exclude each other")
         loaded = _load(file, settings)
         from sepmc import store
-        from sepmc.campaign import check_threads
+        from sepmc.door import check_threads
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
@@ -111,7 +112,7 @@ def run(
     with _plain_errors(quiet):
         loaded = _load(file, settings)
         from sepmc import schema, store
-        from sepmc.campaign import check_every, warm_up
+        from sepmc.door import check_every, warm_up
 
         check_every(every_s, loaded.scene, "--every-s")
         case = loaded.nominal() if number is None else loaded.case(number, seed)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import sepmc
-from sepmc.campaign import _fly
+from sepmc.door import fly_block
 
 sys.path.insert(0, str(Path(__file__).parent))
 import oracle
@@ -81,9 +81,9 @@ def same_bits(campaign):
         "chunk 4096": campaign.with_settings({"run.chunk": 4096}).run(),
     }
     equal = {name: np.array_equal(table, other.to_pandas().drop(columns="status").to_numpy()) for name, other in others.items()}
-    drawn = base.to_pandas()[[c.name for c in campaign.input_columns]].to_numpy() * campaign._factors
-    reverse = _fly(campaign.plan, campaign._slots, drawn[::-1], 0, 0, 0).outcomes[::-1]
-    forward = _fly(campaign.plan, campaign._slots, drawn, 0, 0, 0).outcomes
+    drawn = base.to_pandas()[[c.name for c in campaign.input_columns]].to_numpy() * campaign.factors
+    reverse = fly_block(campaign.plan, campaign.slots, drawn[::-1], 0, 0, 0).outcomes[::-1]
+    forward = fly_block(campaign.plan, campaign.slots, drawn, 0, 0, 0).outcomes
     equal["case order reversed"] = np.array_equal(reverse, forward)
     line("same bits: " + ", ".join(equal), "yes", "yes" if all(equal.values()) else str(equal))
 

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from sepmc import cases
-from sepmc.campaign import Campaign, _fly
+from sepmc.campaign import Campaign
+from sepmc.door import fly_block
 from sepmc.kernels.batch import max_threads
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status, audit_columns
@@ -216,12 +217,12 @@ def test_same_bits_alone(table2, sample):
 
 
 def si_draws(campaign, count):
-    return cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign._factors
+    return cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
 
 
 def fly(campaign, draws):
     """Outcomes by name and statuses of cases given by their draws in SI."""
-    block = _fly(campaign.plan, campaign._slots, draws, 0, 0, 0)
+    block = fly_block(campaign.plan, campaign.slots, draws, 0, 0, 0)
     names = [*campaign.outcome_columns, *audit_columns()]
     return {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(names)}, block.status
 

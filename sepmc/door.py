@@ -1,0 +1,94 @@
+"""The Python side of the door: blocks of arrays in and out of compiled code, threads, compiling, and what a run may ask for."""
+
+import operator
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sepmc import schema
+from sepmc.compiler.plan import Plan
+from sepmc.scene.checks import MOST_ROWS
+from sepmc.scene.model import Scene
+from sepmc.schema import Status
+
+NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
+
+
+@dataclass
+class Block:
+    """Arrays a call of the door fills."""
+
+    outcomes: np.ndarray
+    status: np.ndarray
+    times: np.ndarray
+    phases: np.ndarray
+    history: np.ndarray
+    rows: np.ndarray
+
+
+def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
+    """One call of the door; draws (n, d) in SI."""
+    from sepmc.kernels.batch import fly  # noqa: PLC0415
+
+    n = len(draws)
+    outcomes = len(schema.outcome_columns(plan.bodies, list(plan.joints))) + len(schema.audit_columns())
+    block = Block(
+        np.full((n, outcomes), np.nan),
+        np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),
+        np.full((n, room), np.nan),
+        np.zeros((n, room), dtype=np.int64),
+        np.full((n, room, width), np.nan),
+        np.zeros(n, dtype=np.int64),
+    )
+    nominal = np.ascontiguousarray(plan.nominal)
+    fly(
+        plan.model, plan.tableau, nominal, slots, np.ascontiguousarray(draws),
+        block.outcomes, block.status, block.times, block.phases, block.history, block.rows, level,
+    )  # fmt: skip
+    return block
+
+
+def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """A whole number in range; raises ValueError with the name, the value and what is allowed."""
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} = {value!r}: must be a whole number") from None
+    if number < least or (most is not None and number > most):
+        raise ValueError(f"{name} = {number}: must be >= {least}" + (f" and <= {most}" if most is not None else ""))
+    return number
+
+
+def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
+    """Raise ValueError if a history cannot have a row every ``step_s``."""
+    most = 10 * MOST_ROWS
+    if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
+        raise ValueError(f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there are at most {most} rows")
+
+
+def check_threads(threads: int | None) -> int | None:
+    """``threads`` if this machine can use so many; raises ValueError otherwise."""
+    if threads is None:
+        return None
+    from sepmc.kernels.batch import max_threads  # noqa: PLC0415
+
+    if isinstance(threads, bool) or not 1 <= threads <= max_threads():
+        raise ValueError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
+    return threads
+
+
+def warm_up(plan: Plan, threads: int | None = None, announce: Callable[[str], None] | None = None) -> float:
+    """Compile the kernels, or load them from the disk cache, by flying no case. Returns the seconds it took."""
+    start = time.perf_counter()
+    from sepmc.kernels import _jit, batch  # noqa: PLC0415
+
+    if announce and not _jit.is_cached():
+        announce("compiling the kernels, once per version of sepmc (about half a minute) ...")
+    batch.use_threads(threads)
+    fly_block(plan, np.empty(0, dtype=np.int64), np.empty((0, 0)), 0, 0, NO_HISTORY)
+    return time.perf_counter() - start
