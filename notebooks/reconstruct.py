@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 import sepmc
 
 # Path in the campaign file, and the size of a step that matters. The start is what the campaign file holds.
+LEAST = {"environment.wind.speed_m_s": 0.0, "motor.retro.build_up_s": 0.001, "phase.guided.until.stroke_mm": 1.0}
 UPPER, LOWER = "body.upper.aerodynamics", "body.lower.aerodynamics"
 PARAMETERS = {
     f"{UPPER}.axial.const": 0.05,
@@ -41,10 +42,10 @@ PARAMETERS = {
     "initial.pitch_deg": 0.2,
     "initial.alpha_deg": 0.2,
 }
-SEEDS = (101, 202, 303, 404)  # not the seed of the campaign file, nor those of the tests
+SEEDS = (101, 202, 303, 404, 505, 606, 707, 808)  # not the seed of the campaign file, nor those of the tests
 CASES = 10_000
 RELEASE_S = 0.260  # printed, section 3.1: the pins leave their holes
-# A residual of 1 is: means 0.01 sigma, sigmas 1 %, extremes 0.15 sigma (what one seed differs from another), release 1 ms,
+# A residual of 1 is: means 0.01 sigma, sigmas 1 %, extremes 0.15 sigma (about what one seed differs from another), release 1 ms,
 # and one step of a parameter away from where it started counts PRIOR: what the data do not determine stays put.
 SCALES = {"dev_mean": 0.01, "dev_sigma": 0.01, "dev_min": 0.15, "dev_max": 0.15}
 PRIOR = 0.3
@@ -90,9 +91,17 @@ def release_time(x, table1):
     return table1.with_settings(single_run_settings(x)).simulate(step_s=0.5).attrs["outcomes"]["release_time_s"]
 
 
+def weights(table2):
+    """What makes a deviation a residual, in the order of `deviations`."""
+    return np.repeat([1.0 / scale for scale in SCALES.values()], len(table2.reference))
+
+
 def residuals(x, x0, table2, table1):
-    weight = np.repeat([1.0 / scale for scale in SCALES.values()], len(table2.reference))
-    table3 = deviations(x, table2).mean(axis=0) * weight
+    by_seed = deviations(x, table2)
+    middle, extremes = np.split(by_seed, [2 * len(table2.reference)], axis=1)
+    # Means and sigmas: averaged over the seeds. Extremes: root mean square over the seeds, so that their scatter counts as well;
+    # a long tail that gives the paper's extreme on average gives a wild one on some seed.
+    table3 = np.concatenate([middle.mean(axis=0), np.sqrt((extremes**2).mean(axis=0))]) * weights(table2)
     release = (release_time(x, table1) - RELEASE_S) / 0.001
     return np.concatenate([table3, [release], PRIOR * (x - x0) / np.array(list(PARAMETERS.values()))])
 
@@ -107,6 +116,7 @@ def fit(max_rounds=6, verbose=2):
         x0,
         args=(x0, table2, table1),
         x_scale=scale,
+        bounds=(np.array([LEAST.get(path, -np.inf) for path in PARAMETERS]), np.inf),
         diff_step=0.02 * scale / np.maximum(np.abs(x0), 1e-3),
         max_nfev=max_rounds,
         verbose=verbose,

@@ -13,7 +13,7 @@ import pandas as pd
 
 from sepmc import cases, schema, store
 from sepmc.chunks import Chunks
-from sepmc.compiler.plan import Plan, make_plan
+from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.door import FULL_HISTORY, check_every, check_threads, fly_block, warm_up, whole
 from sepmc.result import Result
 from sepmc.scene import parameters
@@ -97,7 +97,7 @@ class Campaign:
 
     @cached_property
     def input_columns(self) -> list[Column]:
-        return [Column(d.parameter.column, unit_text(d.parameter.unit), f"{d.parameter.key}, {d.law}") for d in self.file.dispersions]
+        return [Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence) for d in self.file.dispersions]
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
@@ -137,11 +137,12 @@ class Campaign:
         )
 
     def nominal(self) -> Case:
-        """The case without dispersion, number -1. Its zero of ``alpha_ref`` is pinned, so that every case shares it."""
+        """The case without dispersion, number -1. What all cases share is pinned: the zero of ``alpha_ref``, the sign of apart."""
         initial = self.scene.initial
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
-        return Case(-1, msgspec.structs.replace(self.scene, initial=initial), {})
+        joints = {name: msgspec.structs.replace(joint, apart=apart(self.scene, name)) for name, joint in self.scene.joint.items()}
+        return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def simulate(self, case: Case | None = None, step_s: float = 0.001) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
@@ -214,7 +215,7 @@ class Campaign:
             What to do with an existing ``out``: replace the run in it, or fly only its missing cases.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
-            Told once if kernels must be compiled.
+            Told what begins, and that kernels must be compiled if so.
 
         Raises
         ------
@@ -233,8 +234,11 @@ class Campaign:
         threads = check_threads(threads)
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
         done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
-        timing = {"compile": warm_up(self.plan, threads, announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
-        chunks = Chunks(self, seed, total, folder, timing)
+        if announce:
+            announce(f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}" + (f", into {folder}" if folder else ""))
+        timing = {"compile": warm_up(threads, announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
+        earlier = store.read_manifest(folder) if folder and len(done) else None
+        chunks = Chunks(self, seed, total, folder, timing, earlier)
         if folder:
             chunks.write_manifest(threads, complete=False)
         ranges = store.missing_ranges(total, done, settings.chunk)

@@ -1,12 +1,10 @@
 """The chunks of one run: each is drawn, flown, stored and counted; the manifest says how far the run got."""
 
 import os
-import platform
 import time
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,14 +21,24 @@ if TYPE_CHECKING:
 class Chunks:
     """The chunks of one run: draws, flies, stores and counts them."""
 
-    def __init__(self, campaign: "Campaign", seed: int, total: int, folder: Path | None, timing: dict[str, float]):
+    def __init__(
+        self,
+        campaign: "Campaign",
+        seed: int,
+        total: int,
+        folder: Path | None,
+        timing: dict[str, float],
+        earlier: dict[str, Any] | None = None,
+    ):
         self.campaign, self.seed, self.total, self.folder, self.timing = campaign, seed, total, folder, timing
         self.parts: list[dict[str, np.ndarray]] = []
         self.history_parts: list[dict[str, np.ndarray]] = []
         self.flown, self.failures, self.implausible = 0, 0, 0
+        self.earlier = earlier or {}  # the manifest of the run that is resumed
         self.started = datetime.now(UTC)
         joints = list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if campaign.scene.run.history_step > 0.0 and joints else []
+        self.about = {"campaign": campaign.name, "digest": campaign.digest, "seed": str(seed), "sepmc": __version__}
         self.labels = np.array([status.label for status in Status])
 
     def fly(self, first: int, end: int) -> None:
@@ -53,8 +61,8 @@ class Chunks:
                     Column("time_s", "s", "time since the start of the case"),
                     *self.separation,
                 ]
-                store.write_parquet(store.part_path(self.folder, store.HISTORIES, first), columns, history)
-            store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, part)
+                store.write_parquet(store.part_path(self.folder, store.HISTORIES, first), columns, history, self.about)
+            store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, part, self.about)
         t3 = clock()
         for stage, seconds in (("sample", t1 - t0), ("kernel", t2 - t1), ("write", t3 - t2)):
             self.timing[stage] += seconds
@@ -86,32 +94,38 @@ class Chunks:
             campaign.name, campaign.file.title, campaign.scene, campaign.file.dispersions, campaign.file.reference, tree
         )
         store.write_text(self.folder / store.CAMPAIGN, resolved.toml)
+        held, failed = store.cases_held(self.folder, Status.OK.label)
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
             "seed": self.seed,
             "cases": self.total,
             "complete": complete,
-            "cases_flown_by_this_command": self.flown,
-            "failures": self.failures,
-            "notes": self.notes,
+            "cases_held": held,
+            "failures": failed,
+            "implausible_inertias": self.earlier.get("implausible_inertias", 0) + self.implausible,
+            "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
+        }
+        store.write_json(self.folder / store.MANIFEST, manifest)
+
+    def _session(self, threads: int | None) -> dict[str, Any]:
+        """What this command did, on what."""
+        return {
+            "cases_flown": self.flown,
             "started": self.started.isoformat(timespec="seconds"),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
             "threads": threads or os.cpu_count(),
-            "sepmc": __version__,
-            "versions": {"python": platform.python_version(), **{p: version(p) for p in ("numpy", "numba", "pandas", "pyarrow")}},
-            "machine": f"{platform.machine()} {platform.system()}",
+            **store.versions(),
         }
-        store.write_json(self.folder / store.MANIFEST, manifest)
 
     @property
     def notes(self) -> list[str]:
-        if not self.implausible:
+        broken = self.earlier.get("implausible_inertias", 0) + self.implausible
+        flown = self.earlier.get("cases_held", 0) + self.flown
+        if not broken:
             return []
-        return [
-            f"{self.implausible} of {self.flown} drawn cases have an inertia that breaks the triangle inequality, which no solid body has"
-        ]
+        return [f"{broken} of {flown} drawn cases have an inertia that breaks the triangle inequality, which no solid body has"]
 
     def result(self, resumed: bool) -> Result:
         campaign = self.campaign

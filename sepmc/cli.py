@@ -1,6 +1,6 @@
 """The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
 
-Exit codes: 0 done, 2 bad input (nothing was flown), 130 interrupted.
+Exit codes: 0 done, 1 flown but no case reached the end, 2 bad input (nothing was flown), 130 interrupted.
 """
 
 import sys
@@ -33,10 +33,19 @@ _QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
-    """Monte Carlo of multi-body stage separation by the constraint force equation method."""
+    """Monte Carlo of multi-body stage separation by the constraint force equation method.
+
+    \b
+    Examples:
+      sepmc campaign table2.toml --set body.upper.mass_kg=460 --out runs/heavy
+      sepmc run runs/heavy --case 17
+
+    FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit codes: 0 done, 1 flown but no
+    case reached the end, 2 bad input, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
+    """
 
 
-@main.command()
+@main.command(short_help="Fly the dispersed cases of FILE into a run folder.")
 @click.argument("file")
 @click.option("--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
@@ -73,7 +82,6 @@ def campaign(
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
         n = cases or loaded.scene.run.cases
-        say(f"{loaded.name}: {loaded.file.title or 'no title'}; {n} cases into {folder}")
         with _progress(n, quiet) as progress:
             try:
                 result = loaded.run(cases, seed, threads, folder, overwrite=overwrite, resume=resume, progress=progress, announce=say)
@@ -83,10 +91,13 @@ def campaign(
         for note in result.notes:
             click.echo(f"warning: {note}", err=True)
         say(_timing_line(result))
-        _report(folder, loaded, result.to_pandas(), result.histories(), say, plots=not no_plots)
+        flown = _report(folder, loaded, result.to_pandas(), result.histories(), say, plots=not no_plots)
+    if not flown:
+        click.echo("error: no case was flown to the end; see the column status", err=True)
+        sys.exit(1)
 
 
-@main.command()
+@main.command(short_help="Fly one case of FILE and write its time history.")
 @click.argument("file")
 @click.option("--case", "number", type=click.IntRange(min=0), help="Dispersed case to fly; default the nominal.")
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the case, instead of the file's.")
@@ -115,10 +126,11 @@ def run(
         from sepmc.door import check_every, warm_up
 
         check_every(every_s, loaded.scene, "--every-s")
+        _check_held(Path(file), number, seed)
         case = loaded.nominal() if number is None else loaded.case(number, seed)
         folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
         store.open_folder(folder, overwrite, resumable=False)
-        seconds = warm_up(loaded.plan, None, say)
+        seconds = warm_up(None, say)
         start = time.perf_counter()
         history = loaded.simulate(case, every_s)
         seconds_flown = time.perf_counter() - start
@@ -128,13 +140,14 @@ def run(
         manifest = {
             "campaign": loaded.name,
             "digest": loaded.digest,
-            "case": case.number,
+            "case": None if number is None else number,
+            "seed": None if number is None else loaded.scene.run.seed if seed is None else seed,
             "inputs": case.inputs,
             "status": history.attrs["status"],
             "outcomes": history.attrs["outcomes"],
             "bodies": loaded.plan.bodies,
             "joints": list(loaded.plan.joints),
-            "sepmc": __version__,
+            **store.versions(),
         }
         store.write_json(folder / store.MANIFEST, manifest)
         say(f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {history.attrs['status']}")
@@ -150,15 +163,20 @@ def run(
         say(f"wrote {folder}")
 
 
-@main.command()
+@main.command(short_help="Statistics of RUN again, from its files alone.")
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 def stats(folder: Path) -> None:
     """Compute and print the statistics of RUN again, from its files alone."""
     with _plain_errors(False):
         from sepmc import store
 
+        if store.read_history(folder) is not None:
+            raise store.StoreError(f"{folder}: is a single run, which has no statistics")
+        manifest = store.read_manifest(folder)
         frame = store.read_cases(folder)
-        _report(folder, _load(str(folder), ()), frame, None, click.echo, plots=False)
+        if not manifest.get("complete", True):
+            click.echo(f"warning: the run is not complete: {len(frame)} of {manifest.get('cases')} cases", err=True)
+        _report(folder, _load(str(folder), (), warn=False), frame, None, click.echo, plots=False)
 
 
 @main.command()
@@ -175,7 +193,7 @@ def plot(folder: Path) -> None:
             written = run_figures(history, folder, manifest["bodies"], manifest["joints"])
         else:
             frame = store.read_cases(folder)
-            written = _figures(folder, _load(str(folder), ()), frame, store.read_histories(folder))
+            written = _figures(folder, _load(str(folder), (), warn=False), frame, store.read_histories(folder))
         for path in written:
             click.echo(path)
 
@@ -218,7 +236,17 @@ def list_campaigns() -> None:
         click.echo(f"{name:24s} {tomllib.loads(path.read_text(encoding='utf-8')).get('title', '')}")
 
 
-def _load(file: str, settings: tuple[str, ...]) -> "Campaign":
+def _check_held(file: Path, number: int | None, seed: int | None) -> None:
+    """A case replayed from a run folder must be one that the run holds."""
+    from sepmc import store
+
+    if number is not None and seed is None and (file / store.MANIFEST).is_file():
+        held = store.read_manifest(file).get("cases")
+        if isinstance(held, int) and number >= held:
+            raise store.StoreError(f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them")
+
+
+def _load(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign":
     """Read and validate, before anything is written."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.read import parse_setting
@@ -229,7 +257,7 @@ def _load(file: str, settings: tuple[str, ...]) -> "Campaign":
         from sepmc.campaign import load
 
         loaded = load(file, given)
-    for warning in caught:
+    for warning in caught if warn else ():
         click.echo(f"warning: {warning.message}", err=True)
     return loaded
 
@@ -301,8 +329,8 @@ def _timing_line(result: "Result") -> str:
 
 def _report(
     folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None", say: Callable[[str], None], plots: bool
-) -> None:
-    """Statistics to the screen and to files, and figures if wanted."""
+) -> int:
+    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases flown to the end."""
     from sepmc import store
     from sepmc.analysis.statistics import statistics, status_counts, summary_text
     from sepmc.schema import Status
@@ -320,13 +348,17 @@ def _report(
     if plots:
         _figures(folder, loaded, frame, histories)
     say(f"wrote {folder}")
+    return counts.get(Status.OK.label, 0)
 
 
 def _figures(folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None") -> list[Path]:
     from sepmc.report.figures import campaign_figures
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
-    return campaign_figures(frame, histories, folder, units, loaded.reference)
+    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    of_joints = [name for name in units if "separation_" in name or name.endswith("release_time_s")]
+    outcomes = None if loaded.reference else [*of_joints, *(name for name in units if name not in of_joints)]
+    return campaign_figures(frame, histories, folder, units, loaded.reference, outcomes=outcomes, source=source)
 
 
 if __name__ == "__main__":

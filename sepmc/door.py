@@ -82,13 +82,15 @@ def check_threads(threads: int | None) -> int | None:
     return threads
 
 
-def warm_up(plan: Plan, threads: int | None = None, announce: Callable[[str], None] | None = None) -> float:
-    """Compile the kernels, or load them from the disk cache, by flying no case. Returns the seconds it took."""
+def warm_up(threads: int | None = None, announce: Callable[[str], None] | None = None) -> float:
+    """Make the kernels ready: load them from the disk cache, after compiling them there if need be. Returns the seconds it took."""
     start = time.perf_counter()
-    from sepmc.kernels import _jit, batch  # noqa: PLC0415
+    from sepmc.kernels import batch  # noqa: PLC0415
 
-    if announce and not _jit.is_cached():
-        announce("compiling the kernels, once per version of sepmc (about half a minute) ...")
     batch.use_threads(threads)
-    fly_block(plan, np.empty(0, dtype=np.int64), np.empty((0, 0)), 0, 0, NO_HISTORY)
+    if not batch.is_compiled():
+        if announce:
+            announce("compiling the kernels, once per installation (about 40 s) ...")
+        batch.compile_apart()
+    batch.compile_door()
     return time.perf_counter() - start

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from sepmc.campaign import Campaign, Case
 
 
-@dataclass
+@dataclass(repr=False)
 class Result:
     """What a campaign gave. ``timing`` is in seconds by stage: compile, sample, kernel, write."""
 
@@ -22,6 +22,10 @@ class Result:
     seed: int
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {label}" for label, count in self.status_counts.items())
+        return f"<Result of {self.campaign.name}, seed {self.seed}: {counts}{f', in {self.folder}' if self.folder else ''}>"
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per case: case, status, inputs (``in_...``), outcomes and audit columns."""

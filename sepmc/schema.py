@@ -18,6 +18,7 @@ class Status(IntEnum):
     NOT_FINITE = 5
     NO_ROOT = 6
     NOT_FLOWN = 7
+    UNRESOLVED = 8
 
     @property
     def label(self) -> str:
@@ -36,6 +37,7 @@ _SENTENCES = {
     Status.SINGULAR_JOINT: "the constraint force equations are singular: are constraints redundant, or axes parallel?",
     Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",
     Status.NO_ROOT: "the release could not be located in its step: shorten solver.step_s",
+    Status.UNRESOLVED: "the attitude drifted off unit length in a step, so the step is too long for this motion: shorten solver.step_s",
     Status.NOT_FLOWN: "the kernel did not reach this case",
 }
 
@@ -70,6 +72,7 @@ _JOINT = (
 _AUDIT = (
     ("joint_gap_residual_m", "m", "largest violation of a translation constraint over the constrained phases", 1.0),
     ("joint_angle_residual_rad", "rad", "largest violation of a rotation constraint over the constrained phases", 1.0),
+    ("attitude_drift", "1", "largest departure of a quaternion from unit length in one step, before it is normalised", 1.0),
     ("steps", "1", "integration steps taken", 1.0),
 )
 _STATE = (

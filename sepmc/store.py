@@ -3,9 +3,11 @@
 import json
 import math
 import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +16,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from sepmc import __version__
 from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 _OURS = (CASES, HISTORIES)
-_FIGURES = ("hist_*", "histograms", "separation*", "force_on_*", "moment_on_*", "rates", "angles", "axial_acceleration")
+_FIGURES = ("hist_*", "histograms", "*separation*", "force_on_*", "moment_on_*", "rates", "angles", "axial_acceleration")
 _OUR_FILES = (MANIFEST, CAMPAIGN, "statistics.csv", "statistics.json", "history.parquet", *(f"{name}.png" for name in _FIGURES))
 
 
@@ -107,8 +110,18 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def table(columns: list[Column], data: dict[str, Any]) -> pa.Table:
-    """An Arrow table whose fields carry unit and meaning in their metadata."""
+def versions() -> dict[str, Any]:
+    """What made a run: versions and machine."""
+    packages = {name: version(name) for name in ("numpy", "numba", "pandas", "pyarrow")}
+    return {
+        "sepmc": __version__,
+        "versions": {"python": platform.python_version(), **packages},
+        "machine": f"{platform.machine()} {platform.system()}",
+    }
+
+
+def table(columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None) -> pa.Table:
+    """An Arrow table whose fields carry unit and meaning in their metadata, and which itself says what it is ``about``."""
     fields, arrays = [], []
     for column in columns:
         values = data[column.name]
@@ -117,15 +130,15 @@ def table(columns: list[Column], data: dict[str, Any]) -> pa.Table:
             array = array.dictionary_encode()
         fields.append(pa.field(column.name, array.type, metadata={"unit": column.unit, "meaning": column.meaning}))
         arrays.append(array)
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
 
 
-def write_parquet(path: Path, columns: list[Column], data: dict[str, Any]) -> None:
+def write_parquet(path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None) -> None:
     """Write one Parquet file atomically. Dictionary encoding only where text repeats: floats take 7 times longer with it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(path.name + ".tmp")
     text = [c.name for c in columns if isinstance(data[c.name], np.ndarray) and data[c.name].dtype.kind in "OUT"]
-    pq.write_table(table(columns, data), temporary, compression="zstd", use_dictionary=text or False)
+    pq.write_table(table(columns, data, about), temporary, compression="zstd", use_dictionary=text or False)
     os.replace(temporary, path)
 
 
@@ -143,6 +156,13 @@ def cases_done(folder: Path) -> np.ndarray:
         return np.sort(np.concatenate([pq.read_table(part, columns=["case"])["case"].to_numpy() for part in parts]))
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{folder}/{CASES}: cannot be read: {error}") from None
+
+
+def cases_held(folder: Path, ok: str) -> tuple[int, int]:
+    """Number of cases a run folder holds, and how many of them have another status than ``ok``."""
+    parts = sorted((folder / CASES).glob("part-*.parquet"))
+    statuses = [pq.read_table(part, columns=["status"])["status"].to_pylist() for part in parts]
+    return sum(map(len, statuses)), sum(status != ok for part in statuses for status in part)
 
 
 def read_cases(folder: Path) -> pd.DataFrame:
@@ -198,6 +218,8 @@ def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[in
 def write_statistics(folder: Path, stats: pd.DataFrame, counts: dict[str, int], of: dict[str, str]) -> None:
     """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit. What is not a number is null."""
     frame = stats.copy()
+    for name in {"case_min", "case_max"} & set(frame.columns):
+        frame[name] = frame[name].astype("Int64")
     frame.insert(0, "unit", [of.get(str(name), "") for name in frame.index])
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
     rows = {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in frame.to_dict("index").items()}

@@ -21,7 +21,7 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     (MASS, "mass_kg = nan", ["body.upper.mass_kg = nan", "must be finite"]),
     (MASS, "mass_kg = inf", ["body.upper.mass_kg = inf", "must be finite"]),
     (MASS, "mass_kg = '458'", ["body.upper.mass_kg = '458'", "must be a number"]),
-    (MASS, "mass_kg = true", ["body.upper.mass_kg = True", "must be a number"]),
+    (MASS, "mass_kg = true", ["body.upper.mass_kg = true", "must be a number"]),
     (MASS, "mass_kg = [458.0]", ["body.upper.mass_kg = [458.0]", "must be a number"]),
     (MASS, MASS + "\nmass_g = 458e3", ["body.upper.mass_g", "given twice", "'mass_kg'"]),
     (INERTIA, "inertia_kg_m2 = [-1.0, 156.3, 157.2]", ["body.upper.inertia_kg_m2 = [-1.0, 156.3, 157.2]", "positive definite"]),
@@ -70,6 +70,14 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     ('"body.upper.mass_kg" = { uniform = 20.0 }', '"body.upper.mass_kg" = { uniform = 500.0 }', ["body.upper.mass_kg", "-42", "> 0"]),
     ("upper_roll_deg =", "uper_roll_deg =", ["reference.outcome.uper_roll_deg", "did you mean 'upper_roll_deg'"]),
     ("sigma = 0.6716", "sigma = -1.0", ["reference.outcome.upper_alpha_ref_deg.sigma = -1.0", "must be > 0"]),
+    (
+        'joints = { pins = "fixed" }',
+        "joints = {}",
+        ["phase.guided.joints.pins = 'slider'", "not named in a phase is free", "cannot take hold again"],
+    ),
+    ('name = "free"', 'name = "free"\njoints = { pins = "fixed" }', ["phase.free.joints.pins = 'fixed'", "it is 'slider'"]),
+    ('joints = { pins = "fixed" }', 'joints = { pins = "welded" }', ["phase.locked.joints.pins = 'welded'", "fixed, slider, free"]),
+    ("build_up_s =", "build_upp_s =", ["motor.retro.build_upp_s", "did you mean 'build_up_s'"]),
     (MASS, "mass_t = 1e308", ["body.upper.mass_t", "finite"]),  # overflows to inf kg and is flown
     (MASS, f"mass_g = 1{'0' * 400}", ["body.upper.mass_g"]),  # OverflowError
     (MASS, f"mass_kg = 1{'0' * 5000}", ["bad.toml", "digits"]),  # the file is not named

@@ -64,8 +64,10 @@ def test_run_folder(campaign):
     assert told["digest"] == loaded.digest == package.load("table2").digest
     assert (told["campaign"], told["seed"], told["cases"], told["complete"], told["failures"]) == ("table2", 2019, CASES, True, 0)
     assert (loaded.scene.run.cases, loaded.scene.run.seed) == (CASES, 2019)
-    assert set(told["timing_s"]) == {"compile", "sample", "kernel", "write"}
-    assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(told["versions"])
+    (session,) = told["sessions"]
+    assert set(session["timing_s"]) == {"compile", "sample", "kernel", "write"}
+    assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(session["versions"])
+    assert (told["cases_held"], session["cases_flown"]) == (CASES, CASES)
     table = pd.read_csv(campaign / "statistics.csv", index_col="outcome")
     assert table.loc["upper_roll_deg", "max"] == pytest.approx(frame["upper_roll_deg"].max(), rel=1e-12)
 
@@ -114,7 +116,9 @@ def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, 
     fly(tmp_path / "whole", "--cases", cases)
     same(copied, tmp_path / "whole")
     assert (copied / "statistics.csv").read_bytes() == (tmp_path / "whole" / "statistics.csv").read_bytes()
-    assert (manifest(copied)["cases"], manifest(copied)["complete"], manifest(copied)["cases_flown_by_this_command"]) == (cases, True, 20)
+    told = manifest(copied)
+    assert (told["cases"], told["complete"], told["cases_held"], told["failures"]) == (cases, True, cases, 0)
+    assert [session["cases_flown"] for session in told["sessions"]] == [CASES, 20]
 
 
 def interrupt(monkeypatch, *arguments):

@@ -40,14 +40,27 @@ def run_folder(tmp_path_factory):
 def test_every_column_has_unit_and_meaning(run_folder):
     schema = pq.read_schema(run_folder / "cases" / "part-0000000000.parquet")
     inputs = [name for name in schema.names if name.startswith("in_")]
-    assert schema.names == ["case", "status", *inputs, *OUTCOMES, "joint_gap_residual_m", "joint_angle_residual_rad", "steps"]
+    assert schema.names == [
+        "case",
+        "status",
+        *inputs,
+        *OUTCOMES,
+        "joint_gap_residual_m",
+        "joint_angle_residual_rad",
+        "attitude_drift",
+        "steps",
+    ]
     assert len(inputs) == len(sepmc.load("table2").file.dispersions)
     for field in schema:
         unit, meaning = field.metadata[b"unit"].decode(), field.metadata[b"meaning"].decode()
         assert len(meaning) >= 10, field.name
         said = next((u for pattern, u in UNIT if re.search(pattern, field.name)), None)
         assert said is None or said == unit, field.name
-        assert said or field.name in ("case", "status", "joint_angle_residual_rad", "steps") or field.name.endswith("_factor"), field.name
+        assert (
+            said
+            or field.name in ("case", "status", "joint_angle_residual_rad", "attitude_drift", "steps")
+            or field.name.endswith("_factor")
+        ), field.name
     for field in pq.read_schema(run_folder / "histories" / "part-0000000004.parquet"):
         assert field.metadata[b"unit"]
         assert field.metadata[b"meaning"]

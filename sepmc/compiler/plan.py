@@ -197,9 +197,7 @@ def _model(scene: Scene, starts: tuple[int, int, int, int], terms: np.ndarray, s
         size_w=rhs_w + unknowns,
         **table_starts,
         table=np.array([x for table in tables.values() for x in table], dtype=np.int64),
-        numbers=np.array(
-            [x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), _apart(scene, j))], dtype=float
-        ),
+        numbers=np.array([x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))], dtype=float),
     )
 
 
@@ -229,10 +227,12 @@ def _axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
     return np.concatenate([x, y, np.cross(x, y)])
 
 
-def _apart(scene: Scene, name: str) -> float:
+def apart(scene: Scene, name: str) -> int:
     """Sign that makes the separation positive when the second body moves away from the first along the joint's x axis."""
     joint = scene.joint[name]
+    if joint.apart is not None:
+        return joint.apart
     first, second = (scene.body[b].cg for b in joint.bodies)
     x = _axes(joint.x_axis, joint.y_axis)[:3]
     toward_second = (first[0] - second[0]) * x[0] + (second[1] - first[1]) * x[1] + (second[2] - first[2]) * x[2]
-    return 1.0 if toward_second >= 0.0 else -1.0
+    return 1 if toward_second >= 0.0 else -1

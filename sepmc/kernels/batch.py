@@ -1,9 +1,16 @@
 """The door: one parallel call flies a block of cases. Nothing raises inside; every case leaves a status."""
 
+import os
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
 from numba import get_num_threads, prange, set_num_threads
 
-from sepmc.kernels._jit import config, door
+from sepmc.kernels._jit import config, door, is_cached
 from sepmc.kernels.flight import fly_case
+from sepmc.kernels.layout import Model, Tableau
 
 
 @door
@@ -15,6 +22,35 @@ def fly(m, rk, nominal, slots, draws, outcomes, status, times, phases, history, 
     """
     for i in prange(draws.shape[0]):
         status[i], rows[i] = fly_case(m, rk, nominal, slots, draws[i], outcomes[i], times[i], phases[i], history[i], level)
+
+
+def compile_door() -> None:
+    """Compile the door, or load it from the disk cache, by flying no case of an empty scene: its types are those of any scene."""
+    integers, numbers = np.zeros(0, dtype=np.int64), np.zeros(0)
+    counts: list[Any] = [0] * (len(Model._fields) - 2)
+    scene = Model._make([*counts, integers, numbers])
+    method = Tableau(np.zeros((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 1)), 1.0, 0.0)
+    table, codes, block = np.zeros((0, 0)), np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0, 0))
+    fly(scene, method, numbers, integers, table, table, integers, table, codes, block, integers, 0)
+
+
+def compile_apart() -> bool:
+    """Compile the door into the disk cache in a process of its own. Returns whether that worked.
+
+    Code as compiled in a process and the same code loaded from the cache can differ in the last bit (the linker picks other
+    copies of inlined functions). Every campaign flies what the cache holds, so that every run of a case gives the same bits.
+    """
+    program = [sys.executable, "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        return subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+def is_compiled() -> bool:
+    """Whether the disk cache holds the door."""
+    return is_cached(fly)
 
 
 def max_threads() -> int:

@@ -25,7 +25,7 @@ AXIAL, NORMAL, SIDE, ROLLING, YAWING, PITCHING = 0, 1, 2, 3, 4, 5
 STATE = 13  # per body: position 3, velocity 3, quaternion 4, angular rate 3
 POSITION, VELOCITY, QUATERNION, RATE = 0, 3, 6, 10
 
-BODY_OUTCOMES, JOINT_OUTCOMES, AUDIT = 9, 3, 3
+BODY_OUTCOMES, JOINT_OUTCOMES, AUDIT = 9, 3, 4
 STATE_COLUMNS = 7  # per body in a full history: position, velocity, axial acceleration
 WRENCH_COLUMNS = 15  # per joint in a full history: force and moment on both bodies, gap
 

@@ -22,6 +22,14 @@ from sepmc.analysis.statistics import OK, percentile_curves, rounded
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 BANDS = (("min", "max", "#dce9f5", "min to max"), ("p1", "p99", "#a9cdea", "1 to 99 %"), ("p5", "p95", "#6aa7d6", "5 to 95 %"))
 CURVES = (("separation_speed_m_s", "axial separation speed", "m/s"), ("separation_distance_mm", "axial separation distance", "mm"))
+
+
+def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
+    """Separation columns of every joint in a frame: (column, prefix of its joint or "", words, unit)."""
+    names = [str(name) for name in frame.columns]
+    return [(name, name.removesuffix(stem), words, unit) for stem, words, unit in CURVES for name in names if name.endswith(stem)]
+
+
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))  # dashed and dash-dot as in Fig 7
 SAMPLES = 5  # single cases drawn into the bands
@@ -45,6 +53,7 @@ def campaign_figures(
     reference: Mapping[str, Mapping[str, float]] | None = None,
     labels: Mapping[str, str] | None = None,
     outcomes: Sequence[str] | None = None,
+    source: str = "reference",
 ) -> list[Path]:
     """Draw a campaign: separation over time as bands over the cases (Figs 8, 9), and the outcomes as histograms (Figs 10, 11).
 
@@ -64,6 +73,8 @@ def campaign_figures(
         For the axes; by default the column's name without its unit.
     outcomes : sequence of str, optional
         Columns to draw; by default those of ``reference`` or, without one, of ``units``. One without a finite value is left out.
+    source : str
+        What the reference is called in legends, e.g. ``"Table 3"``.
 
     Returns
     -------
@@ -76,10 +87,11 @@ def campaign_figures(
     written = []
     if histories is not None:
         histories = histories[histories["case"].isin(flown["case"])]
-        for column, words, unit in CURVES:
-            if column in histories and histories[column].notna().any():
-                label = f"{labels.get(column, words)} ({units.get(column, unit)})"
-                written.append(_bands(histories, column, label, folder / f"{words.removeprefix('axial ').replace(' ', '_')}.png"))
+        for column, joint, words, unit in _curves(histories):
+            if histories[column].notna().any():
+                label = f"{labels.get(column, _words(joint) + words)} ({units.get(column, unit)})"
+                file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}.png"
+                written.append(_bands(histories, column, label, folder / file))
     chosen = list(outcomes if outcomes is not None else reference or units)
     values = {name: flown[name].to_numpy(dtype=float, na_value=np.nan) for name in chosen if name in flown}
     values = {name: x[np.isfinite(x)] for name, x in values.items() if np.isfinite(x).any()}
@@ -90,7 +102,7 @@ def campaign_figures(
         columns = min(3, len(names)) if file == "histograms.png" else 1
         figure, axes = _sheet(-(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4))
         for ax, name in zip(axes, names, strict=False):
-            _histogram(ax, values[name], words_of[name], units.get(name, ""), reference.get(name, {}))
+            _histogram(ax, values[name], words_of[name], units.get(name, ""), reference.get(name, {}), source)
         for ax in axes[len(names) :]:
             ax.remove()
         written.append(_save(figure, folder / file))
@@ -135,12 +147,17 @@ def run_figures(history: pd.DataFrame, folder: Path, bodies: Sequence[str], join
         for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
             stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
             panels = [Panel(f"{kind} at {_words(j)} ({shown})", components(stem, unit, symbol), BY_COMPONENT) for j, stem in stems.items()]
-            page(f"{kind}_on_{body}.png", f"Constraint {kind} on {_words(body)}", panels)
+            page(f"{kind}_on_{body}.png", f"Constraint {kind} on {_words(body)}, in the axes of the joint's first body", panels)
     rates = [Panel(f"{_words(body)} (deg/s)", components(f"{body}_omega", "deg_s", r"\omega"), BY_COMPONENT) for body in bodies]
     page("rates.png", "Angular rates in body axes", rates)
     page("angles.png", "Attitude", [of_bodies(f"{angle}_deg", f"{angle} (deg)") for angle in ("alpha", "pitch", "yaw", "roll")], 2)
-    page("axial_acceleration.png", "Axial acceleration", [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")])
-    page("separation.png", "Separation", [Panel(f"{words} ({unit})", [(name, "")], ((BLUE, "-"),)) for name, words, unit in CURVES])
+    page(
+        "axial_acceleration.png",
+        "Axial acceleration of the centre of mass, gravity included",
+        [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
+    )
+    curves = [Panel(f"{_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),)) for name, joint, words, unit in _curves(history)]
+    page("separation.png", "Separation", curves)
     return written
 
 
@@ -202,7 +219,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     return _save(figure, path)
 
 
-def _histogram(ax: Axes, x: np.ndarray, words: str, unit: str, reference: Mapping[str, float]) -> None:
+def _histogram(ax: Axes, x: np.ndarray, words: str, unit: str, reference: Mapping[str, float], source: str) -> None:
     """Density histogram of finite values x, shape (n,), n >= 1, with the normal density of equal mean and sigma, and the reference."""
     spread = np.ptp(x) > 1e-12 * np.abs(x).max()  # below that it is round-off, and the edges of the bins would coincide
     mean, sigma = x.mean(), x.std(ddof=1) if spread else 0.0 if x.size > 1 else np.nan
@@ -215,7 +232,7 @@ def _histogram(ax: Axes, x: np.ndarray, words: str, unit: str, reference: Mappin
     else:  # a density of equal values does not exist
         ax.axvline(x[0], color=BLUE, linewidth=4, label="all cases")
         ax.set_yticks([])
-    for names, style, text in ((("mean",), "--", "reference mean"), (("min", "max"), ":", "reference min and max")):
+    for names, style, text in ((("mean",), "--", f"{source} mean"), (("min", "max"), ":", f"{source} min and max")):
         for name in names:
             if np.isfinite(reference.get(name, np.nan)):
                 ax.axvline(reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text)

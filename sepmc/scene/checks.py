@@ -25,6 +25,7 @@ def check_scene(scene: Scene, problems: Problems) -> None:
     for name, joint in scene.joint.items():
         _check_joint(name, joint, scene, problems)
     _check_phases(scene, problems)
+    _check_releases(scene, problems)
     _check_initial(scene, problems)
     _check_histories(scene, problems)
 
@@ -101,6 +102,20 @@ def _check_phases(scene: Scene, problems: Problems) -> None:
             if until.time >= end and not is_last:
                 problems.add(f"{place}.until.time_s", f"must be < run.end_time_s = {end:g}, or the next phase never begins", until.time)
             last_time = max(last_time, until.time)
+
+
+_HOLDS = {"free": 0, "slider": 5, "fixed": 6}  # constrained axes
+
+
+def _check_releases(scene: Scene, problems: Problems) -> None:
+    """A joint may let go from phase to phase, never take hold again: contact and capture are not modelled."""
+    for joint in scene.joint:
+        kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
+        for before, after, first, then in zip(scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False):
+            if _HOLDS[then] > _HOLDS[first]:
+                unnamed = "" if joint in before.joints else " (a joint not named in a phase is free)"
+                said = f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take hold again"
+                problems.add(f"phase.{after.name}.joints.{joint}", said, then)
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:

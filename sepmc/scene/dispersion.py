@@ -24,6 +24,12 @@ class Dispersion:
     weights: tuple[float, ...] = ()
 
     @property
+    def sentence(self) -> str:
+        """The law in words: ``body.upper.mass_kg: uniform (438, 478)``."""
+        weights = f", weights ({', '.join(f'{x:g}' for x in self.weights)})" if self.weights else ""
+        return f"{self.parameter.key}: {self.law} ({', '.join(f'{x:g}' for x in self.numbers)}){weights}"
+
+    @property
     def support(self) -> tuple[float, float]:
         """Smallest and largest value the law can give."""
         if self.law == "normal":

@@ -28,7 +28,7 @@ class Problems(list[str]):
 
 
 def shorten(value: object, limit: int = 60) -> str:
-    text = repr(value)
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 

@@ -88,6 +88,9 @@ class Joint(_Table, frozen=True, kw_only=True):
     point: Point
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
+    apart: Literal[1, -1] | None = (
+        None  # sign of r_B - r_A along x_axis that counts as apart; None: toward the second nominal centre of mass
+    )
 
 
 class Until(_Table, frozen=True, kw_only=True):

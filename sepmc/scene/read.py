@@ -39,7 +39,7 @@ class CampaignFile:
     @property
     def toml(self) -> str:
         """The resolved campaign as TOML text."""
-        return tomli_w.dumps(self.tree)
+        return tomli_w.dumps({"name": self.name, **self.tree})
 
 
 def shipped_campaigns() -> dict[str, Path]:

@@ -1,13 +1,14 @@
 """A TOML tree to a table of the model: keys with units in, SI out, every problem named with its place."""
 
+import difflib
 import math
 import re
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import msgspec
 
 from sepmc.scene.fields import Field, convert, fields_of, to_si
-from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.messages import Problems
 from sepmc.scene.units import split_unit
 
 _TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
@@ -23,15 +24,17 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
     accepted = {key: (field, factor) for field in fields.values() for key, factor in field.keys.items()}
     values: dict[str, Any] = {}
     seen: dict[str, str] = {}
+    misspelt: set[str] = set()
     count = len(problems)
     for key, value in tree.items():
         if key not in accepted:
-            problems.add(_join(place, key), _unknown_key(key, fields, accepted))
-            seen[split_unit(key)[0]] = key  # named once already, not "missing" as well
-            seen[key] = key
+            meant, said = _unknown_key(key, fields)
+            problems.add(_join(place, key), said)
+            seen.setdefault(meant, key)  # named once already: not "missing" as well
+            misspelt.add(meant)
             continue
         field, factor = accepted[key]
-        if field.name in values or field.name in seen:
+        if field.name in values or (field.name in seen and field.name not in misspelt):
             problems.add(_join(place, key), f"given twice, also as {seen[field.name]!r}")
             continue
         seen[field.name] = key
@@ -53,6 +56,8 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
         return _read_array(field.array_of_tables, value, place, problems)
     if field.quantity.components and isinstance(value, dict):
         value = _components(field, value, factor, place, problems)
+    if get_origin(field.bare) is dict and isinstance(value, dict):
+        return _read_items(field, value, place, problems)
     scaled = to_si(value, factor)
     if not _finite(scaled) and not (field.name == "burn" and value == math.inf):
         problems.add(place, "must be finite", value)
@@ -60,12 +65,22 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
     result, allowed = convert(scaled, field.type)
     if allowed:
         problems.add(place, allowed, value)
-    if field.bare == dict[str, float] and result is not None:
-        for term in result:
-            if not _TERM.match(term):
-                problems.add(
-                    _join(place, term), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2"
-                )
+    return result
+
+
+def _read_items(field: Field, tree: dict[str, Any], place: str, problems: Problems) -> dict[str, Any]:
+    """A table whose keys are free: the terms of a polynomial, or the joints of a phase."""
+    kind = get_args(field.bare)[1]
+    result = {}
+    for key, value in tree.items():
+        if kind is float and not _TERM.match(key):
+            problems.add(_join(place, key), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2")
+        elif not _finite(value):
+            problems.add(_join(place, key), "must be finite", value)
+        else:
+            result[key], allowed = convert(to_si(value, 1.0), kind)
+            if allowed:
+                problems.add(_join(place, key), allowed, value)
     return result
 
 
@@ -104,15 +119,23 @@ def _read_array(kind: type[msgspec.Struct], tree: Any, place: str, problems: Pro
     return tuple(result)
 
 
-def _unknown_key(key: str, fields: dict[str, Field], accepted: dict[str, Any]) -> str:
+def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
+    """The field that was probably meant, and what to say of a key that is none."""
     stem, unit = split_unit(key)
     field = fields.get(stem) or fields.get(key)
     if field is None:
-        return "unknown key; " + nearest(key, accepted, [next(iter(f.keys)) for f in fields.values()])
+        # the nearest name that has this unit, so that following the hint does not change the value's meaning
+        same_unit = {f"{name}_{unit}": name for name, f in fields.items() if unit in f.units}
+        others = {next(iter(f.keys)): name for name, f in fields.items()}
+        for known in (same_unit, others):
+            match = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+            if match:
+                return known[match[0]], f"unknown key; did you mean {match[0]!r}?"
+        return key, "unknown key; known here: " + ", ".join(others)
     if not field.units:
-        return f"has no unit; write {field.name!r}"
+        return field.name, f"has no unit; write {field.name!r}"
     problem = f"{unit!r} is not a unit of {field.quantity.kind}" if unit else "the unit is missing"
-    return f"{problem}; allowed: " + ", ".join(field.keys)
+    return field.name, f"{problem}; allowed: " + ", ".join(field.keys)
 
 
 def _missing(field: Field) -> str:
