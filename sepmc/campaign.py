@@ -14,7 +14,7 @@ import pandas as pd
 from sepmc import cases, schema, store
 from sepmc.chunks import Chunks
 from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.door import FULL_HISTORY, check_every, check_threads, fly_block, warm_up, whole
+from sepmc.door import FULL_HISTORY, check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.model import Scene
@@ -154,6 +154,7 @@ class Campaign:
             the case and its ``status``.
         """
         check_every(step_s, self.scene)
+        warm_up()
         plan = make_plan((case or self.nominal()).scene, history_step=step_s)
         columns = schema.history_columns(plan.bodies, plan.joints)
         room = int(plan.scene.run.end_time / step_s) + 2 * len(plan.phases) + 4
@@ -236,8 +237,9 @@ class Campaign:
         done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
         if announce:
             announce(f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}" + (f", into {folder}" if folder else ""))
-        timing = {"compile": warm_up(threads, announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
+        timing = {"compile": warm_up(announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
         earlier = store.read_manifest(folder) if folder and len(done) else None
+        use_threads(threads)
         chunks = Chunks(self, seed, total, folder, timing, earlier)
         if folder:
             chunks.write_manifest(threads, complete=False)

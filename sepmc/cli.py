@@ -130,7 +130,7 @@ def run(
         case = loaded.nominal() if number is None else loaded.case(number, seed)
         folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
         store.open_folder(folder, overwrite, resumable=False)
-        seconds = warm_up(None, say)
+        seconds = warm_up(say)
         start = time.perf_counter()
         history = loaded.simulate(case, every_s)
         seconds_flown = time.perf_counter() - start

@@ -82,12 +82,18 @@ def check_threads(threads: int | None) -> int | None:
     return threads
 
 
-def warm_up(threads: int | None = None, announce: Callable[[str], None] | None = None) -> float:
+def use_threads(threads: int | None) -> None:
+    """Fly on this many threads from now on, or on all."""
+    from sepmc.kernels import batch  # noqa: PLC0415
+
+    batch.use_threads(threads)
+
+
+def warm_up(announce: Callable[[str], None] | None = None) -> float:
     """Make the kernels ready: load them from the disk cache, after compiling them there if need be. Returns the seconds it took."""
     start = time.perf_counter()
     from sepmc.kernels import batch  # noqa: PLC0415
 
-    batch.use_threads(threads)
     if not batch.is_compiled():
         if announce:
             announce("compiling the kernels, once per installation (about 40 s) ...")
