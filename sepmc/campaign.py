@@ -17,6 +17,7 @@ from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.door import FULL_HISTORY, check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.result import Result
 from sepmc.scene import parameters
+from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
 from sepmc.scene.units import unit_text
@@ -107,7 +108,7 @@ class Campaign:
     def columns(self) -> list[Column]:
         """Columns of the case table."""
         head = [Column("case", "1", "number of the case"), Column("status", "", "ok, or why the case failed")]
-        return [*head, *self.input_columns, *self.outcome_columns, *schema.audit_columns()]
+        return [*head, *self.input_columns, *schema.result_columns(self.plan.bodies, list(self.plan.joints))]
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -163,7 +164,7 @@ class Campaign:
         data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}
         data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
-        found = [*schema.outcome_columns(plan.bodies, list(plan.joints)), *schema.audit_columns()]
+        found = schema.result_columns(plan.bodies, list(plan.joints))
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": {c.name: float(x * c.scale) for c, x in zip(found, block.outcomes[0], strict=True)},
@@ -185,9 +186,9 @@ class Campaign:
                     path: drawn[:, place[path]] * self.factors[place[path]] if path in place else parameters.value(self.scene, path)
                     for path in (prefix + part for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True) for part in parts)
                 }
-                tensors = np.moveaxis(_tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
-                low, middle, high = np.linalg.eigvalsh(tensors).T
-                broken |= (low > 0.0) & (low + middle < high * (1.0 - 1e-9))
+                tensors = np.moveaxis(tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
+                principal = np.linalg.eigvalsh(tensors)
+                broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
         return int(np.count_nonzero(broken))
 
     def run(
@@ -275,8 +276,3 @@ class Campaign:
 
 
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
-
-
-def _tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
-    """Inertia tensors from arrays of moments and products; shape (3, 3, n)."""
-    return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])

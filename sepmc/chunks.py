@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ import numpy as np
 from sepmc import __version__, cases, schema, store
 from sepmc.door import NO_HISTORY, SEPARATION_HISTORY, Block, fly_block
 from sepmc.result import Result
-from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column, Status
 
 if TYPE_CHECKING:
@@ -33,8 +33,9 @@ class Chunks:
         self.campaign, self.seed, self.total, self.folder, self.timing = campaign, seed, total, folder, timing
         self.parts: list[dict[str, np.ndarray]] = []
         self.history_parts: list[dict[str, np.ndarray]] = []
-        self.flown, self.failures, self.implausible = 0, 0, 0
+        self.flown, self.failures = 0, 0
         self.earlier = earlier or {}  # the manifest of the run that is resumed
+        self.implausible = self.earlier.get("implausible_inertias", 0)
         self.started = datetime.now(UTC)
         joints = list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if campaign.scene.run.history_step > 0.0 and joints else []
@@ -76,7 +77,7 @@ class Chunks:
         campaign = self.campaign
         part: dict[str, np.ndarray] = {"case": np.arange(first, end), "status": self.labels[block.status].astype(object)}
         part |= {c.name: drawn[:, i] for i, c in enumerate(campaign.input_columns)}
-        found = [*campaign.outcome_columns, *schema.audit_columns()]
+        found = schema.result_columns(campaign.plan.bodies, list(campaign.plan.joints))
         part |= {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(found)}
         return part
 
@@ -90,10 +91,7 @@ class Chunks:
         assert self.folder is not None
         campaign = self.campaign
         tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed}}
-        resolved = CampaignFile(
-            campaign.name, campaign.file.title, campaign.scene, campaign.file.dispersions, campaign.file.reference, tree
-        )
-        store.write_text(self.folder / store.CAMPAIGN, resolved.toml)
+        store.write_text(self.folder / store.CAMPAIGN, replace(campaign.file, tree=tree).toml)
         held, failed = store.cases_held(self.folder, Status.OK.label)
         manifest = {
             "campaign": campaign.name,
@@ -103,7 +101,7 @@ class Chunks:
             "complete": complete,
             "cases_held": held,
             "failures": failed,
-            "implausible_inertias": self.earlier.get("implausible_inertias", 0) + self.implausible,
+            "implausible_inertias": self.implausible,
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
         store.write_json(self.folder / store.MANIFEST, manifest)
@@ -121,11 +119,8 @@ class Chunks:
 
     @property
     def notes(self) -> list[str]:
-        broken = self.earlier.get("implausible_inertias", 0) + self.implausible
-        flown = self.earlier.get("cases_held", 0) + self.flown
-        if not broken:
-            return []
-        return [f"{broken} of {flown} drawn cases have an inertia that breaks the triangle inequality, which no solid body has"]
+        note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
+        return [note] if note else []
 
     def result(self, resumed: bool) -> Result:
         campaign = self.campaign
@@ -139,6 +134,11 @@ class Chunks:
             table = _join(self.parts)
             history = _join(self.history_parts) if self.history_parts else None
         return Result(campaign, table, history, self.timing, self.seed, self.folder, self.notes)
+
+
+def implausible_note(broken: int, drawn: int) -> str:
+    """The sentence that counts inertias no solid body has; empty if there is none."""
+    return f"{broken} of {drawn} drawn cases have an inertia that breaks the triangle inequality, which no solid body has" if broken else ""
 
 
 def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

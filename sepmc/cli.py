@@ -206,6 +206,7 @@ def check(file: str, settings: tuple[str, ...]) -> None:
     with _plain_errors(False):
         loaded = _load(file, settings)
         from sepmc import cases
+        from sepmc.chunks import implausible_note
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
@@ -217,11 +218,9 @@ def check(file: str, settings: tuple[str, ...]) -> None:
             numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
             click.echo(f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) {dispersion.parameter.unit}")
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
-        broken = loaded.implausible_inertias(drawn)
-        if broken:
-            click.echo(
-                f"warning: {broken} of {settings_of_run.cases} drawn cases have an inertia that breaks the triangle inequality", err=True
-            )
+        note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
+        if note:
+            click.echo(f"warning: {note}", err=True)
         click.echo("can be flown")
 
 

@@ -34,7 +34,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
     from sepmc.kernels.batch import fly  # noqa: PLC0415
 
     n = len(draws)
-    outcomes = len(schema.outcome_columns(plan.bodies, list(plan.joints))) + len(schema.audit_columns())
+    outcomes = len(schema.result_columns(plan.bodies, list(plan.joints)))
     block = Block(
         np.full((n, outcomes), np.nan),
         np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),

@@ -103,6 +103,11 @@ def audit_columns() -> list[Column]:
     return _fill(_AUDIT, "", "")
 
 
+def result_columns(bodies: list[str], joints: list[str]) -> list[Column]:
+    """All that the kernel writes of a case, in its order: outcomes, then audit columns."""
+    return [*outcome_columns(bodies, joints), *audit_columns()]
+
+
 def separation_columns(joints: list[str]) -> list[Column]:
     """Columns of the stored histories after ``case`` and ``time_s``: speed and distance of every joint."""
     columns = []

@@ -35,18 +35,27 @@ def _check_known(place: str, name: str, known, what: str, problems: Problems) ->
         problems.add(place, f"no such {what}; {nearest(name, known)}", name)
 
 
+def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
+    """Inertia tensor from moments and products, numbers or arrays (n,); shape (3, 3) or (3, 3, n)."""
+    return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
+
+
 def inertia_tensor(body: Body) -> np.ndarray:
     """Inertia tensor of a body, kg m2, shape (3, 3)."""
-    (xx, yy, zz), (xy, xz, yz) = body.inertia, body.inertia_products
-    return body.inertia_factor * np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
+    return body.inertia_factor * tensor(*body.inertia, *body.inertia_products)
+
+
+def breaks_triangle(principal: np.ndarray) -> np.ndarray:
+    """Whether principal moments (..., 3), rising, break A + B >= C, which every solid body obeys (Goldstein, ch. 5)."""
+    return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 
 def inertia_fault(tensor: np.ndarray) -> str | None:
-    """Why no solid body can have this inertia, or None. Principal moments obey A + B >= C (Goldstein, ch. 5)."""
+    """Why no solid body can have this inertia, or None."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
         return f"must be positive definite; its smallest principal moment is {principal[0]:.6g} kg m2"
-    if principal[0] + principal[1] < principal[2] * (1.0 - 1e-9):
+    if breaks_triangle(principal):
         return (
             f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m2, which no solid body has"
         )

@@ -107,8 +107,6 @@ def convert(value: Any, kind: Any) -> tuple[Any, str | None]:
 def _options(kind: Any) -> list[str]:
     """What a choice may be, for the message."""
     bare, _ = _unwrap(kind)
-    if get_origin(bare) is dict:
-        bare = get_args(bare)[1]
     return [str(option) for option in get_args(bare)] if get_origin(bare) is Literal else []
 
 

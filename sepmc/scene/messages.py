@@ -32,10 +32,9 @@ def shorten(value: object, limit: int = 60) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-def nearest(word: str, known, listed=None) -> str:
-    """A phrase that names the nearest known word or, if none is near, all of them (or those of ``listed``)."""
+def nearest(word: str, known) -> str:
+    """A phrase that names the nearest known word or, if none is near, all of them."""
     match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     if match and match[0] != word:
         return f"did you mean {match[0]!r}?"
-    known = list(known if listed is None else listed)
-    return "known here: " + (", ".join(known) if known else "nothing")
+    return "known here: " + (", ".join(known) or "nothing")
