@@ -14,7 +14,8 @@ import pandas as pd
 from sepmc import cases, schema, store
 from sepmc.chunks import Chunks
 from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.door import FULL_HISTORY, check_every, check_threads, fly_block, use_threads, warm_up, whole
+from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
+from sepmc.kernels.layout import FULL_HISTORY
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -102,13 +103,13 @@ class Campaign:
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
-        return schema.outcome_columns(self.plan.bodies, list(self.plan.joints))
+        return schema.outcome_columns(self.plan.contents)
 
     @cached_property
     def columns(self) -> list[Column]:
         """Columns of the case table."""
         head = [Column("case", "1", "number of the case"), Column("status", "", "ok, or why the case failed")]
-        return [*head, *self.input_columns, *schema.result_columns(self.plan.bodies, list(self.plan.joints))]
+        return [*head, *self.input_columns, *schema.result_columns(self.plan.contents)]
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -157,14 +158,14 @@ class Campaign:
         check_every(step_s, self.scene)
         warm_up()
         plan = make_plan((case or self.nominal()).scene, history_step=step_s)
-        columns = schema.history_columns(plan.bodies, plan.joints)
+        columns = schema.history_columns(plan.contents)
         room = int(plan.scene.run.end_time / step_s) + 2 * len(plan.phases) + 4
         block = fly_block(plan, np.empty(0, dtype=np.int64), np.empty((1, 0)), room, len(columns), FULL_HISTORY)
         rows = int(block.rows[0])
         data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}
         data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
-        found = schema.result_columns(plan.bodies, list(plan.joints))
+        found = schema.result_columns(plan.contents)
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": {c.name: float(x * c.scale) for c, x in zip(found, block.outcomes[0], strict=True)},

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sepmc import __version__, cases, schema, store
-from sepmc.door import NO_HISTORY, SEPARATION_HISTORY, Block, fly_block
+from sepmc.door import Block, fly_block
+from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.result import Result
 from sepmc.schema import Column, Status
 
@@ -77,7 +78,7 @@ class Chunks:
         campaign = self.campaign
         part: dict[str, np.ndarray] = {"case": np.arange(first, end), "status": self.labels[block.status].astype(object)}
         part |= {c.name: drawn[:, i] for i, c in enumerate(campaign.input_columns)}
-        found = schema.result_columns(campaign.plan.bodies, list(campaign.plan.joints))
+        found = schema.result_columns(campaign.plan.contents)
         part |= {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(found)}
         return part
 

@@ -134,7 +134,7 @@ def run(
         start = time.perf_counter()
         history = loaded.simulate(case, every_s)
         seconds_flown = time.perf_counter() - start
-        meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.bodies, loaded.plan.joints)}
+        meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
         store.write_history(folder, history, meanings)
         store.write_text(folder / store.CAMPAIGN, loaded.file.toml)
         manifest = {
@@ -207,10 +207,11 @@ def check(file: str, settings: tuple[str, ...]) -> None:
         loaded = _load(file, settings)
         from sepmc import cases
         from sepmc.chunks import implausible_note
+        from sepmc.compiler.describe import lines
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
-        for line in loaded.plan.lines:
+        for line in lines(loaded.plan):
             click.echo("  " + line)
         click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")

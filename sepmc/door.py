@@ -14,8 +14,6 @@ from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
-NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
-
 
 @dataclass
 class Block:
@@ -34,7 +32,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
     from sepmc.kernels.batch import fly  # noqa: PLC0415
 
     n = len(draws)
-    outcomes = len(schema.result_columns(plan.bodies, list(plan.joints)))
+    outcomes = len(schema.result_columns(plan.contents))
     block = Block(
         np.full((n, outcomes), np.nan),
         np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),
@@ -45,7 +43,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
     )
     nominal = np.ascontiguousarray(plan.nominal)
     fly(
-        plan.model, plan.tableau, nominal, slots, np.ascontiguousarray(draws),
+        plan.model.scene, plan.model.table, plan.model.numbers, plan.tableau, nominal, slots, np.ascontiguousarray(draws),
         block.outcomes, block.status, block.times, block.phases, block.history, block.rows, level,
     )  # fmt: skip
     return block

@@ -1,7 +1,7 @@
 """Columns of a result (name, unit, meaning) and the status of a case with the sentence that explains it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 DEG = 180.0 / math.pi
@@ -19,6 +19,10 @@ class Status(IntEnum):
     NO_ROOT = 6
     NOT_FLOWN = 7
     UNRESOLVED = 8
+    INCONSISTENT_START = 9
+    OUTSIDE_TABLE = 10
+    JAMMED = 11
+    TOO_MANY_EVENTS = 12
 
     @property
     def label(self) -> str:
@@ -31,14 +35,19 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.OK: "flown to the end",
-    Status.NEVER_RELEASED: "a joint was still guiding at the end time: lengthen run.end_time_s or look at the separation force",
-    Status.INVALID_INPUT: "a mass is not positive or an inertia not positive definite: narrow the dispersion",
-    Status.OUTSIDE_ATMOSPHERE: "a body left 0 to 86 km, where the 1976 atmosphere is defined",
-    Status.SINGULAR_JOINT: "the constraint force equations are singular: are constraints redundant, or axes parallel?",
+    Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, at the end time: lengthen run.end_time_s "
+    "or look at the separation force",
+    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number not finite: narrow the dispersion",
+    Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
+    Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no length, or an axis parallel to another?",
     Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",
-    Status.NO_ROOT: "the release could not be located in its step: shorten solver.step_s",
-    Status.UNRESOLVED: "the attitude drifted off unit length in a step, so the step is too long for this motion: shorten solver.step_s",
+    Status.NO_ROOT: "an event could not be located in its step: shorten solver.step_s",
+    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, so the step is too long for this motion: shorten solver.step_s",
     Status.NOT_FLOWN: "the kernel did not reach this case",
+    Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does a rod or a joint to the ground allow it?",
+    Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not extrapolated: widen the table",
+    Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: look at J_jam_friction",
+    Status.TOO_MANY_EVENTS: "events followed each other without time passing",
 }
 
 
@@ -69,12 +78,37 @@ _JOINT = (
     ("separation_distance_mm", "mm", "gap at joint {0} along its x axis, positive apart", 1000.0),
     ("release_time_s", "s", "time at which joint {0} became free; NaN if it did not", 1.0),
 )
-_AUDIT = (
-    ("joint_gap_residual_m", "m", "largest violation of a translation constraint over the constrained phases", 1.0),
-    ("joint_angle_residual_rad", "rad", "largest violation of a rotation constraint over the constrained phases", 1.0),
-    ("attitude_drift", "1", "largest departure of a quaternion from unit length in one step, before it is normalised", 1.0),
-    ("steps", "1", "integration steps taken", 1.0),
+_LOADS = (
+    ("peak_force_N", "N", "greatest constraint force of {0}", 1.0),
+    ("peak_force_time_s", "s", "time of the greatest constraint force of {0}", 1.0),
+    ("force_impulse_N_s", "N s", "integral of the size of the constraint force of {0} over time", 1.0),
+    ("peak_moment_N_m", "N m", "greatest constraint moment of {0} on its second body at its joint point", 1.0),
+    ("peak_moment_time_s", "s", "time of the greatest constraint moment of {0}", 1.0),
+    ("moment_impulse_N_m_s", "N m s", "integral of the size of the constraint moment of {0} over time", 1.0),
 )
+_CLEARANCE = (
+    ("clearance_mm", "mm", "least distance between the outlines of {0} over the flight, not positive if they met", 1000.0),
+    ("clearance_time_s", "s", "time of the least distance of {0}", 1.0),
+    ("clearance_station_m", "m", "station of the nearest point of the first body of {0} at that time", 1.0),
+    ("clearance_y_m", "m", "layout y of the nearest point of the first body of {0} at that time", 1.0),
+    ("clearance_z_m", "m", "layout z of the nearest point of the first body of {0} at that time", 1.0),
+    ("recontact", "1", "1 if the outlines of {0} met, else 0", 1.0),
+)
+# Audit columns with the bound beyond which a case is not to be trusted (NaN: a number to know, without a bound).
+_AUDIT = (
+    ("joint_gap_residual_m", "m", "largest violation of a translation constraint at the end of a step", 1e-9),
+    ("joint_angle_residual_rad", "rad", "largest violation of a rotation constraint at the end of a step", 1e-9),
+    ("joint_gap_rate_residual_m_s", "m/s", "largest rate of violation of a translation constraint at the end of a step", 1e-8),
+    ("joint_angle_rate_residual_rad_s", "rad/s", "largest rate of violation of a rotation constraint at the end of a step", 1e-8),
+    ("attitude_drift", "1", "largest departure of a quaternion from unit length in one step, before it is normalised", 1e-6),
+    ("energy_residual", "1", "largest difference between kinetic energy gained and work of all loads, over their size", 1e-6),
+    ("smallest_pivot", "1", "smallest relative pivot of the constraint solve; small means joints that are nearly redundant", math.nan),
+    ("redundant_rows", "1", "constraint rows that follow from the others; joint forces are then those of least sum of squares", math.nan),
+    ("event_residual_s", "s", "largest uncertainty of the time of an event", 1e-9),
+    ("attitude_singular", "1", "1 if roll and pitch may have jumped: yaw near 90 deg, or more than a quarter turn in a step", math.nan),
+    ("steps", "1", "integration steps taken", math.nan),
+)
+AUDIT_BOUNDS = {name: bound for name, _, _, bound in _AUDIT if not math.isnan(bound)}
 _STATE = (
     ("x_m", "m", "centre of mass of {0}, ground x", 1.0),
     ("y_m", "m", "centre of mass of {0}, ground y: height", 1.0),
@@ -90,22 +124,50 @@ def _fill(rows, prefix: str, name: str) -> list[Column]:
     return [Column(prefix + stem, unit, meaning.format(name), scale) for stem, unit, meaning, scale in rows]
 
 
-def outcome_columns(bodies: list[str], joints: list[str]) -> list[Column]:
-    """Outcomes of a case, in kernel order. With a single joint its columns carry no joint name."""
-    columns = [column for body in bodies for column in _fill(_BODY, f"{body}_", body)]
-    for joint in joints:
-        columns += _fill(_JOINT, "" if len(joints) == 1 else f"{joint}_", joint)
+@dataclass(frozen=True)
+class Contents:
+    """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for, by joint or clearance."""
+
+    bodies: list[str]
+    joints: dict[str, tuple[str, str]]
+    loads: tuple[str, ...] = ()
+    guides: dict[str, int] = field(default_factory=dict)  # pins by joint
+    clearances: tuple[str, ...] = ()
+    tip_off: tuple[str, ...] = ()
+
+
+def outcome_columns(contents: Contents) -> list[Column]:
+    """Outcomes of a case, in kernel order. With a single joint the columns of its separation carry no joint name."""
+    columns = [column for body in contents.bodies for column in _fill(_BODY, f"{body}_", body)]
+    for joint in contents.joints:
+        columns += _fill(_JOINT, "" if len(contents.joints) == 1 else f"{joint}_", joint)
+    for joint in contents.loads:
+        columns += _fill(_LOADS, f"{joint}_", joint)
+    for joint, pins in contents.guides.items():
+        columns.append(Column(f"{joint}_time_in_guide_s", "s", f"time for which the pins of {joint} slid"))
+        for pin in range(1, pins + 1):
+            columns.append(Column(f"{joint}_pin{pin}_peak_load_N", "N", f"greatest lateral load of pin {pin} of {joint} at mouth or tip"))
+        meaning = f"least coefficient of friction at which the pins of {joint} would have jammed"
+        columns.append(Column(f"{joint}_jam_friction", "1", meaning))
+    for name in contents.clearances:
+        columns += _fill(_CLEARANCE, f"{name}_", name)
+    for joint in contents.tip_off:
+        for body in contents.joints[joint]:
+            if body in contents.bodies:
+                for axis, about in (("x", "roll"), ("y", "yaw"), ("z", "pitch")):
+                    meaning = f"{about} rate of {body} when {joint} became free"
+                    columns.append(Column(f"{joint}_tip_off_{body}_{axis}_deg_s", "deg/s", meaning, DEG))
     return columns
 
 
 def audit_columns() -> list[Column]:
     """Numbers that say how well a case was integrated, in kernel order."""
-    return _fill(_AUDIT, "", "")
+    return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
-def result_columns(bodies: list[str], joints: list[str]) -> list[Column]:
+def result_columns(contents: Contents) -> list[Column]:
     """All that the kernel writes of a case, in its order: outcomes, then audit columns."""
-    return [*outcome_columns(bodies, joints), *audit_columns()]
+    return [*outcome_columns(contents), *audit_columns()]
 
 
 def separation_columns(joints: list[str]) -> list[Column]:
@@ -116,10 +178,11 @@ def separation_columns(joints: list[str]) -> list[Column]:
     return columns
 
 
-def history_columns(bodies: list[str], joints: dict[str, tuple[str, str]]) -> list[Column]:
+def history_columns(contents: Contents) -> list[Column]:
     """Columns of the time history of one case after ``time_s`` and ``phase``, in kernel order."""
-    names = list(joints)
-    columns = [c for c in outcome_columns(bodies, names) if not c.name.endswith("release_time_s")]
+    bodies, joints = contents.bodies, contents.joints
+    columns = [column for body in bodies for column in _fill(_BODY, f"{body}_", body)]
+    columns += separation_columns(list(joints))
     for body in bodies:
         columns += _fill(_STATE, f"{body}_", body)
     for joint, pair in joints.items():

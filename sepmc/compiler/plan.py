@@ -5,27 +5,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sepmc.compiler import packing
+from sepmc.compiler.conditions import Conditions, make_conditions
+from sepmc.compiler.packing import Pool
 from sepmc.kernels import layout as at
 from sepmc.kernels.methods import method
-from sepmc.scene.model import Scene
+from sepmc.scene.contents import contents
+from sepmc.scene.kinds import Kinds, make_kinds
+from sepmc.scene.model import GROUND, Scene
 from sepmc.scene.parameters import value
+from sepmc.schema import Contents
 
-_ATMOSPHERE = {"none": at.NO_ATMOSPHERE, "us1976": at.US1976}
+_ATMOSPHERE = {"none": at.NO_ATMOSPHERE, "us1976": at.US1976, "table": at.AIR_TABLE}
 _GRAVITY = {"none": at.NO_GRAVITY, "constant": at.CONSTANT_GRAVITY, "inverse-square": at.INVERSE_SQUARE}
 _FORMULATION = {"reduced": at.REDUCED, "full": at.FULL}
-_COEFFICIENTS = {"axial": at.AXIAL, "normal": at.NORMAL, "side": at.SIDE, "roll": at.ROLLING, "yaw": at.YAWING, "pitch": at.PITCHING}
-# Constrained axes of a joint: translations x y z, rotations x y z. 1 marks an axis along or about which it holds.
-JOINT_ROWS = {"fixed": (1, 1, 1, 1, 1, 1), "slider": (0, 1, 1, 1, 1, 1), "free": (0, 0, 0, 0, 0, 0)}
+_DRIFT = {"none": at.NO_STABILISATION, "baumgarte": at.BAUMGARTE, "projection": at.PROJECTION}
+_FRAME = {"body": at.BODY_FRAME, "ground": at.GROUND_FRAME}
+_XYZ = ("x", "y", "z")
+
+
+def _vector(key: str, start: int, names: tuple[str, ...] = _XYZ) -> dict[str, int]:
+    return {f"{key}.{name}": start + i for i, name in enumerate(names)}
+
 
 _HEAD = {
     "environment.surface_gravity": at.SURFACE_GRAVITY,
     "environment.wind.speed": at.WIND_SPEED,
     "environment.wind.direction": at.WIND_DIRECTION,
+    "environment.density_factor": at.DENSITY_FACTOR,
     "initial.altitude": at.ALTITUDE,
     "initial.speed": at.SPEED,
-    "initial.omega.x": at.OMEGA,
-    "initial.omega.y": at.OMEGA + 1,
-    "initial.omega.z": at.OMEGA + 2,
+    **_vector("initial.omega", at.OMEGA),
     "initial.alpha": at.ALPHA,
     "initial.pitch": at.PITCH,
     "initial.yaw": at.YAW,
@@ -35,16 +45,10 @@ _HEAD = {
 }
 _BODY = {
     "mass": at.MASS,
-    "inertia.xx": at.INERTIA,
-    "inertia.yy": at.INERTIA + 1,
-    "inertia.zz": at.INERTIA + 2,
-    "inertia_products.xy": at.PRODUCTS,
-    "inertia_products.xz": at.PRODUCTS + 1,
-    "inertia_products.yz": at.PRODUCTS + 2,
+    **_vector("inertia", at.INERTIA, ("xx", "yy", "zz")),
+    **_vector("inertia_products", at.PRODUCTS, ("xy", "xz", "yz")),
     "inertia_factor": at.INERTIA_FACTOR,
-    "cg.x": at.CG,
-    "cg.y": at.CG + 1,
-    "cg.z": at.CG + 2,
+    **_vector("cg", at.CG),
 }
 _AERO = {
     "reference_area": at.AREA,
@@ -56,15 +60,37 @@ _MOTOR = {
     "thrust": at.THRUST,
     "build_up": at.BUILD_UP,
     "ignition": at.IGNITION,
+    "delay": at.IGNITION_DELAY,
     "burn": at.BURN,
+    "tail_off": at.TAIL_OFF,
     "station": at.STATION,
     "radius": at.RADIUS,
     "cant": at.CANT,
     "clock": at.CLOCK,
-    "offset.y": at.OFFSET,
-    "offset.z": at.OFFSET + 1,
+    **_vector("offset", at.OFFSET, ("y", "z")),
     "deflection": at.DEFLECTION,
     "deflection_clock": at.DEFLECTION_CLOCK,
+}
+_JOINT = {**_vector("point", at.POINT), "delay": at.DELAY, "fails": at.FAILS}
+_GUIDE = {
+    "circle": at.CIRCLE,
+    "clock": at.PIN_CLOCK,
+    "engaged": at.ENGAGED,
+    "friction": at.FRICTION,
+    "slip_speed": at.SLIP_SPEED,
+}
+_SPRING = {
+    **_vector("point", at.POINT),
+    "force": at.SPRING_FORCE,
+    "stiffness": at.STIFFNESS,
+    "damping": at.DAMPING,
+    "stroke": at.STROKE,
+}
+_LOAD = {
+    **_vector("force", at.LOAD_FORCE),
+    **_vector("moment", at.LOAD_MOMENT),
+    "start": at.LOAD_START,
+    "end": at.LOAD_END,
 }
 
 
@@ -72,7 +98,7 @@ _MOTOR = {
 class Plan:
     """What a kernel needs to fly a scene.
 
-    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
+    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI. ``bodies`` are those that move.
     """
 
     scene: Scene
@@ -83,140 +109,187 @@ class Plan:
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
     phases: list[str]
-
-    @property
-    def lines(self) -> list[str]:
-        """What the plan contains, for ``sepmc check``."""
-        m = self.model
-        rows = [sum(sum(JOINT_ROWS[kind]) for kind in phase.joints.values()) for phase in self.scene.phase]
-        found = [
-            f"bodies       {len(self.bodies)}: {', '.join(self.bodies)}",
-            f"joints       {len(self.joints)}: " + (", ".join(f"{j} ({a} - {b})" for j, (a, b) in self.joints.items()) or "none"),
-            f"motors       {m.n_motors}: " + (", ".join(motor.name for motor in self.scene.motor) or "none"),
-            f"atmosphere   {self.scene.environment.atmosphere}, {m.n_terms} aerodynamic terms",
-            f"gravity      {self.scene.environment.gravity}",
-            f"solver       {self.scene.solver.formulation}, {self.scene.solver.method}, step {self.scene.solver.step:g} s",
-        ]
-        for phase, count in zip(self.scene.phase, rows, strict=True):
-            until = phase.until
-            if until is None:
-                ends = f"{self.scene.run.end_time:g} s"
-            else:
-                parts = [f"{until.time:g} s"] if until.time is not None else []
-                parts += [f"{until.joint} at {1e3 * until.stroke:g} mm"] if until.stroke is not None else []
-                ends = " or ".join(parts)
-            found.append(f"phase        {phase.name}: {count} constraint rows, until {ends}")
-        return found
+    contents: Contents
 
 
 def make_plan(scene: Scene, history_step: float | None = None) -> Plan:
     """Pack a scene. ``history_step`` (s) overrides the one of ``run``."""
-    bodies, joints = list(scene.body), list(scene.joint)
-    motors_at = at.HEAD + at.BODY_SIZE * len(bodies)
-    joints_at = motors_at + at.MOTOR_SIZE * len(scene.motor)
-    phases_at = joints_at + at.JOINT_SIZE * len(joints)
-    terms_at = phases_at + at.PHASE_SIZE * len(scene.phase)
-
-    slots = dict(_HEAD)
-    for b, name in enumerate(bodies):
-        start = at.HEAD + at.BODY_SIZE * b
-        slots |= {f"body.{name}.{key}": start + offset for key, offset in _BODY.items()}
-        aero = scene.body[name].aerodynamics
-        if aero is not None:
-            slots |= {f"body.{name}.aerodynamics.{key}": start + offset for key, offset in _AERO.items()}
-            if aero.moment_point is not None:
-                slots |= {f"body.{name}.aerodynamics.moment_point.{axis}": start + at.MOMENT_POINT + i for i, axis in enumerate("xyz")}
-    for m, motor in enumerate(scene.motor):
-        slots |= {f"motor.{motor.name}.{key}": motors_at + at.MOTOR_SIZE * m + offset for key, offset in _MOTOR.items()}
-    for j, name in enumerate(joints):
-        slots |= {f"joint.{name}.point.{axis}": joints_at + at.JOINT_SIZE * j + i for i, axis in enumerate("xyz")}
-    terms, paths = _aero_terms(scene)
-    slots |= {path: terms_at + k for k, path in enumerate(paths)}
-
-    nominal = np.zeros(terms_at + len(terms))
-    nominal[phases_at:terms_at] = math.inf
-    for p, phase in enumerate(scene.phase):
-        start = phases_at + at.PHASE_SIZE * p
-        if phase.until is not None and phase.until.time is not None:
-            slots[f"phase.{phase.name}.until.time"] = start + at.UNTIL_TIME
-        if phase.until is not None and phase.until.stroke is not None:
-            slots[f"phase.{phase.name}.until.stroke"] = start + at.UNTIL_STROKE
-    for b in range(len(bodies)):
-        nominal[at.HEAD + at.BODY_SIZE * b + at.MOMENT_POINT] = math.nan
+    kinds = make_kinds(scene)
+    conditions = make_conditions(scene)
+    order = body_order(scene)
+    slots, nominal, starts = _parameters(scene, order, conditions)
     for path, slot in slots.items():
         nominal[slot] = value(scene, path)
     reference = scene.initial.path_reference
     nominal[at.PATH_REFERENCE] = scene.initial.pitch - scene.initial.alpha if reference is None else reference
-
-    model = _model(scene, (motors_at, joints_at, phases_at, terms_at), terms, len(nominal))
+    for i, motor in enumerate(scene.motor):
+        if motor.profile is not None and math.isinf(motor.burn):
+            nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
+    model = _model(scene, order, kinds, conditions, starts, len(nominal))
     rk = method(scene.solver.method)
     history = scene.run.history_step if history_step is None else history_step
     tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, scene.solver.step, history)
-    pairs = {j: scene.joint[j].bodies for j in joints}
-    return Plan(scene, model, tableau, nominal, slots, bodies, pairs, [phase.name for phase in scene.phase])
+    pairs = {j: joint.bodies for j, joint in scene.joint.items()}
+    return Plan(scene, model, tableau, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
 
 
-def _model(scene: Scene, starts: tuple[int, int, int, int], terms: np.ndarray, size_p: int) -> at.Model:
-    """The scene's structure, and the layout of a case's array: parameters first, then scratch."""
-    bodies, joints = list(scene.body), list(scene.joint)
-    unknowns = 6 * len(bodies) + 12 * len(joints)
-    tables = {
-        "motor_body_i": [bodies.index(motor.body) for motor in scene.motor],
-        "joint_bodies_i": [bodies.index(b) for j in joints for b in scene.joint[j].bodies],
-        "phase_rows_i": [flag for phase in scene.phase for j in joints for flag in JOINT_ROWS[phase.joints.get(j, "free")]],
-        "all_axes_i": [1] * (6 * len(joints)),
-        "phase_event_i": [joints.index(p.until.joint) if p.until and p.until.joint else -1 for p in scene.phase],
-        "terms_i": terms.ravel().tolist(),
+def body_order(scene: Scene) -> list[str]:
+    """Bodies in the order of a kernel: those that move, then the ground if anything names it."""
+    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
+    return [*scene.body, GROUND] if GROUND in named else list(scene.body)
+
+
+def _parameters(scene: Scene, order: list[str], conditions: Conditions) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
+    """Place of every parameter by path, a vector for their nominal values, and the starts of their blocks."""
+    sizes = {
+        "motors_p": at.MOTOR_SIZE * len(scene.motor),
+        "joints_p": at.JOINT_SIZE * len(scene.joint),
+        "springs_p": at.SPRING_SIZE * len(scene.spring),
+        "loads_p": at.LOAD_SIZE * len(scene.load),
+        "leaves_p": len(conditions.leaves),
+        "proximity_p": len(scene.proximity),
+        "terms_p": len(packing.aero_terms(scene)),
     }
-    lengths = [len(table) for table in tables.values()]
-    table_starts = dict(zip(tables, np.cumsum([0, *lengths[:-1]]).tolist(), strict=True))
-    motors_w = size_p + at.WORK_HEAD + at.BODY_WORK * len(bodies)
-    joints_w = motors_w + at.MOTOR_WORK * len(scene.motor)
-    rows_w = joints_w + at.JOINT_WORK * len(joints)
-    matrix_w = rows_w + at.ROW_WORK * 6 * len(joints)
-    rhs_w = matrix_w + unknowns**2
-    return at.Model(
-        n_bodies=len(bodies),
+    first = at.HEAD + at.BODY_SIZE * len(order)
+    ends = np.cumsum([first, *sizes.values()]).tolist()
+    starts = dict(zip(sizes, ends, strict=False))
+    nominal = np.zeros(ends[-1])
+
+    slots = dict(_HEAD)
+    unset: list[int] = []  # vectors that default to another point
+    for b, name in enumerate(scene.body):
+        start, aero = at.HEAD + at.BODY_SIZE * b, scene.body[name].aerodynamics
+        slots |= {f"body.{name}.{key}": start + offset for key, offset in _BODY.items()}
+        if aero is not None:
+            slots |= {f"body.{name}.aerodynamics.{key}": start + offset for key, offset in _AERO.items()}
+            slots |= _optional(f"body.{name}.aerodynamics.moment_point", aero.moment_point, start + at.MOMENT_POINT, unset)
+    for i, motor in enumerate(scene.motor):
+        start = starts["motors_p"] + at.MOTOR_SIZE * i
+        slots |= {f"motor.{motor.name}.{key}": start + offset for key, offset in _MOTOR.items()}
+    for i, (name, joint) in enumerate(scene.joint.items()):
+        start = starts["joints_p"] + at.JOINT_SIZE * i
+        slots |= {f"joint.{name}.{key}": start + offset for key, offset in _JOINT.items()}
+        slots |= _optional(f"joint.{name}.second_point", joint.second_point, start + at.SECOND_POINT, unset)
+        if joint.guide is not None:
+            slots |= {f"joint.{name}.guide.{key}": start + offset for key, offset in _GUIDE.items()}
+    for i, spring in enumerate(scene.spring):
+        start = starts["springs_p"] + at.SPRING_SIZE * i
+        slots |= {f"spring.{spring.name}.{key}": start + offset for key, offset in _SPRING.items()}
+        slots |= _optional(f"spring.{spring.name}.second_point", spring.second_point, start + at.SECOND_POINT, unset)
+    for i, load in enumerate(scene.load):
+        start = starts["loads_p"] + at.LOAD_SIZE * i
+        slots |= {f"load.{load.name}.{key}": start + offset for key, offset in _LOAD.items()}
+        slots |= _optional(f"load.{load.name}.point", load.point, start + at.LOAD_POINT, unset)
+    for i, leaf in enumerate(conditions.leaves):
+        if leaf.path is not None:
+            slots[leaf.path] = starts["leaves_p"] + i
+    for i, entry in enumerate(scene.proximity):
+        slots[f"proximity.{entry.name}.factor"] = starts["proximity_p"] + i
+    slots |= {term.path: starts["terms_p"] + i for i, term in enumerate(packing.aero_terms(scene))}
+    nominal[unset] = math.nan
+    return slots, nominal, starts
+
+
+def _optional(path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]) -> dict[str, int]:
+    """Places of a point that may be given; if it is not, its numbers are NaN and nothing can name them."""
+    if point is None:
+        unset += range(start, start + 3)
+        return {}
+    return _vector(path, start)
+
+
+def _model(scene: Scene, order: list[str], kinds: Kinds, conditions: Conditions, starts: dict[str, int], size_p: int) -> at.Model:
+    """The scene's structure, and the layout of a case's array: parameters first, then scratch."""
+    joints = list(scene.joint)
+    pool = Pool()
+    pool.add([x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))])
+    springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
+    air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene)
+    terms = packing.aero_terms(scene)
+    tables = {
+        "motor_body_i": [order.index(motor.body) for motor in scene.motor],
+        "profile_i": [x for motor in scene.motor for x in packing.add_profile(pool, motor)],
+        "joint_bodies_i": [order.index(b) for j in joints for b in scene.joint[j].bodies],
+        "kinds_i": kinds.table,
+        "phase_kinds_i": kinds.phases,
+        "spring_bodies_i": [order.index(b) for spring in scene.spring for b in spring.bodies],
+        "load_i": [x for load in scene.load for x in (order.index(load.body), _FRAME[load.frame])],
+        "leaves_i": conditions.leaf_table(scene, order, starts),
+        "events_i": conditions.events,
+        "clauses_i": conditions.clauses,
+        "clause_leaves_i": conditions.clause_leaves,
+        "releases_i": [x for release in scene.release for x in (joints.index(release.joint), kinds.index(release.joint, release.to))],
+        "terms_i": [x for term in terms for x in (order.index(term.body), term.coefficient, term.alpha, term.beta)],
+        "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],
+        "proximity_i": [x for p in scene.proximity for x in (order.index(p.body), joints.index(p.joint), packing.add_proximity(pool, p))],
+        "load_outputs_i": [joints.index(j) for j in scene.output.loads],
+        "tip_off_i": [joints.index(j) for j in scene.output.tip_off],
+        "guides_i": [joints.index(j) for j in scene.output.guide],
+        "pins_i": [scene.joint[j].guide.pins if scene.joint[j].guide else 0 for j in joints],  # type: ignore[union-attr]
+        "clearances_i": [
+            x for c in scene.clearance for x in (*(order.index(b) for b in c.bodies), joints.index(c.after) if c.after else -1)
+        ],
+        "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
+    }
+    table_starts = dict(zip(tables, np.cumsum([0, *(len(table) for table in tables.values())]).tolist(), strict=False))
+    rows, unknowns = 6 * len(joints), 6 * len(order) + 12 * len(joints)
+    scratch = {
+        "work": at.WORK_HEAD + at.BODY_WORK * len(order),
+        "motors_w": at.MOTOR_WORK * len(scene.motor),
+        "joints_w": at.JOINT_WORK * len(joints),
+        "springs_w": at.SPRING_WORK * len(scene.spring),
+        "loads_w": at.LOAD_WORK * len(scene.load),
+        "leaves_w": at.LEAF_WORK * len(conditions.leaves),
+        "events_w": len(conditions.events) // 2,
+        "rows_w": at.ROW_WORK * rows,
+        "matrix_w": max(unknowns**2, 3 * rows**2),
+        "rhs_w": max(unknowns, 5 * rows),
+        "size_w": 0,
+    }
+    scratch_starts = dict(zip(scratch, np.cumsum([size_p, *scratch.values()]).tolist(), strict=False))
+    friction = any(joint.guide is not None and joint.guide.friction > 0.0 for joint in scene.joint.values())
+    structure = dict(
+        n_bodies=len(order),
+        ground=len(order) - 1 if order[-1] == GROUND else -1,
         n_motors=len(scene.motor),
         n_joints=len(joints),
+        n_springs=len(scene.spring),
+        n_loads=len(scene.load),
         n_phases=len(scene.phase),
+        n_releases=len(scene.release),
+        n_leaves=len(conditions.leaves),
+        n_events=len(conditions.events) // 2,
         n_terms=len(terms),
+        n_proximity=len(scene.proximity),
+        n_load_outputs=len(scene.output.loads),
+        n_tip_off=len(scene.output.tip_off),
+        n_guides=len(scene.output.guide),
+        n_clearances=len(scene.clearance),
+        friction=int(friction),
+        pivot_joint=_pivot_joint(scene),
         atmosphere=_ATMOSPHERE[scene.environment.atmosphere],
         gravity=_GRAVITY[scene.environment.gravity],
         formulation=_FORMULATION[scene.solver.formulation],
-        motors_p=starts[0],
-        joints_p=starts[1],
-        phases_p=starts[2],
-        terms_p=starts[3],
-        work=size_p,
-        motors_w=motors_w,
-        joints_w=joints_w,
-        rows_w=rows_w,
-        matrix_w=matrix_w,
-        rhs_w=rhs_w,
-        size_w=rhs_w + unknowns,
+        drift=_DRIFT[scene.solver.drift],
+        **starts,
+        **scratch_starts,
         **table_starts,
-        table=np.array([x for table in tables.values() for x in table], dtype=np.int64),
-        numbers=np.array([x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))], dtype=float),
+        springs_x=springs_x,
+        air_x=air_x,
+        wind_x=wind_x,
     )
+    record = np.zeros(1, dtype=at.STRUCTURE)
+    for name, number in structure.items():
+        record[name] = number
+    return at.Model(record, np.array([x for table in tables.values() for x in table], dtype=np.int64), pool.array())
 
 
-def _aero_terms(scene: Scene) -> tuple[np.ndarray, list[str]]:
-    terms, paths = [], []
-    for b, (name, body) in enumerate(scene.body.items()):
-        for coefficient, code in _COEFFICIENTS.items():
-            for term in getattr(body.aerodynamics, coefficient) if body.aerodynamics else ():
-                terms.append((b, code, _power(term, "alpha"), _power(term, "beta")))
-                paths.append(f"body.{name}.aerodynamics.{coefficient}.{term}")
-    return np.array(terms, dtype=np.int64).reshape(-1, 4), paths
-
-
-def _power(term: str, angle: str) -> int:
-    """Power of ``angle`` in a term such as ``alpha2_beta``."""
-    for factor in term.split("_"):
-        if factor.startswith(angle):
-            return int(factor[len(angle) :] or 1)
-    return 0
+def _pivot_joint(scene: Scene) -> int:
+    """The joint about which the vehicle turns at the start: the first that holds it to the ground; -1 if none does."""
+    for number, (name, joint) in enumerate(scene.joint.items()):
+        if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
+            return number
+    return -1
 
 
 def _axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
@@ -232,7 +305,7 @@ def apart(scene: Scene, name: str) -> int:
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart
-    first, second = (scene.body[b].cg for b in joint.bodies)
+    first, second = (scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies)
     x = _axes(joint.x_axis, joint.y_axis)[:3]
     toward_second = (first[0] - second[0]) * x[0] + (second[1] - first[1]) * x[1] + (second[2] - first[2]) * x[2]
     return 1 if toward_second >= 0.0 else -1

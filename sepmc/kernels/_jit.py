@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.extending import intrinsic
 from platformdirs import user_cache_dir
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must survive to be reported.
@@ -54,6 +55,25 @@ formula = numba.njit(fastmath=_FASTMATH, error_model="numpy")
 # A stage of the engine: called from compiled code only, so no Python wrapper is built (7 s of 40 s to compile the door).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
+
+
+def _keep_apart() -> None:
+    """Without a compiler there is nothing to keep apart."""
+
+
+@intrinsic
+def _mark_apart(typing_context):
+    """Mark the function that is being compiled as one that is called, never copied into its caller."""
+
+    def generate(context, builder, signature, arguments):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return numba.types.none(), generate
+
+
+# First line of a large stage: its code then stands once, not at each of its calls (copies took most of the time to compile).
+keep_apart: Any = _keep_apart if config.DISABLE_JIT else _mark_apart
 
 
 def door(function):

@@ -30,6 +30,12 @@ _T, _P = _bases()
 
 
 @formula
+def sound_speed(temperature):
+    """Speed of sound, m/s, from the molecular-scale temperature, K; eq (50) of the 1976 standard."""
+    return math.sqrt(1.4 * R_STAR / M0 * temperature)
+
+
+@formula
 def us1976(height):
     """Density, pressure and molecular-scale temperature at a geometric height.
 

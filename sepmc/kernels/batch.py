@@ -3,35 +3,34 @@
 import os
 import subprocess
 import sys
-from typing import Any
 
 import numpy as np
 from numba import get_num_threads, prange, set_num_threads
 
 from sepmc.kernels._jit import config, door, is_cached
 from sepmc.kernels.flight import fly_case
-from sepmc.kernels.layout import Model, Tableau
+from sepmc.kernels.layout import STRUCTURE, Model, Tableau
 
 
 @door
-def fly(m, rk, nominal, slots, draws, outcomes, status, times, phases, history, rows, level):
+def fly(scene, table, numbers, rk, nominal, slots, draws, outcomes, status, times, phases, history, rows, level):
     """Fly every row of ``draws``.
 
     draws (n, d) at ``slots`` (d,) of ``nominal`` (p,); outcomes (n, o) and status (n,) are written. With ``level`` > 0 also
     times and phases (n, s), history (n, s, q) and rows (n,), the number of history rows of each case.
     """
     for i in prange(draws.shape[0]):
+        m = Model(scene[0], table, numbers)
         status[i], rows[i] = fly_case(m, rk, nominal, slots, draws[i], outcomes[i], times[i], phases[i], history[i], level)
 
 
 def compile_door() -> None:
     """Compile the door, or load it from the disk cache, by flying no case of an empty scene: its types are those of any scene."""
     integers, numbers = np.zeros(0, dtype=np.int64), np.zeros(0)
-    counts: list[Any] = [0] * (len(Model._fields) - 2)
-    scene = Model._make([*counts, integers, numbers])
+    scene = np.zeros(1, dtype=STRUCTURE)
     method = Tableau(np.zeros((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 1)), 1.0, 0.0)
     table, codes, block = np.zeros((0, 0)), np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0, 0))
-    fly(scene, method, numbers, integers, table, table, integers, table, codes, block, integers, 0)
+    fly(scene, integers, numbers, method, numbers, integers, table, table, integers, table, codes, block, integers, 0)
 
 
 def compile_apart() -> bool:

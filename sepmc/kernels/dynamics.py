@@ -2,21 +2,39 @@
 
 import math
 
+from sepmc.kernels import guides, joints, quat, vec3
 from sepmc.kernels import layout as at
-from sepmc.kernels import quat, vec3
-from sepmc.kernels._jit import stage
+from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, air_angles
-from sepmc.kernels.atmosphere import us1976
-from sepmc.kernels.cfe import attitude, solve_motion
+from sepmc.kernels.atmosphere import sound_speed, us1976
+from sepmc.kernels.cfe import attitude, joint_axes, joint_geometry, load_pair, separation, solve_motion
 from sepmc.kernels.gravity import gravity
-from sepmc.kernels.places import body_params, body_work, motor_params, motor_work, phase_rows
-from sepmc.kernels.propulsion import thrust_level
+from sepmc.kernels.places import (
+    body_params,
+    body_work,
+    first_body,
+    joint_axes_x,
+    joint_params,
+    joint_work,
+    kind_of,
+    load_params,
+    load_work,
+    motor_params,
+    motor_work,
+    second_body,
+)
+from sepmc.kernels.propulsion import tail_off, thrust_level
+from sepmc.kernels.splines import curve, grid6
+from sepmc.kernels.springs import push
+
+_FRICTION_ROUNDS = 60
+_FRICTION = 1e-12  # of the load: friction and the joint wrench it depends on have settled
 
 
 @stage
 def set_attitudes(y, m, w):
     """Attitude matrices of all bodies from the state."""
-    for b in range(m.n_bodies):
+    for b in range(m.scene.n_bodies):
         q = b * at.STATE + at.QUATERNION
         vec3.put_matrix(w, body_work(b, m) + at.ATTITUDE, quat.matrix((y[q], y[q + 1], y[q + 2], y[q + 3])))
 
@@ -24,25 +42,49 @@ def set_attitudes(y, m, w):
 @stage
 def height(t, y, b, m, w):
     """Height of the centre of mass of body b, m."""
-    return y[b * at.STATE + at.POSITION + 1] + (w[m.work + at.ORIGIN + 1] + w[m.work + at.ORIGIN_VELOCITY + 1] * t)
+    return y[b * at.STATE + at.POSITION + 1] + (w[m.scene.work + at.ORIGIN + 1] + w[m.scene.work + at.ORIGIN_VELOCITY + 1] * t)
 
 
 @stage
-def air_velocity(y, b, m, w):
+def wind_at(altitude, m, w):
+    """Velocity of the air in ground axes at a height, m/s: the steady wind and what the profile adds."""
+    steady = vec3.get(w, m.scene.work + at.STEADY_WIND)
+    if m.scene.wind_x < 0:
+        return steady
+    return vec3.add(steady, (curve(m.numbers, m.scene.wind_x, 0, altitude), 0.0, curve(m.numbers, m.scene.wind_x, 1, altitude)))
+
+
+@stage
+def air_velocity(t, y, b, m, w):
     """Air-relative velocity of body b in its body axes, m/s. Needs attitudes."""
-    ground = vec3.add(vec3.get(y, b * at.STATE + at.VELOCITY), vec3.get(w, m.work + at.ORIGIN_VELOCITY))
-    return vec3.unrotate(attitude(b, m, w), vec3.sub(ground, vec3.get(w, m.work + at.AIR)))
+    ground = vec3.add(vec3.get(y, b * at.STATE + at.VELOCITY), vec3.get(w, m.scene.work + at.ORIGIN_VELOCITY))
+    return vec3.unrotate(attitude(b, m, w), vec3.sub(ground, wind_at(height(t, y, b, m, w), m, w)))
 
 
 @stage
-def _coefficients(b, alpha, beta, m, w):
-    """Aerodynamic coefficients C_A, C_N, C_Y and C_l, C_n, C_m of body b, sums of polynomial terms."""
+def air_at(altitude, m, w):
+    """Density (kg/m3) and speed of sound (m/s) at a height; notes a height at which there is none."""
+    if m.scene.atmosphere == at.AIR_TABLE:
+        if not m.numbers[m.scene.air_x - 2] <= altitude <= m.numbers[m.scene.air_x - 1]:
+            if math.isfinite(altitude):
+                w[m.scene.work + at.LEFT_AIR] = 1.0
+            return math.nan, math.nan
+        return math.exp(curve(m.numbers, m.scene.air_x, 0, altitude)), curve(m.numbers, m.scene.air_x, 1, altitude)
+    density, _, temperature = us1976(altitude)
+    if math.isnan(density) and math.isfinite(altitude):
+        w[m.scene.work + at.LEFT_AIR] = 1.0
+    return density, sound_speed(temperature)
+
+
+@stage
+def _polynomials(b, alpha, beta, m, w):
+    """Aerodynamic coefficients C_A, C_N, C_Y, C_l, C_n, C_m of body b, sums of polynomial terms."""
     ca, cn, cy, cl, cyaw, cm = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(m.n_terms):
-        term = m.terms_i + 4 * k
+    for k in range(m.scene.n_terms):
+        term = m.scene.terms_i + 4 * k
         if m.table[term] != b:
             continue
-        value = w[m.terms_p + k]
+        value = w[m.scene.terms_p + k]
         for _ in range(m.table[term + 2]):
             value *= alpha
         for _ in range(m.table[term + 3]):
@@ -60,20 +102,49 @@ def _coefficients(b, alpha, beta, m, w):
             cyaw += value
         else:
             cm += value
-    return (ca, cn, cy), (cl, cyaw, cm)
+    return ca, cn, cy, cl, cyaw, cm
+
+
+@stage
+def _coefficients(y, b, mach, alpha, beta, m, w):
+    """Coefficients of body b: polynomials, table over (Mach, alpha, beta), increments over the distance of separation."""
+    keep_apart()
+    total = _polynomials(b, alpha, beta, m, w)
+    table = m.table[m.scene.aero_table_i + b]
+    if table >= 0:
+        found = grid6(m.numbers, table, mach, alpha, beta)
+        if math.isnan(found[0]) and math.isfinite(alpha):
+            w[m.scene.work + at.LEFT_TABLE] = 1.0
+        total = _sum6(total, 1.0, found)
+    for i in range(m.scene.n_proximity):
+        entry = m.scene.proximity_i + 3 * i
+        if m.table[entry] == b:
+            x, start = separation(y, m.table[entry + 1], m, w)[0], m.table[entry + 2]
+            found = (
+                curve(m.numbers, start, 0, x), curve(m.numbers, start, 1, x), curve(m.numbers, start, 2, x),
+                curve(m.numbers, start, 3, x), curve(m.numbers, start, 4, x), curve(m.numbers, start, 5, x),
+            )  # fmt: skip
+            total = _sum6(total, w[m.scene.proximity_p + i], found)
+    return (total[0], total[1], total[2]), (total[3], total[4], total[5])
+
+
+@stage
+def _sum6(a, factor, b):
+    return (
+        a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2],
+        a[3] + factor * b[3], a[4] + factor * b[4], a[5] + factor * b[5],
+    )  # fmt: skip
 
 
 @stage
 def aerodynamics(t, y, b, m, w):
     """Aerodynamic force and moment about the centre of mass of body b, body axes, N and N m."""
+    keep_apart()
     p = body_params(b)
-    speed, alpha, beta = air_angles(air_velocity(y, b, m, w))
-    altitude = height(t, y, b, m, w)
-    density, _, _ = us1976(altitude)
-    if math.isnan(density) and math.isfinite(altitude):
-        w[m.work + at.LEFT_AIR] = 1.0
-    force_c, moment_c = _coefficients(b, alpha, beta, m, w)
-    qs = 0.5 * density * speed * speed * w[p + at.AREA]
+    speed, alpha, beta = air_angles(air_velocity(t, y, b, m, w))
+    density, sound = air_at(height(t, y, b, m, w), m, w)
+    force_c, moment_c = _coefficients(y, b, speed / sound, alpha, beta, m, w)
+    qs = 0.5 * (w[at.DENSITY_FACTOR] * density) * speed * speed * w[p + at.AREA]
     force = aero_force(qs * w[p + at.FORCE_FACTOR], force_c)
     moment = aero_moment(qs * w[p + at.LENGTH] * w[p + at.MOMENT_FACTOR], moment_c)
     if not math.isnan(w[p + at.MOMENT_POINT]):  # coefficients about a fixed point: carry them to the centre of mass
@@ -84,44 +155,179 @@ def aerodynamics(t, y, b, m, w):
 
 
 @stage
+def thrust(t, i, m, w):
+    """Thrust of motor i, N, in the stretch of time for which `flight.set_stretch` prepared it."""
+    p, work = motor_params(i, m), motor_work(i, m)
+    since = t - (w[p + at.IGNITION] + w[p + at.IGNITION_DELAY])
+    if w[work + at.BURNING] == at.TAILING:
+        burn = w[p + at.BURN]
+        return thrust_level(w[p + at.THRUST], w[p + at.BUILD_UP], burn) * tail_off(since - burn, w[p + at.TAIL_OFF])
+    return thrust_level(w[p + at.THRUST], w[p + at.BUILD_UP], since) * (w[work + at.LEVEL] + w[work + at.SLOPE] * since)
+
+
+@stage
+def _body_load(t, y, b, m, w):
+    """Force and moment about the centre of mass of body b from air, motors and loads fixed to it, body axes."""
+    keep_apart()
+    force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if m.scene.atmosphere != at.NO_ATMOSPHERE and w[body_params(b) + at.AREA] > 0.0:
+        force, moment = aerodynamics(t, y, b, m, w)
+    for i in range(m.scene.n_motors):
+        work = motor_work(i, m)
+        if m.table[m.scene.motor_body_i + i] == b and w[work + at.BURNING] != at.OFF:
+            level = thrust(t, i, m, w)
+            force = vec3.add(force, vec3.scale(level, vec3.get(w, work + at.THRUST_LINE)))
+            moment = vec3.add(moment, vec3.scale(level, vec3.get(w, work + at.THRUST_MOMENT)))
+    for i in range(m.scene.n_loads):
+        p, work = load_params(i, m), load_work(i, m)
+        if m.table[m.scene.load_i + 2 * i] == b and w[work + at.ACTS] != 0.0:
+            push_in, turn = vec3.get(w, p + at.LOAD_FORCE), vec3.get(w, p + at.LOAD_MOMENT)
+            if m.table[m.scene.load_i + 2 * i + 1] == at.GROUND_FRAME:
+                r = attitude(b, m, w)
+                push_in, turn = vec3.unrotate(r, push_in), vec3.unrotate(r, turn)
+            force = vec3.add(force, push_in)
+            moment = vec3.add(moment, vec3.add(turn, vec3.cross(vec3.get(w, work + at.ARM), push_in)))
+    return force, moment
+
+
+@stage
 def set_loads(t, y, m, w):
     """External loads of every body: force in ground axes; moment less w x J w in body axes. Needs attitudes."""
-    for b in range(m.n_bodies):
-        p, work = body_params(b), body_work(b, m)
-        force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if m.atmosphere != at.NO_ATMOSPHERE and w[p + at.AREA] > 0.0:
-            force, moment = aerodynamics(t, y, b, m, w)
-        for i in range(m.n_motors):
-            line = motor_work(i, m)
-            if m.table[m.motor_body_i + i] == b and w[line + at.BURNING] != 0.0:
-                motor = motor_params(i, m)
-                level = thrust_level(w[motor + at.THRUST], w[motor + at.BUILD_UP], t - w[motor + at.IGNITION])
-                force = vec3.add(force, vec3.scale(level, vec3.get(w, line + at.THRUST_LINE)))
-                moment = vec3.add(moment, vec3.scale(level, vec3.get(w, line + at.THRUST_MOMENT)))
+    keep_apart()
+    for b in range(m.scene.n_bodies):
+        work = body_work(b, m)
+        if b == m.scene.ground:
+            vec3.put(w, work + at.LOAD, (0.0, 0.0, 0.0))
+            vec3.put(w, work + at.LOAD + 3, (0.0, 0.0, 0.0))
+            continue
+        force, moment = _body_load(t, y, b, m, w)
         omega = vec3.get(y, b * at.STATE + at.RATE)
         moment = vec3.sub(moment, vec3.cross(omega, vec3.rotate(vec3.get_matrix(w, work + at.TENSOR), omega)))
         vec3.put(w, work + at.LOAD, vec3.rotate(attitude(b, m, w), force))
         vec3.put(w, work + at.LOAD + 3, moment)
-        w[work + at.LOAD + 1] -= w[p + at.MASS] * gravity(m.gravity, w[at.SURFACE_GRAVITY], height(t, y, b, m, w))
+        w[work + at.LOAD + 1] -= w[body_params(b) + at.MASS] * gravity(m.scene.gravity, w[at.SURFACE_GRAVITY], height(t, y, b, m, w))
+    push(y, m, w)
 
 
 @stage
-def motion(t, y, phase, m, w):
+def guide_wrench(j, m, w):
+    """Force and moment of joint j on its second body, in the joint's axes."""
+    ax, ay, az, _, _ = joint_axes(j, m, w)
+    force, moment = vec3.get(w, joint_work(j, m) + at.FORCE_B), vec3.get(w, joint_work(j, m) + at.MOMENT_B)
+    return (
+        (vec3.dot(force, ax), vec3.dot(force, ay), vec3.dot(force, az)),
+        (vec3.dot(moment, ax), vec3.dot(moment, ay), vec3.dot(moment, az)),
+    )
+
+
+@stage
+def guide_bearing(y, j, m, w):
+    """What the pins of joint j carry: forces at mouth and tip (y, z), torsion, and the sum of all pin loads, N and N m."""
+    keep_apart()
+    p = joint_params(j, m)
+    engaged = max(w[p + at.ENGAGED] - separation(y, j, m, w)[0], guides.LEAST_ENGAGED * w[p + at.ENGAGED])
+    force, moment = guide_wrench(j, m, w)
+    mouth, tip = guides.bearing_forces(force, moment, engaged, m.numbers[joint_axes_x(j) + 9])
+    total = guides.total_load(mouth, tip, moment[0], m.table[m.scene.pins_i + j], w[p + at.CIRCLE], w[p + at.PIN_CLOCK])
+    return mouth, tip, moment[0], total
+
+
+@stage
+def _rub(y, j, force, m, w):
+    """Add a friction force, N, on B along the direction of separation of joint j to the loads."""
+    rho_a, rho_b, omega_a, omega_b, d, d_rate = joint_geometry(y, j, m, w)
+    e = vec3.scale(m.numbers[joint_axes_x(j) + 9], joint_axes(j, m, w)[0])
+    arm_a, arm_b, _ = joints.translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b)
+    load_pair(first_body(j, m), second_body(j, m), force, e, arm_a, arm_b, m, w)
+
+
+@stage
+def slides(j, m, w):
+    """Whether joint j holds sideways but not along x: its pins are engaged and can rub."""
+    kind = kind_of(j, m, w)
+    sideways, along = False, False
+    for k in range(m.table[m.scene.kinds_i + at.KIND_SIZE * kind]):
+        code = m.table[m.scene.kinds_i + at.KIND_SIZE * kind + 1 + k]
+        along = along or code == 0
+        sideways = sideways or code in (1, 2)
+    return sideways and not along
+
+
+@stage
+def _solve_with_friction(y, m, w):
+    """Accelerations with guide friction: friction and the joint wrenches it follows from, by repeated solution."""
+    keep_apart()
+    pivot, largest = 0.0, math.inf
+    for j in range(m.scene.n_joints):
+        w[joint_work(j, m) + at.FRICTION_FORCE] = 0.0
+    for _ in range(_FRICTION_ROUNDS):
+        pivot = solve_motion(y, m, w)
+        settled, before, largest = True, largest, 0.0
+        for j in range(m.scene.n_joints):
+            p, work = joint_params(j, m), joint_work(j, m)
+            if not (w[p + at.FRICTION] > 0.0 and slides(j, m, w)):
+                continue
+            total, speed = guide_bearing(y, j, m, w)[3], separation(y, j, m, w)[1]
+            force = guides.friction_force(w[p + at.FRICTION], total, speed, w[p + at.SLIP_SPEED])
+            change = force - w[work + at.FRICTION_FORCE]
+            settled = settled and abs(change) <= _FRICTION * max(abs(force), 1.0)
+            largest = max(largest, abs(change))
+            w[work + at.FRICTION_FORCE] = force
+            _rub(y, j, change, m, w)
+        if settled:
+            return pivot
+        if largest > 2.0 * before:  # it grows: no friction is enough to be in balance with what it causes
+            break
+    w[m.scene.work + at.JAMMED] = 1.0
+    return pivot
+
+
+@stage
+def motion(t, y, m, w):
     """Accelerations and joint wrenches at a state, left in w. Returns the smallest pivot."""
+    keep_apart()
     set_attitudes(y, m, w)
     set_loads(t, y, m, w)
-    return solve_motion(y, phase_rows(phase, m), m, w)
+    if m.scene.friction != 0:
+        return _solve_with_friction(y, m, w)
+    return solve_motion(y, m, w)
 
 
 @stage
-def derivative(t, y, out, phase, m, w):
+def power(y, m, w):
+    """Power of all loads on all bodies, W, in the frame of the moving origin: the rate of their kinetic energy if joints do no work."""
+    total = 0.0
+    for b in range(m.scene.n_bodies):
+        if b != m.scene.ground:
+            k, work = b * at.STATE, body_work(b, m)
+            total += vec3.dot(vec3.get(w, work + at.LOAD), vec3.get(y, k + at.VELOCITY))
+            total += vec3.dot(vec3.get(w, work + at.LOAD + 3), vec3.get(y, k + at.RATE))
+    return total
+
+
+@stage
+def kinetic_energy(y, m, w):
+    """Kinetic energy of all bodies in the frame of the moving origin, J."""
+    total = 0.0
+    for b in range(m.scene.n_bodies):
+        if b != m.scene.ground:
+            v, omega = vec3.get(y, b * at.STATE + at.VELOCITY), vec3.get(y, b * at.STATE + at.RATE)
+            momentum = vec3.rotate(vec3.get_matrix(w, body_work(b, m) + at.TENSOR), omega)
+            total += 0.5 * (w[body_params(b) + at.MASS] * vec3.dot(v, v) + vec3.dot(omega, momentum))
+    return total
+
+
+@stage
+def derivative(t, y, out, m, w):
     """dy/dt into ``out``. Returns the smallest pivot of the constraint solve."""
-    pivot = motion(t, y, phase, m, w)
-    for b in range(m.n_bodies):
+    keep_apart()
+    pivot = motion(t, y, m, w)
+    for b in range(m.scene.n_bodies):
         k, work = b * at.STATE, body_work(b, m)
         q = k + at.QUATERNION
         vec3.put(out, k + at.POSITION, vec3.get(y, k + at.VELOCITY))
         vec3.put(out, k + at.VELOCITY, vec3.get(w, work + at.ACCEL))
         vec3.put(out, k + at.RATE, vec3.get(w, work + at.ACCEL + 3))
         out[q], out[q + 1], out[q + 2], out[q + 3] = quat.rate((y[q], y[q + 1], y[q + 2], y[q + 3]), vec3.get(y, k + at.RATE))
+    out[m.scene.n_bodies * at.STATE] = power(y, m, w)
     return pivot

@@ -1,130 +1,249 @@
-"""One case from start to end: phases, stretches between discontinuities, steps, release, outcomes."""
+"""One case from start to end: stretches between known times, steps, events, outcomes."""
 
 import math
 
 import numpy as np
 
+from sepmc.kernels import events
 from sepmc.kernels import layout as at
-from sepmc.kernels._jit import stage
-from sepmc.kernels.dynamics import set_attitudes
-from sepmc.kernels.observe import body_outcomes, full_row, joint_residual, separation, separation_row
-from sepmc.kernels.places import motor_params, motor_work, phase_params, phase_rows
-from sepmc.kernels.prepare import set_inertias, set_initial_state, set_joints, set_motors
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.cfe import separation
+from sepmc.kernels.correct import hold, residuals
+from sepmc.kernels.dynamics import kinetic_energy, motion, set_attitudes
+from sepmc.kernels.observe import body_outcomes, follow_angles, full_row, joint_outcomes_at, reported_bodies, separation_row
+from sepmc.kernels.outputs import NODES, note_tip_off, row_size, start_watching, watch_step, watches
+from sepmc.kernels.places import joint_work, leaf_work, load_params, load_work, motor_params, motor_work
+from sepmc.kernels.prepare import set_centre, set_inertias, set_initial_state, set_joints, set_motors, set_springs
+from sepmc.kernels.quat import normalise_all
 from sepmc.kernels.rk import extend, first_stage, interpolate, step
 
 # Values of schema.Status.
 OK, NEVER_RELEASED, INVALID_INPUT, OUTSIDE_ATMOSPHERE, SINGULAR_JOINT, NOT_FINITE, NO_ROOT, UNRESOLVED = 0, 1, 2, 3, 4, 5, 6, 8
-NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
+INCONSISTENT_START, OUTSIDE_TABLE, JAMMED, TOO_MANY_EVENTS = 9, 10, 11, 12
 
-_ROOT = 1e-13  # s: a release is located when Newton's next correction is below this
-_UNRESOLVED = 1e-6  # drift of a quaternion in one step beyond which a case is not called ok; table2.toml stays below 1e-13
-_TOUCH = 1e-12  # m: a phase that begins this close to its stroke has reached it (the gap of a locked joint is round-off)
-_GRAIN = 1e-12  # s: two times closer than this are one
+_ROOT = 1e-13  # s: an event is located when the next correction is below this
+_UNRESOLVED = 1e-6  # drift of a quaternion in one step, or share of energy lost, beyond which a case is not called ok
+_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the constraints may be violated by at the start
+_MOST_EVENTS = 10_000  # stretches without progress in time
+
+
+@stage
+def _starts(i, m, w):
+    """When motor i ignites, s."""
+    p = motor_params(i, m)
+    return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
+
+
+@stage
+def _later(earliest, time, t):
+    """The earlier of two times, of which the second counts only if it lies after t."""
+    return min(earliest, time) if time > t + events.GRAIN else earliest
 
 
 @stage
 def _next_break(t, m, w):
-    """Earliest ignition or burn-out after t: step ends fall on them."""
+    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads."""
+    keep_apart()
     earliest = math.inf
-    for i in range(m.n_motors):
-        p = motor_params(i, m)
-        ignition = w[p + at.IGNITION]
-        burn_out = ignition + w[p + at.BURN]
-        if ignition > t + _GRAIN:
-            earliest = min(earliest, ignition)
-        if burn_out > t + _GRAIN:
-            earliest = min(earliest, burn_out)
+    for i in range(m.scene.n_motors):
+        start = _starts(i, m, w)
+        earliest = _later(earliest, start, t)
+        earliest = _later(earliest, start + w[motor_params(i, m) + at.BURN], t)
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        for k in range(rows):
+            earliest = _later(earliest, start + m.numbers[first + 2 * k], t)
+    for i in range(m.scene.n_loads):
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_START], t)
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_END], t)
     return earliest
 
 
 @stage
-def _set_burning(middle, m, w):
-    """Which motors burn in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
-    for i in range(m.n_motors):
-        p = motor_params(i, m)
-        ignition = w[p + at.IGNITION]
-        w[motor_work(i, m) + at.BURNING] = 1.0 if ignition <= middle < ignition + w[p + at.BURN] else 0.0
+def set_stretch(middle, m, w):
+    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
+    keep_apart()
+    for i in range(m.scene.n_motors):
+        p, work = motor_params(i, m), motor_work(i, m)
+        since = middle - _starts(i, m, w)
+        w[work + at.BURNING], w[work + at.LEVEL], w[work + at.SLOPE] = at.OFF, 1.0, 0.0
+        if since >= 0.0 and since < w[p + at.BURN]:
+            w[work + at.BURNING] = at.ON
+        elif since >= 0.0 and w[p + at.TAIL_OFF] > 0.0:
+            w[work + at.BURNING] = at.TAILING
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        if rows > 0 and w[work + at.BURNING] == at.ON:
+            _set_profile(since, first, rows, work, m, w)
+    for i in range(m.scene.n_loads):
+        p = load_params(i, m)
+        w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
 
 
 @stage
-def _normalise(y, m):
-    """Quaternions back to unit length after a step. Returns the largest drift, of the order of the step's error."""
-    drift = 0.0
-    for b in range(m.n_bodies):
-        q = b * at.STATE + at.QUATERNION
-        norm = math.sqrt(y[q] ** 2 + y[q + 1] ** 2 + y[q + 2] ** 2 + y[q + 3] ** 2)
-        drift = max(drift, abs(norm - 1.0))
-        for i in range(4):
-            y[q + i] /= norm
-    return drift
+def _set_profile(since, first, rows, work, m, w):
+    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value before, nothing after its rows."""
+    w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
+    if since < m.numbers[first]:
+        w[work + at.LEVEL] = m.numbers[first + 1]
+    for k in range(rows - 1):
+        t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]
+        t1, f1 = m.numbers[first + 2 * k + 2], m.numbers[first + 2 * k + 3]
+        if t0 <= since < t1:
+            w[work + at.SLOPE] = (f1 - f0) / (t1 - t0)
+            w[work + at.LEVEL] = f0 - w[work + at.SLOPE] * t0
 
 
 @stage
 def _health(y, m, w):
-    """OK, or why the state cannot be used. Outside the atmosphere there is no density, and the state is not finite."""
+    """OK, or why the state cannot be used. Outside the atmosphere or a table there is no number, and the state is not finite."""
     for n in range(y.shape[0]):
         if not math.isfinite(y[n]):
-            return OUTSIDE_ATMOSPHERE if w[m.work + at.LEFT_AIR] != 0.0 else NOT_FINITE
+            if w[m.scene.work + at.LEFT_TABLE] != 0.0:
+                return OUTSIDE_TABLE
+            return OUTSIDE_ATMOSPHERE if w[m.scene.work + at.LEFT_AIR] != 0.0 else NOT_FINITE
     return OK
 
 
 @stage
-def _locate(t, h, joint, stroke, y0, y1, scratch, k, rk, phase, m, w):
-    """Length of the step from y0 that ends at separation ``stroke``, by safeguarded Newton on whole steps; its state in y1.
+def _value(i, t, y, m, w):
+    """Condition ``i`` at a state, with all it needs solved for."""
+    keep_apart()
+    if events.on_load(i, m):
+        motion(t, y, m, w)
+    else:
+        set_attitudes(y, m, w)
+    return events.state_value(i, t, y, m, w)
 
-    y1 must hold the state after the whole step h, which has passed the stroke. Returns -1 if it does not converge.
+
+@stage
+def _locate(i, t, h, y0, y1, scratch, k, rk, m, w):
+    """Length of the step from y0 that ends where condition ``i`` is met, on whole steps, by Newton or, without a rate, by false
+    position, both within a bracket; its state in y1, which must hold the state after the whole step h, where it is met.
+
+    Returns the length (-1 if it does not converge) and how far off in time it may be, s.
     """
-    low, high, length = 0.0, h, h
-    for _ in range(60):
-        set_attitudes(y1, m, w)
-        distance, speed = separation(y1, joint, m, w)
-        excess = distance - stroke
-        if excess >= 0.0:
-            high = min(high, length)
+    keep_apart()
+    low, low_value, high, high_value, length = 0.0, w[leaf_work(i, m) + at.BEFORE], h, math.inf, h
+    for trial_number in range(120):
+        value, rate = _value(i, t + length, y1, m, w)
+        if value >= 0.0:
+            high, high_value = min(high, length), value
         else:
-            low = max(low, length)
-        trial = length - excess / speed if speed > 0.0 else 0.5 * (low + high)
+            low, low_value = max(low, length), value
+        trial = 0.5 * (low + high)
+        if rate > 0.0:
+            trial = length - value / rate
+        elif trial_number % 3 != 2 and high_value > low_value:
+            trial = high - high_value * (high - low) / (high_value - low_value)
         if abs(trial - length) <= _ROOT or high - low <= _ROOT:
-            return length
-        if not low <= trial <= high:
-            trial = 0.5 * (low + high)
-        length = trial
-        step(t, length, y0, y1, scratch, k, rk, phase, m, w)
-        _normalise(y1, m)
-    return -1.0
+            return length, min(abs(trial - length), high - low)
+        length = trial if low < trial < high else 0.5 * (low + high)
+        step(t, length, y0, y1, scratch, k, rk, m, w)
+        normalise_all(y1, m.scene.n_bodies)
+    return -1.0, math.nan
+
+
+@stage
+def _highest(i, t, h, y0, y1, scratch, k, rk, m, w):
+    """Length of the step from y0 at which condition ``i``, which rises and falls within h, is highest; its state in y1."""
+    keep_apart()
+    low, high, length = 0.0, h, 0.5 * h
+    for _ in range(60):
+        length = 0.5 * (low + high)
+        step(t, length, y0, y1, scratch, k, rk, m, w)
+        normalise_all(y1, m.scene.n_bodies)
+        value, rate = _value(i, t + length, y1, m, w)
+        if value >= 0.0 or high - low <= _ROOT:
+            break
+        if rate > 0.0:
+            low = length
+        else:
+            high = length
+    return length
+
+
+@stage
+def _first_event(t, h, y0, y1, sample, scratch, weights, k, rk, phase, m, w):
+    """Shorten a step to the first condition that is met within it. y1 then holds the state at its end.
+
+    Returns its length (-1 if the event cannot be located), the condition or -1, how far off in time it may be, and whether the
+    stages in ``k`` are still those of this step.
+    """
+    keep_apart()
+    first, length, error, stages_kept = -1, h, 0.0, True
+    if events.waits_for_load(phase, m, w):  # a load may rise and fall within the step
+        extend(t, h, y0, scratch, k, rk, m, w)
+        for quarter in range(1, 4):
+            interpolate(0.25 * quarter, h, y0, sample, weights, k, rk)
+            normalise_all(sample, m.scene.n_bodies)
+            motion(t + 0.25 * quarter * h, sample, m, w)
+            for i in range(m.scene.n_leaves):
+                if events.on_load(i, m) and events.is_armed(i, phase, m, w) and events.state_value(i, t, sample, m, w)[0] >= 0.0:
+                    length = min(length, 0.25 * quarter * h)
+        if length < h:
+            step(t, length, y0, y1, scratch, k, rk, m, w)
+            normalise_all(y1, m.scene.n_bodies)
+    for i in range(m.scene.n_leaves):
+        if events.on_time(i, m) or not events.is_armed(i, phase, m, w):
+            continue
+        met = _value(i, t + length, y1, m, w)[0] >= 0.0
+        if not met and events.may_graze(i, t, length, y1, m, w):
+            sample[:] = y1
+            top = _highest(i, t, length, y0, y1, scratch, k, rk, m, w)
+            met = _value(i, t + top, y1, m, w)[0] >= 0.0
+            if met:
+                length = top
+            else:
+                y1[:] = sample
+                stages_kept = False
+        if met:
+            first = i
+            length, error = _locate(i, t, length, y0, y1, scratch, k, rk, m, w)
+            stages_kept = True
+            if length < 0.0:
+                break
+    return length, first, error, stages_kept
 
 
 @stage
 def _record(t, y, phase, times, phases, history, rows, level, m, w):
     """Append one history row if there is room. Returns the number of rows."""
+    keep_apart()
     if rows >= times.shape[0]:
         return rows
     times[rows] = t
     phases[rows] = phase
-    if level == FULL_HISTORY:
-        full_row(t, y, phase, history[rows], m, w)
+    if level == at.FULL_HISTORY:
+        full_row(t, y, history[rows], m, w)
     else:
         separation_row(y, history[rows], m, w)
     return rows + 1
 
 
 @stage
-def _mark_releases(t, phase, outcomes, m):
-    """Note the time at which a joint that held something in the phase before holds nothing any more."""
-    if phase == 0:
-        return
-    for j in range(m.n_joints):
-        held, holds = 0, 0
-        for k in range(6):
-            held += m.table[phase_rows(phase - 1, m) + 6 * j + k]
-            holds += m.table[phase_rows(phase, m) + 6 * j + k]
-        if held > 0 and holds == 0:
-            outcomes[m.n_bodies * at.BODY_OUTCOMES + j * at.JOINT_OUTCOMES + 2] = t
+def _note_releases(t, y, outcomes, m, w):
+    """Note when a joint that held something became free, and the rates at that time."""
+    for j in range(m.scene.n_joints):
+        o = joint_outcomes_at(j, m) + 2
+        if w[joint_work(j, m) + at.KIND] == at.FREE and math.isinf(outcomes[o]):
+            outcomes[o] = t
+            note_tip_off(j, y, outcomes, m, w)
+
+
+@stage
+def _begin(y, outcomes, m, w):
+    """Joints as the first phase wants them. A joint that holds has no release time yet: infinite, NaN at the end."""
+    for j in range(m.scene.n_joints):
+        kind, work = m.table[m.scene.phase_kinds_i + j], joint_work(j, m)
+        w[work + at.KIND], w[work + at.NEXT_KIND] = kind, kind
+        if kind != at.FREE:
+            outcomes[joint_outcomes_at(j, m) + 2] = math.inf
+    events.set_sides(0.0, y, m, w)
 
 
 @stage
 def _prepare(nominal, slots, draws, w, y, m):
     """Put the draws in place and set up the flight. Returns False if the case cannot be flown."""
+    keep_apart()
     w[: nominal.shape[0]] = nominal
     for i in range(slots.shape[0]):
         if not math.isfinite(draws[i]):
@@ -132,8 +251,10 @@ def _prepare(nominal, slots, draws, w, y, m):
         w[slots[i]] = draws[i]
     if not set_inertias(m, w):
         return False
+    set_centre(m, w)
     set_motors(m, w)
     set_joints(m, w)
+    set_springs(m, w)
     set_initial_state(y, m, w)
     return True
 
@@ -142,94 +263,133 @@ def _prepare(nominal, slots, draws, w, y, m):
 def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, level):
     """Fly one case and write its outcomes. Returns its status and the number of history rows."""
     outcomes[:] = math.nan
-    size = at.STATE * m.n_bodies
+    size = at.STATE * m.scene.n_bodies + 1
     total_stages = max(rk.b.shape[0], rk.dense.shape[0])
-    w = np.zeros(m.size_w)
+    w = np.zeros(m.scene.size_w)
     y0, y1, scratch, sample = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     k, weights = np.empty((total_stages, size)), np.empty(rk.dense.shape[0])
+    watched = np.empty((NODES + 1, row_size(m)))
     if not _prepare(nominal, slots, draws, w, y0, m):
         return INVALID_INPUT, 0
 
-    status, t, rows, next_sample, steps = OK, 0.0, 0, 0, 0
-    gap, angle, drift = 0.0, 0.0, 0.0
-    end = w[at.END_TIME]
-    for phase in range(m.n_phases):
-        phase_start = t
-        phase_end = min(end, w[phase_params(phase, m) + at.UNTIL_TIME])
-        event, stroke = m.table[m.phase_event_i + phase], w[phase_params(phase, m) + at.UNTIL_STROKE]
-        wanted = phase_rows(phase, m)
-        _mark_releases(t, phase, outcomes, m)
-        set_attitudes(y0, m, w)
-        fired = event >= 0 and separation(y0, event, m, w)[0] >= stroke - _TOUCH
-        if level == FULL_HISTORY and t < phase_end and not fired:
-            _set_burning(t + _GRAIN, m, w)
+    status, t, rows, after_row, next_sample, steps, phase = OK, 0.0, 0, 0, 0, 0, 0
+    end, audit = w[at.END_TIME], outcomes[outcomes.shape[0] - at.AUDIT :]
+    audit[:] = 0.0
+    audit[at.PIVOT_AUDIT] = 1.0
+    _begin(y0, outcomes, m, w)
+    start_watching(outcomes, m)
+    set_attitudes(y0, m, w)
+    start = residuals(y0, m, w)
+    if not max(max(start[0], start[1]), max(start[2], start[3])) <= _CONSISTENT:
+        return INCONSISTENT_START, 0
+    energy0 = kinetic_energy(y0, m, w)
+    energy_scale, idle = energy0, 0
+    set_stretch(events.GRAIN, m, w)
+    phase, _ = events.settle(t, y0, phase, m, w)
+    _note_releases(t, y0, outcomes, m, w)
+    fresh = True  # what the joints hold has just changed
+    while t < end and status == OK:
+        if fresh and level == at.FULL_HISTORY:
+            set_stretch(t + events.GRAIN, m, w)
             rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
-        while t < phase_end and not fired and status == OK:
-            stretch_start, stretch_end = t, min(phase_end, _next_break(t, m, w))
-            _set_burning(0.5 * (stretch_start + stretch_end), m, w)
-            count = max(1, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
-            for i in range(count):
-                last = i == count - 1
-                t_next = stretch_end if last else stretch_start + (stretch_end - stretch_start) * (i + 1) / count
-                length = t_next - t
-                singular = not first_stage(t, y0, k, phase, m, w) > 0.0
-                pivot = step(t, length, y0, y1, scratch, k, rk, phase, m, w)
-                steps += 1
-                status = SINGULAR_JOINT if singular else _health(y1, m, w)
-                if status == OK and not pivot > 0.0:
-                    status = SINGULAR_JOINT
-                if status != OK:
+        fresh_t = t if fresh else -1.0
+        fresh = False
+        stretch_end = min(end, min(_next_break(t, m, w), events.next_known_time(t, phase, m, w)))
+        set_stretch(0.5 * (t + stretch_end), m, w)
+        stretch_start = t
+        count = max(1, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
+        for i in range(count):
+            last = i == count - 1
+            t_next = stretch_end if last else stretch_start + (stretch_end - stretch_start) * (i + 1) / count
+            length = t_next - t
+            pivot = first_stage(t, y0, k, m, w)
+            events.remember(t, y0, phase, m, w)
+            pivot = min(pivot, step(t, length, y0, y1, scratch, k, rk, m, w))
+            steps += 1
+            status = _health(y1, m, w)
+            if status == OK and not pivot > 0.0:
+                status = SINGULAR_JOINT
+            if status != OK:
+                break
+            audit[at.PIVOT_AUDIT] = min(audit[at.PIVOT_AUDIT], pivot)
+            drift = normalise_all(y1, m.scene.n_bodies)
+            audit[at.DRIFT_AUDIT] = max(audit[at.DRIFT_AUDIT], drift)
+            if drift > _UNRESOLVED:
+                status = UNRESOLVED
+                break
+            found, stages_kept = -1, True
+            if m.scene.n_leaves > 0:
+                length, found, error, stages_kept = _first_event(t, length, y0, y1, sample, scratch, weights, k, rk, phase, m, w)
+                if length < 0.0:
+                    status = NO_ROOT
                     break
-                drift = max(drift, _normalise(y1, m))
-                if drift > _UNRESOLVED:
-                    status = UNRESOLVED
-                    break
-                set_attitudes(y1, m, w)
-                if event >= 0 and separation(y1, event, m, w)[0] >= stroke:
-                    fired = True
-                    length = _locate(t, length, event, stroke, y0, y1, scratch, k, rk, phase, m, w)
-                    if length < 0.0:
-                        status = NO_ROOT
-                        break
+                if found >= 0:
                     t_next = t + length
-                if level != NO_HISTORY and rk.history_step > 0.0:
-                    closing = fired or (last and stretch_end >= phase_end)
-                    extended = False
-                    while next_sample * rk.history_step <= t_next + _GRAIN:
-                        ts = next_sample * rk.history_step
-                        next_sample += 1
-                        # the first and last state of a phase have rows of their own in a full history
-                        if level == FULL_HISTORY and (ts <= phase_start + _GRAIN or (closing and ts >= t_next - _GRAIN)):
-                            continue
-                        if not extended:
-                            extend(t, length, y0, scratch, k, rk, phase, m, w)
-                            extended = True
-                        interpolate(min(1.0, max(0.0, (ts - t) / length)), length, y0, sample, weights, k, rk)
-                        _normalise(sample, m)
-                        rows = _record(ts, sample, phase, times, phases, history, rows, level, m, w)
-                t = t_next
-                y0[:] = y1
-                set_attitudes(y0, m, w)
-                step_gap, step_angle = joint_residual(y0, wanted, m, w)
-                gap, angle = max(gap, step_gap), max(angle, step_angle)
-                if fired:
+                    audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
+                    w[leaf_work(found, m) + at.MET] = 1.0
+            wants_history = level != at.NO_HISTORY and rk.history_step > 0.0
+            if length > 0.0 and (watches(m) or (wants_history and next_sample * rk.history_step <= t_next + events.GRAIN)):
+                if not stages_kept:
+                    step(t, length, y0, sample, scratch, k, rk, m, w)
+                extend(t, length, y0, scratch, k, rk, m, w)
+                if watches(m):
+                    watch_step(t, length, y0, sample, weights, k, rk, watched, outcomes, m, w)
+                while wants_history and next_sample * rk.history_step <= t_next + events.GRAIN:
+                    ts = next_sample * rk.history_step
+                    closing = ts >= t_next - events.GRAIN and (found >= 0 or last)
+                    if closing and level == at.FULL_HISTORY:  # told below, or at the start of what comes next
+                        break
+                    next_sample += 1
+                    if level == at.FULL_HISTORY and ts <= fresh_t + events.GRAIN:
+                        continue
+                    interpolate(min(1.0, max(0.0, (ts - t) / length)), length, y0, sample, weights, k, rk)
+                    normalise_all(sample, m.scene.n_bodies)
+                    rows = _record(ts, sample, phase, times, phases, history, rows, level, m, w)
+            idle = idle + 1 if t_next <= t else 0
+            t = t_next
+            y0[:] = y1
+            set_attitudes(y0, m, w)
+            hold(y0, audit, m, w)
+            if m.scene.friction != 0:  # asked of accepted states only: a trial beyond the end of the pins may jam
+                w[m.scene.work + at.JAMMED] = 0.0
+                motion(t, y0, m, w)
+                if w[m.scene.work + at.JAMMED] != 0.0:
+                    status = JAMMED
                     break
+            if follow_angles(y0, length, m, w):
+                audit[at.SINGULAR_AUDIT] = 1.0
+            energy = kinetic_energy(y0, m, w)
+            work = y0[size - 1]
+            energy_scale = max(energy_scale, max(energy, abs(work)))
+            if energy_scale > 0.0:
+                audit[at.ENERGY_AUDIT] = max(audit[at.ENERGY_AUDIT], abs(energy - energy0 - work) / energy_scale)
+            if idle > _MOST_EVENTS:
+                status = TOO_MANY_EVENTS
+                break
+            if found >= 0:
+                break
         if status != OK:
             break
-        if level == FULL_HISTORY and t > phase_start:
-            rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
-        if event >= 0 and not fired and t >= end:
-            status = NEVER_RELEASED
-            break
+        if level == at.FULL_HISTORY:  # as the joints still hold; kept if they change now
+            after_row = _record(t, y0, phase, times, phases, history, rows, level, m, w)
+        phase, fresh = events.settle(t, y0, phase, m, w)
+        if level == at.FULL_HISTORY and (fresh or t >= end):
+            rows = after_row
+        _note_releases(t, y0, outcomes, m, w)
 
-    audit = m.n_bodies * at.BODY_OUTCOMES + m.n_joints * at.JOINT_OUTCOMES
-    outcomes[audit], outcomes[audit + 1], outcomes[audit + 2], outcomes[audit + 3] = gap, angle, drift, steps
+    audit[at.STEPS_AUDIT], audit[at.REDUNDANT_AUDIT] = steps, w[m.scene.work + at.REDUNDANT]
+    if status == OK and audit[at.ENERGY_AUDIT] > _UNRESOLVED:
+        status = UNRESOLVED
+    if status == OK and events.never_let_go(phase, m, w):
+        status = NEVER_RELEASED
+    for j in range(m.scene.n_joints):
+        o = joint_outcomes_at(j, m) + 2
+        outcomes[o] = outcomes[o] if math.isfinite(outcomes[o]) else math.nan
     if status in (OK, NEVER_RELEASED):
         set_attitudes(y0, m, w)
-        for b in range(m.n_bodies):
-            body_outcomes(y0, b, outcomes, b * at.BODY_OUTCOMES, m, w)
-        for j in range(m.n_joints):
-            o = m.n_bodies * at.BODY_OUTCOMES + j * at.JOINT_OUTCOMES
+        for b in range(reported_bodies(m)):
+            body_outcomes(t, y0, b, outcomes, b * at.BODY_OUTCOMES, m, w)
+        for j in range(m.scene.n_joints):
             distance, speed = separation(y0, j, m, w)
-            outcomes[o], outcomes[o + 1] = speed, distance
+            outcomes[joint_outcomes_at(j, m)], outcomes[joint_outcomes_at(j, m) + 1] = speed, distance
     return status, rows

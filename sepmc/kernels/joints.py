@@ -1,11 +1,20 @@
 """Constraint rows of a joint: C, C' and the parts of C'' (see CONVENTIONS.md, Joint).
 
 d = r_B - r_A, e and b fixed in A, a fixed in B, all in ground axes; omega in ground axes.
-Translation: C = d . e.   Rotation: C = a . b, n = a x b.  Paper eqs (16), (17), differentiated with every term kept.
+Translation: C = d . e.   Rotation: C = a . b, n = a x b.   Rod: C = |d| - L, e = d / |d|.
+Paper eqs (16), (17), differentiated with every term kept. Checked against finite differences of C.
 """
+
+import math
 
 from sepmc.kernels import vec3
 from sepmc.kernels._jit import formula
+
+
+@formula
+def centripetal(omega, rho):
+    """omega x (omega x rho): what a turning lever arm adds to the acceleration of its end, m/s2."""
+    return vec3.cross(omega, vec3.cross(omega, rho))
 
 
 @formula
@@ -16,11 +25,16 @@ def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     """
     arm_a = vec3.cross(e, vec3.add(rho_a, d))
     arm_b = vec3.cross(rho_b, e)
-    centripetal_b = vec3.cross(omega_b, vec3.cross(omega_b, rho_b))
-    centripetal_a = vec3.cross(omega_a, vec3.cross(omega_a, rho_a))
     e_rate = vec3.cross(omega_a, e)
-    gamma = -vec3.dot(vec3.sub(centripetal_b, centripetal_a), e) - 2.0 * vec3.dot(d_rate, e_rate) - vec3.dot(d, vec3.cross(omega_a, e_rate))
+    turning = vec3.dot(vec3.sub(centripetal(omega_b, rho_b), centripetal(omega_a, rho_a)), e)
+    gamma = -turning - 2.0 * vec3.dot(d_rate, e_rate) - vec3.dot(d, vec3.cross(omega_a, e_rate))
     return arm_a, arm_b, gamma
+
+
+@formula
+def translation_rate(d, d_rate, e, omega_a):
+    """C' of a translation constraint, m/s."""
+    return vec3.dot(d_rate, e) + vec3.dot(d, vec3.cross(omega_a, e))
 
 
 @formula
@@ -33,13 +47,24 @@ def rotation(a, b, omega_a, omega_b):
 
 
 @formula
-def rotation_pair(axis, ax, ay, az, bx, by):
-    """Vectors (a of B, b of A) whose product vanishes while B does not turn about ``axis`` of A; paper eqs (21)-(23).
+def rotation_rate(a, b, omega_a, omega_b):
+    """C' of a rotation constraint, rad/s."""
+    return vec3.dot(vec3.cross(omega_b, a), b) + vec3.dot(a, vec3.cross(omega_a, b))
 
-    ax, ay, az are the joint axes carried by A, bx, by those carried by B.
-    """
-    if axis == 0:  # roll
-        return by, az
-    if axis == 1:  # yaw
-        return bx, az
-    return bx, ay  # pitch
+
+@formula
+def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
+    """Row of a rod: its direction e, lever arms on A and B and gamma, as for a translation. Not finite if its length is zero."""
+    length = math.sqrt(vec3.dot(d, d))
+    e = vec3.scale(1.0 / length, d)
+    along = vec3.dot(d_rate, e)
+    turning = vec3.dot(vec3.sub(centripetal(omega_b, rho_b), centripetal(omega_a, rho_a)), e)
+    gamma = -turning - (vec3.dot(d_rate, d_rate) - along * along) / length
+    return e, vec3.cross(e, rho_a), vec3.cross(rho_b, e), gamma
+
+
+@formula
+def perpendicular_pair(i, k, ax, ay, az, bx, by):
+    """Vectors (a of B, b of A): axis i (x or y) of B and axis k of A; paper eqs (21)-(23) for (1, 2), (0, 2), (0, 1)."""
+    b = ax if k == 0 else (ay if k == 1 else az)
+    return (bx if i == 0 else by), b

@@ -2,88 +2,134 @@
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 # Fixed head.
 SURFACE_GRAVITY, WIND_SPEED, WIND_DIRECTION = 0, 1, 2
 ALTITUDE, SPEED, OMEGA, ALPHA, PITCH, YAW, ROLL, PATH_YAW, PATH_REFERENCE, END_TIME = 3, 4, 5, 8, 9, 10, 11, 12, 13, 14
-HEAD = 15
+DENSITY_FACTOR = 15
+HEAD = 16
 # Offsets in a body's block.
 MASS, INERTIA, PRODUCTS, INERTIA_FACTOR, CG = 0, 1, 4, 7, 8
 AREA, LENGTH, FORCE_FACTOR, MOMENT_FACTOR, MOMENT_POINT = 11, 12, 13, 14, 15
 BODY_SIZE = 18
 # Offsets in a motor's block.
 THRUST, BUILD_UP, IGNITION, BURN, STATION, RADIUS, CANT, CLOCK, OFFSET, DEFLECTION, DEFLECTION_CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11
-MOTOR_SIZE = 12
-JOINT_SIZE = 3  # the joint point
-UNTIL_TIME, UNTIL_STROKE = 0, 1
-PHASE_SIZE = 2
+IGNITION_DELAY, TAIL_OFF = 12, 13
+MOTOR_SIZE = 14
+# Offsets in a joint's block: its point on A and on B (not finite: the same), and what its releases and its pins are like.
+POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SPEED = 0, 3, 6, 7, 8, 9, 10, 11, 12
+JOINT_SIZE = 13
+# Offsets in a spring's block; its points as those of a joint.
+SPRING_FORCE, STIFFNESS, DAMPING, STROKE = 6, 7, 8, 9
+SPRING_SIZE = 10
+# Offsets in a constant load's block.
+LOAD_FORCE, LOAD_MOMENT, LOAD_POINT, LOAD_START, LOAD_END = 0, 3, 6, 9, 10
+LOAD_SIZE = 11
 
-NO_ATMOSPHERE, US1976 = 0, 1
+NO_ATMOSPHERE, US1976, AIR_TABLE = 0, 1, 2
 NO_GRAVITY, CONSTANT_GRAVITY, INVERSE_SQUARE = 0, 1, 2
 REDUCED, FULL = 0, 1
+NO_STABILISATION, BAUMGARTE, PROJECTION = 0, 1, 2
 AXIAL, NORMAL, SIDE, ROLLING, YAWING, PITCHING = 0, 1, 2, 3, 4, 5
+BODY_FRAME, GROUND_FRAME = 0, 1
+NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
 
-STATE = 13  # per body: position 3, velocity 3, quaternion 4, angular rate 3
+# Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis k of A" is ROTATION + 3 i + k.
+ROTATION, ROD, NO_ROW = 3, 12, -1
+KIND_SIZE = 7  # of a joint kind in the integer table: number of rows, then their codes
+FREE, FIXED = 0, 1  # kinds every scene has
+# Conditions: what is compared with a threshold.
+AT_TIME, AT_BURN_OUT, AT_STROKE, AT_DISTANCE, AT_ANGLE, AT_FORCE, AT_MOMENT, AT_ALTITUDE, AT_SPRING_STROKE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+LEAF_SIZE = (
+    4  # of a condition in the integer table: what, of which joint, motor, body or spring, its event, where its threshold stands in w
+)
+
+STATE = 13  # per body: position 3, velocity 3, quaternion 4, angular rate 3; the last number of the state is the work of all loads
 POSITION, VELOCITY, QUATERNION, RATE = 0, 3, 6, 10
 
-BODY_OUTCOMES, JOINT_OUTCOMES, AUDIT = 9, 3, 4
+BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
+LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
+PART_SIZE = 7  # of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at both ends
+# Audit columns, in order.
+(GAP_AUDIT, ANGLE_AUDIT, GAP_RATE_AUDIT, ANGLE_RATE_AUDIT, DRIFT_AUDIT, ENERGY_AUDIT, PIVOT_AUDIT, REDUNDANT_AUDIT, EVENT_AUDIT,
+ SINGULAR_AUDIT, STEPS_AUDIT) = range(11)  # fmt: skip
+AUDIT = 11
 STATE_COLUMNS = 7  # per body in a full history: position, velocity, axial acceleration
 WRENCH_COLUMNS = 15  # per joint in a full history: force and moment on both bodies, gap
 
 
-# Scratch of a case, behind its parameters in one array `w`. Fixed head, then blocks per body, motor, joint, constraint row.
-ORIGIN, ORIGIN_VELOCITY, AIR, LEFT_AIR = 0, 3, 6, 9  # the last: set once a height was outside the atmosphere
-WORK_HEAD = 10
+# Scratch of a case, behind its parameters in one array `w`. Fixed head, then blocks per body, motor, ... , constraint row.
+ORIGIN, ORIGIN_VELOCITY, STEADY_WIND = 0, 3, 6
+LEFT_AIR, LEFT_TABLE, JAMMED = 9, 10, 11  # set once a height was outside the atmosphere, a flow outside a table, a guide jammed
+PIVOT, REDUNDANT = 12, 13  # smallest pivot so far, most redundant rows so far
+WORK_HEAD = 14
 # per body: inertia, its inverse, attitude (9 each); load: force in ground axes, moment less w x J w in body axes; acceleration:
-# linear in ground axes, angular in body axes
-TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL = 0, 9, 18, 27, 33
-BODY_WORK = 39
-# per motor: unit thrust, its moment about the centre of mass (body axes), and whether it burns in this stretch of time
-THRUST_LINE, THRUST_MOMENT, BURNING = 0, 3, 6
-MOTOR_WORK = 7
+# linear in ground axes, angular in body axes; 1 / mass; pitch and roll at the last step, continuous
+TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL, INVERSE_MASS, LAST_PITCH, LAST_ROLL = 0, 9, 18, 27, 33, 39, 40, 41
+BODY_WORK = 42
+# per motor: unit thrust, its moment about the centre of mass (body axes); whether it burns in this stretch of time or tails off,
+# and the line its profile follows there
+THRUST_LINE, THRUST_MOMENT, BURNING, LEVEL, SLOPE = 0, 3, 6, 7, 8
+MOTOR_WORK = 9
+OFF, ON, TAILING = 0.0, 1.0, 2.0
 # per joint: lever arms on A and B (body axes), joint axes carried by B (body axes), gap and its rate, force and moment on B at
-# r_B and on A at r_A (ground axes)
+# r_B and on A at r_A (ground axes); its kind now, the kind to come and when; gap along x and distance at the start; friction on B
 RHO_A, RHO_B, AXES_B, GAP, GAP_RATE, FORCE_B, MOMENT_B, FORCE_A, MOMENT_A = 0, 3, 6, 15, 18, 21, 24, 27, 30
-JOINT_WORK = 33
-# per constraint row: direction e or 0, lever arms on A and B (body axes), n or 0 (ground axes), right-hand side, joint
-ROW_E, ROW_A, ROW_B, ROW_N, ROW_GAMMA, ROW_JOINT = 0, 3, 6, 9, 12, 13
-ROW_WORK = 14
+KIND, NEXT_KIND, NEXT_TIME, GAP_START, ROD_LENGTH, FRICTION_FORCE = 33, 34, 35, 36, 37, 38
+JOINT_WORK = 39
+# per spring: lever arms as of a joint, extension at the start (distance or along the axis), whether it has reached its stroke
+EXTENSION_START, SPENT = 6, 7
+SPRING_WORK = 8
+# per constant load: arm about the centre of mass (body axes), whether it acts in this stretch of time
+ARM, ACTS = 0, 3
+LOAD_WORK = 4
+# per condition: whether it is met; the side from which a height is approached; value and rate at the start of the step
+MET, FROM_SIDE, BEFORE, BEFORE_RATE = 0, 1, 2, 3
+LEAF_WORK = 4
+# per constraint row: direction e or 0, lever arms on A and B (body axes), n or 0 (ground axes), right-hand side, joint, C and C'
+ROW_E, ROW_A, ROW_B, ROW_N, ROW_GAMMA, ROW_JOINT, ROW_VALUE, ROW_RATE = 0, 3, 6, 9, 12, 13, 14, 15
+ROW_WORK = 16
+
+
+# What a scene contains and where its blocks start: whole numbers that a kernel reads through one pointer (as arguments they
+# would be copied at every call).
+STRUCTURE = np.dtype(
+    (
+        np.record,
+        [
+            (name, np.int64)
+            for name in """
+    n_bodies ground n_motors n_joints n_springs n_loads n_phases n_releases n_leaves n_events n_terms n_proximity n_load_outputs n_tip_off
+    n_guides n_clearances friction pivot_joint atmosphere gravity formulation drift motors_p joints_p springs_p loads_p leaves_p
+    proximity_p terms_p work motors_w joints_w springs_w loads_w leaves_w events_w rows_w matrix_w rhs_w size_w motor_body_i profile_i
+    joint_bodies_i kinds_i phase_kinds_i spring_bodies_i load_i leaves_i events_i clauses_i clause_leaves_i releases_i terms_i
+    aero_table_i proximity_i load_outputs_i tip_off_i guides_i pins_i clearances_i parts_i springs_x air_x wind_x
+""".split()
+        ],
+    )
+)
 
 
 class Model(NamedTuple):
     """What a scene contains, as a kernel reads it. The numbers of a case stand in ``w``: parameters first, then scratch.
 
-    ``*_p`` are starts of parameter blocks in w, ``*_w`` of scratch blocks in w, ``*_i`` of integer tables in ``table``:
-    motor_body (motors,), joint_bodies (joints, 2), phase_rows (phases, joints, 6) with 1 at constrained axes (translations
-    x y z, rotations x y z), all_axes (joints, 6) of ones, phase_event (phases,) the joint whose stroke ends the phase or -1,
-    terms (terms, 4) of body, coefficient, power of alpha, power of beta. ``numbers``: per joint its axes (9) and the sign
-    that makes its separation positive apart.
+    ``scene`` (STRUCTURE): numbers of things, codes, and starts: ``*_p`` are starts of parameter blocks in w, ``*_w`` of scratch blocks in w, ``*_i`` of integer tables in ``table``, ``*_x`` of
+    numbers that all cases share in ``numbers``.
+
+    Integer tables: motor_body (motors,); profile (motors, 2) start in ``numbers`` and rows; joint_bodies (joints, 2); kinds of
+    KIND_SIZE; phase_kinds (phases, joints); spring_bodies (springs, 2); load (loads, 2) body and frame; leaves of LEAF_SIZE;
+    events (events, 2) first clause and their number, an event being met when one of its clauses is: first the ends of the phases,
+    then the releases, then the strokes of springs; clauses (clauses, 2) first condition and their number, all of which must be met,
+    in clause_leaves; releases (releases, 2) joint and kind; terms (terms, 4) of body, coefficient, power of alpha, power of beta;
+    aero_table (bodies,) start in ``numbers`` or -1; proximity (n, 3) body, joint, start in ``numbers``; loads, tip_off, guides:
+    joints of those outputs; pins (joints,); clearances (n, 3) of two bodies and a joint or -1; parts (bodies, 2) start in
+    ``numbers`` and their number.
+
+    ``numbers``: per joint its axes (9) and the sign that makes its separation positive apart; per spring its axis or 0; tables.
     """
 
-    n_bodies: int
-    n_motors: int
-    n_joints: int
-    n_phases: int
-    n_terms: int
-    atmosphere: int
-    gravity: int
-    formulation: int
-    motors_p: int
-    joints_p: int
-    phases_p: int
-    terms_p: int
-    work: int
-    motors_w: int
-    joints_w: int
-    rows_w: int
-    matrix_w: int
-    rhs_w: int
-    size_w: int
-    motor_body_i: int
-    joint_bodies_i: int
-    phase_rows_i: int
-    all_axes_i: int
-    phase_event_i: int
-    terms_i: int
+    scene: Any
     table: Any
     numbers: Any
 

@@ -3,10 +3,14 @@
 The matrix stands row by row at w[a], n entries a row; the right-hand side at w[b] is overwritten by the solution.
 """
 
-from sepmc.kernels._jit import stage
+import math
+
+from sepmc.kernels._jit import keep_apart, stage
 
 # A pivot that keeps less than this share of its diagonal means dependent rows.
 _DEPENDENT = 1e-13
+# ... and, once rows are known to be redundant, one that keeps less than this share of the largest.
+_RANK = 1e-11
 
 
 @stage
@@ -15,6 +19,7 @@ def solve_ldlt(w, a, b, n):
 
     Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is then meaningless).
     """
+    keep_apart()
     smallest = 1.0
     for j in range(n):
         row_j = a + j * n
@@ -45,11 +50,97 @@ def solve_ldlt(w, a, b, n):
 
 
 @stage
+def _factor_pivoted(w, a, n, picked, left):
+    """A = L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted Cholesky on the scaled matrix.
+
+    A is given by its lower triangle and left as it is; L goes to w[a + n n], by rows of n. ``picked`` and ``left`` are places of n
+    numbers of scratch. Returns the rank and the smallest pivot taken, as shares of the diagonal.
+    """
+    keep_apart()
+    factor = a + n * n
+    for i in range(n):
+        w[picked + i] = 0.0
+        w[left + i] = 1.0
+        for k in range(n):
+            w[factor + i * n + k] = 0.0
+    smallest = 1.0
+    for rank in range(n):
+        p = -1
+        for i in range(n):
+            if w[picked + i] == 0.0 and (p < 0 or w[left + i] > w[left + p]):
+                p = i
+        if not w[left + p] > _RANK:
+            return rank, smallest
+        smallest = min(smallest, w[left + p])
+        w[picked + p] = 1.0
+        scale_p, root = math.sqrt(w[a + p * n + p]), math.sqrt(w[left + p])
+        for i in range(n):
+            if w[picked + i] != 0.0 and i != p:
+                continue
+            entry = w[a + max(i, p) * n + min(i, p)]
+            for k in range(rank):
+                entry -= w[factor + i * n + k] * w[factor + p * n + k]
+            w[factor + i * n + rank] = entry / (scale_p * root)
+            scaled = w[factor + i * n + rank] / math.sqrt(w[a + i * n + i])
+            w[left + i] -= scaled * scaled
+    return n, smallest
+
+
+@stage
+def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
+    """out += A^+ b with A = L L^T: L (L^T L)^-1 (L^T L)^-1 L^T b. ``t``: scratch of n numbers."""
+    keep_apart()
+    for r in range(rank):
+        w[t + r] = 0.0
+        for i in range(n):
+            w[t + r] += w[factor + i * n + r] * w[b + i]
+    for _ in range(2):
+        for r in range(rank):
+            for s in range(r + 1):
+                w[gram + r * rank + s] = 0.0
+                for i in range(n):
+                    w[gram + r * rank + s] += w[factor + i * n + r] * w[factor + i * n + s]
+        solve_ldlt(w, gram, t, rank)
+    for i in range(n):
+        for r in range(rank):
+            w[out + i] += w[factor + i * n + r] * w[t + r]
+
+
+@stage
+def solve_semidefinite(w, a, b, n):
+    """Solution of least sum of squares of a consistent positive semidefinite system, given by its lower triangle.
+
+    Needs room for 3 n^2 numbers at w[a] and 5 n at w[b]. Returns the rank and the smallest relative pivot; rank 0 if a diagonal is
+    not positive.
+    """
+    keep_apart()
+    for i in range(n):
+        if not w[a + i * n + i] > 0.0:
+            return 0, 0.0
+    factor, gram = a + n * n, a + 2 * n * n
+    out, residual, picked, t = b + n, b + 2 * n, b + 3 * n, b + 4 * n
+    rank, smallest = _factor_pivoted(w, a, n, picked, t)
+    for i in range(n):
+        w[out + i] = 0.0
+        w[residual + i] = w[b + i]
+    for _ in range(3):  # the first solves, the others refine
+        _apply_pseudo_inverse(w, factor, gram, residual, out, t, n, rank)
+        for i in range(n):
+            w[residual + i] = w[b + i]
+            for k in range(n):
+                w[residual + i] -= w[a + max(i, k) * n + min(i, k)] * w[out + k]
+    for i in range(n):
+        w[b + i] = w[out + i]
+    return rank, smallest
+
+
+@stage
 def solve_lu(w, a, b, n):
     """Solve a general system by LU with partial pivoting; rows are first scaled by their largest entry.
 
     Returns the smallest pivot of the scaled system, or 0 if it is singular (the solution is then meaningless).
     """
+    keep_apart()
     for i in range(n):
         largest = 0.0
         for j in range(n):

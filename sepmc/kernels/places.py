@@ -1,71 +1,98 @@
-"""Where things stand in the array ``w`` of a case: starts of the blocks of a body, motor, joint or constraint row."""
+"""Where things stand in the array ``w`` of a case: starts of the blocks of a body, motor, joint, ... or constraint row."""
 
+from sepmc.kernels import layout as at
 from sepmc.kernels._jit import formula
-from sepmc.kernels.layout import (
-    BODY_SIZE,
-    BODY_WORK,
-    HEAD,
-    JOINT_SIZE,
-    JOINT_WORK,
-    MOTOR_SIZE,
-    MOTOR_WORK,
-    PHASE_SIZE,
-    ROW_WORK,
-    WORK_HEAD,
-)
 
 
 @formula
 def body_params(b):
-    return HEAD + BODY_SIZE * b
+    return at.HEAD + at.BODY_SIZE * b
 
 
 @formula
 def motor_params(i, m):
-    return m.motors_p + MOTOR_SIZE * i
+    return m.scene.motors_p + at.MOTOR_SIZE * i
 
 
 @formula
 def joint_params(j, m):
-    return m.joints_p + JOINT_SIZE * j
+    return m.scene.joints_p + at.JOINT_SIZE * j
 
 
 @formula
-def phase_params(p, m):
-    return m.phases_p + PHASE_SIZE * p
+def spring_params(i, m):
+    return m.scene.springs_p + at.SPRING_SIZE * i
+
+
+@formula
+def load_params(i, m):
+    return m.scene.loads_p + at.LOAD_SIZE * i
 
 
 @formula
 def body_work(b, m):
-    return m.work + WORK_HEAD + BODY_WORK * b
+    return m.scene.work + at.WORK_HEAD + at.BODY_WORK * b
 
 
 @formula
 def motor_work(i, m):
-    return m.motors_w + MOTOR_WORK * i
+    return m.scene.motors_w + at.MOTOR_WORK * i
 
 
 @formula
 def joint_work(j, m):
-    return m.joints_w + JOINT_WORK * j
+    return m.scene.joints_w + at.JOINT_WORK * j
+
+
+@formula
+def spring_work(i, m):
+    return m.scene.springs_w + at.SPRING_WORK * i
+
+
+@formula
+def load_work(i, m):
+    return m.scene.loads_w + at.LOAD_WORK * i
+
+
+@formula
+def leaf_work(i, m):
+    return m.scene.leaves_w + at.LEAF_WORK * i
 
 
 @formula
 def row_work(r, m):
-    return m.rows_w + ROW_WORK * r
+    return m.scene.rows_w + at.ROW_WORK * r
+
+
+@formula
+def leaf(i, m):
+    """Start of a condition in m.table: what, of which, event, place of its threshold in w."""
+    return m.scene.leaves_i + at.LEAF_SIZE * i
 
 
 @formula
 def first_body(j, m):
-    return m.table[m.joint_bodies_i + 2 * j]
+    return m.table[m.scene.joint_bodies_i + 2 * j]
 
 
 @formula
 def second_body(j, m):
-    return m.table[m.joint_bodies_i + 2 * j + 1]
+    return m.table[m.scene.joint_bodies_i + 2 * j + 1]
 
 
 @formula
-def phase_rows(phase, m):
-    """Start in m.table of the constrained axes of a phase: 6 flags a joint."""
-    return m.phase_rows_i + 6 * m.n_joints * phase
+def kind_of(j, m, w):
+    """Kind of joint j now."""
+    return int(w[joint_work(j, m) + at.KIND])
+
+
+@formula
+def kind_rows(kind, m):
+    """Start of a kind in m.table: number of rows, then their codes."""
+    return m.scene.kinds_i + at.KIND_SIZE * kind
+
+
+@formula
+def joint_axes_x(j):
+    """Start of the axes of joint j in m.numbers, ten numbers a joint."""
+    return 10 * j

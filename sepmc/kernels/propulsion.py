@@ -32,3 +32,9 @@ def thrust_level(thrust, build_up, since):
     if build_up <= 0.0:
         return thrust
     return thrust * (1.0 - math.exp(-since / build_up))
+
+
+@formula
+def tail_off(since, time_constant):
+    """Share of the thrust at burn-out that is left ``since`` seconds later: exp(-since / time_constant)."""
+    return math.exp(-since / time_constant)

@@ -2,7 +2,8 @@
 
 import math
 
-from sepmc.kernels._jit import formula
+from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels.layout import QUATERNION, STATE
 
 
 @formula
@@ -33,6 +34,20 @@ def rate(q, omega):
         0.5 * (w * r + z * p - x * s),
         0.5 * (w * s + x * r - y * p),
     )
+
+
+@stage
+def normalise_all(y, bodies):
+    """Quaternions of a state back to unit length. Returns the largest drift, of the order of a step's error."""
+    keep_apart()
+    drift = 0.0
+    for b in range(bodies):
+        q = b * STATE + QUATERNION
+        norm = math.sqrt(y[q] ** 2 + y[q + 1] ** 2 + y[q + 2] ** 2 + y[q + 3] ** 2)
+        drift = max(drift, abs(norm - 1.0))
+        for i in range(4):
+            y[q + i] /= norm
+    return drift
 
 
 @formula

@@ -1,18 +1,20 @@
 """One generic Runge-Kutta step and its continuous extension; the method is data (methods.py)."""
 
-from sepmc.kernels._jit import stage
+from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.dynamics import derivative
 
 
 @stage
-def first_stage(t, y, k, phase, m, w):
+def first_stage(t, y, k, m, w):
     """Derivative at the start of a step, into k[0]; it serves every trial length from there. Returns the smallest pivot."""
-    return derivative(t, y, k[0], phase, m, w)
+    keep_apart()
+    return derivative(t, y, k[0], m, w)
 
 
 @stage
-def stages(first, last, t, h, y, scratch, k, rk, phase, m, w):
+def stages(first, last, t, h, y, scratch, k, rk, m, w):
     """Stages ``first`` to ``last`` - 1 from the stages before them. Returns the smallest pivot."""
+    keep_apart()
     pivot = 1.0
     for i in range(first, last):
         scratch[:] = 0.0
@@ -23,28 +25,31 @@ def stages(first, last, t, h, y, scratch, k, rk, phase, m, w):
                     scratch[n] += weight * k[j, n]
         for n in range(y.shape[0]):
             scratch[n] = y[n] + h * scratch[n]
-        pivot = min(pivot, derivative(t + rk.c[i] * h, scratch, k[i], phase, m, w))
+        pivot = min(pivot, derivative(t + rk.c[i] * h, scratch, k[i], m, w))
     return pivot
 
 
 @stage
-def step(t, h, y, out, scratch, k, rk, phase, m, w):
+def step(t, h, y, out, scratch, k, rk, m, w):
     """One step of length h from y at t into ``out``; stage 0 must stand in k[0]. Returns the smallest pivot."""
+    keep_apart()
     count = rk.b.shape[0]
-    pivot = stages(1, count, t, h, y, scratch, k, rk, phase, m, w)
+    pivot = stages(1, count, t, h, y, scratch, k, rk, m, w)
     _combine(h, rk.b, y, out, k)
     return pivot
 
 
 @stage
-def extend(t, h, y, scratch, k, rk, phase, m, w):
+def extend(t, h, y, scratch, k, rk, m, w):
     """The stages that only the continuous extension needs, after `step`."""
-    stages(rk.b.shape[0], rk.dense.shape[0], t, h, y, scratch, k, rk, phase, m, w)
+    keep_apart()
+    stages(rk.b.shape[0], rk.dense.shape[0], t, h, y, scratch, k, rk, m, w)
 
 
 @stage
 def interpolate(theta, h, y, out, weights, k, rk):
     """State at fraction ``theta`` of the step from y, by the continuous extension. ``weights`` is scratch."""
+    keep_apart()
     for i in range(rk.dense.shape[0]):
         weight = 0.0
         for p in range(rk.dense.shape[1] - 1, -1, -1):
@@ -56,6 +61,7 @@ def interpolate(theta, h, y, out, weights, k, rk):
 @stage
 def _combine(h, weights, y, out, k):
     """y + h sum_i weights_i k_i into ``out``."""
+    keep_apart()
     out[:] = 0.0
     for i in range(weights.shape[0]):
         if weights[i] != 0.0:

@@ -1,5 +1,7 @@
 """Algebra of 3-vectors (tuples) and 3 x 3 matrices (9-tuples by rows)."""
 
+import math
+
 from sepmc.kernels._jit import formula
 
 
@@ -26,6 +28,12 @@ def dot(a, b):
 @formula
 def cross(a, b):
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@formula
+def unit(a):
+    """a / |a|; not finite if a is zero."""
+    return scale(1.0 / math.sqrt(dot(a, a)), a)
 
 
 @formula

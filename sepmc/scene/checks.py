@@ -1,4 +1,4 @@
-"""What no single value can show: references between tables, inertias a solid body can have, phases that end, laws in range."""
+"""What no single value can show: references between tables, inertias a solid body can have, laws in range."""
 
 import math
 
@@ -6,8 +6,12 @@ import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
-from sepmc.scene.messages import Problems, nearest
-from sepmc.scene.model import Body, Joint, Scene
+from sepmc.scene.kinds import KINDS
+from sepmc.scene.load_checks import check_air, check_known, check_lengths, check_loads, check_outputs, check_pair, check_series
+from sepmc.scene.messages import Problems
+from sepmc.scene.model import Body, Joint, Motor, Scene
+from sepmc.scene.parameters import value as parameter_value
+from sepmc.scene.phase_checks import check_phases, holds_ground
 
 ATMOSPHERE_TOP = 86_000.0
 MOST_ROWS = 100_000  # of history in a case
@@ -21,18 +25,15 @@ def check_scene(scene: Scene, problems: Problems) -> None:
     for name, body in scene.body.items():
         _check_body(name, body, problems)
     for motor in scene.motor:
-        _check_known(f"motor.{motor.name}.body", motor.body, scene.body, "body", problems)
+        _check_motor(motor, scene, problems)
     for name, joint in scene.joint.items():
         _check_joint(name, joint, scene, problems)
-    _check_phases(scene, problems)
-    _check_releases(scene, problems)
+    check_loads(scene, problems)
+    check_outputs(scene, problems)
+    check_air(scene, problems)
+    check_phases(scene, problems)
     _check_initial(scene, problems)
     _check_histories(scene, problems)
-
-
-def _check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
-    if name not in known:
-        problems.add(place, f"no such {what}; {nearest(name, known)}", name)
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
@@ -68,63 +69,28 @@ def _check_body(name: str, body: Body, problems: Problems) -> None:
         problems.add(f"body.{name}.inertia_kg_m2", fault, list(body.inertia))
 
 
+def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
+    place = f"motor.{motor.name}"
+    check_known(f"{place}.body", motor.body, scene.body, "body", problems)
+    if motor.profile is not None:
+        check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
+        check_lengths(f"{place}.profile", {"time_s": motor.profile.time, "fraction": motor.profile.fraction}, problems)
+
+
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
-    place = f"joint.{name}.bodies"
-    for body in joint.bodies:
-        _check_known(place, body, scene.body, "body", problems)
-    if joint.bodies[0] == joint.bodies[1]:
-        problems.add(place, "must name two different bodies", list(joint.bodies))
+    place = f"joint.{name}"
+    check_pair(f"{place}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
     lengths = float(np.linalg.norm(x)) * float(np.linalg.norm(y))
     if float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths:
-        problems.add(f"joint.{name}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis))
-
-
-def _check_phases(scene: Scene, problems: Problems) -> None:
-    end = scene.run.end_time
-    if not scene.phase:
-        problems.add("phase", "at least one [[phase]] is needed")
-    last_time = 0.0
-    for number, phase in enumerate(scene.phase):
-        place = f"phase.{phase.name}"
-        for joint in phase.joints:
-            _check_known(f"{place}.joints", joint, scene.joint, "joint", problems)
-        is_last = number == len(scene.phase) - 1
-        until = phase.until
-        if until is None:
-            if not is_last:
-                problems.add(place, "never ends: give it until = { time_s = ... } or { joint = ..., stroke_mm = ... }")
-            continue
-        if is_last:
-            problems.add(f"{place}.until", "the last phase ends at run.end_time_s; remove until")
-        if until.time is None and until.joint is None:
-            problems.add(f"{place}.until", "never ends: give time_s, or joint and stroke_mm")
-        if (until.joint is None) != (until.stroke is None):
-            problems.add(f"{place}.until", "joint and stroke_mm belong together")
-        if until.joint is not None:
-            _check_known(f"{place}.until.joint", until.joint, scene.joint, "joint", problems)
-            if until.joint in scene.joint and phase.joints.get(until.joint) != "slider":
-                problems.add(f"{place}.until.joint", "must be a slider in this phase, to have a stroke", until.joint)
-        if until.time is not None:
-            if until.time < last_time:
-                problems.add(f"{place}.until.time_s", f"must be >= {last_time:g}, the end of the phase before", until.time)
-            if until.time >= end and not is_last:
-                problems.add(f"{place}.until.time_s", f"must be < run.end_time_s = {end:g}, or the next phase never begins", until.time)
-            last_time = max(last_time, until.time)
-
-
-_HOLDS = {"free": 0, "slider": 5, "fixed": 6}  # constrained axes
-
-
-def _check_releases(scene: Scene, problems: Problems) -> None:
-    """A joint may let go from phase to phase, never take hold again: contact and capture are not modelled."""
-    for joint in scene.joint:
-        kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
-        for before, after, first, then in zip(scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False):
-            if _HOLDS[then] > _HOLDS[first]:
-                unnamed = "" if joint in before.joints else " (a joint not named in a phase is free)"
-                said = f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take hold again"
-                problems.add(f"phase.{after.name}.joints.{joint}", said, then)
+        problems.add(f"{place}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis))
+    for kind in joint.kind:
+        if kind in KINDS:
+            problems.add(f"{place}.kind.{kind}", "is the name of a common kind; choose another")
+    if joint.fails not in (0.0, 1.0):
+        problems.add(f"{place}.fails", "must be 0 (lets go) or 1 (never does); disperse it with a discrete law", joint.fails)
+    if joint.guide is not None and joint.guide.pins > 1 and joint.guide.circle == 0.0:
+        problems.add(f"{place}.guide.circle_m", "must be > 0 with more than one pin")
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
@@ -139,6 +105,8 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
         problems.add("initial.yaw_deg", "must lie within +-89 deg (the attitude angles are singular at 90)", math.degrees(initial.yaw))
+    if holds_ground(scene) and initial.speed != 0.0:
+        problems.add("initial.speed_m_s", "must be 0 where a joint of the first phase holds the ground", initial.speed)
     if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
         problems.add("initial.altitude_m", "must lie in 0 to 86000 m, where the 1976 atmosphere is defined", initial.altitude)
 
@@ -166,6 +134,10 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
             problems.add(place, f"the law reaches {shown:g}, but the value {allowed}")
     if parameter.path == "initial.altitude" and scene.environment.atmosphere == "us1976" and (low < 0.0 or high > ATMOSPHERE_TOP):
         problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")
+    if parameter.path.endswith(".fails") and not {low, high} <= {0.0, 1.0}:
+        problems.add(place, "must be discrete, of 0 (lets go) and 1 (never does)")
+    if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:
+        problems.add(place, "can vary only if its nominal is > 0: friction that is 0 is not computed")
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
         problems.add(place, f"reaches {math.degrees(low):g} to {math.degrees(high):g} deg; yaw must stay within +-89 deg")
     if parameter.path.startswith("phase.") and parameter.path.endswith(".until.time") and high >= scene.run.end_time:

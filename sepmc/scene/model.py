@@ -1,7 +1,7 @@
 """The immutable scene and campaign, in SI and radians. Field names carry no unit here; in TOML they do (``mass_kg``)."""
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
 
@@ -25,23 +25,59 @@ Point = Annotated[Vector, Quantity("length", _XYZ)]
 Direction = Annotated[Vector, Quantity("", _XYZ)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
 Polynomial = dict[str, float]  # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
-JointKind = Literal["fixed", "slider", "free"]
+Series = tuple[float, ...]
+Grid = list[Any]  # nested lists of numbers, one level per axis of the table
+Axis = Literal["x", "y", "z"]
+GROUND = "ground"  # the body that does not move: a joint may name it
 
 
 class _Table(Struct, frozen=True):
     pass
 
 
+class WindProfile(_Table, frozen=True, kw_only=True):
+    """Wind over height, smooth between the rows; added to the steady wind."""
+
+    altitude: Annotated[Series, Quantity("length")]
+    speed: Annotated[Series, Quantity("speed")]
+    direction: Annotated[Series, Quantity("angle")]
+
+
 class Wind(_Table, frozen=True, kw_only=True):
     speed: Speed = 0.0
     direction: Angle = 0.0
+    profile: WindProfile | None = None
+
+
+class AirProfile(_Table, frozen=True, kw_only=True):
+    """Air over height, smooth between the rows, for ``atmosphere = "table"``."""
+
+    altitude: Annotated[Series, Quantity("length")]
+    density: Annotated[Series, Quantity("density")]
+    speed_of_sound: Annotated[Series, Quantity("speed")] = ()
 
 
 class Environment(_Table, frozen=True, kw_only=True):
-    atmosphere: Literal["us1976", "none"] = "us1976"
+    atmosphere: Literal["us1976", "table", "none"] = "us1976"
+    air: AirProfile | None = None
+    density_factor: Annotated[float, NotNegative] = 1.0
     gravity: Literal["inverse-square", "constant", "none"] = "inverse-square"
     surface_gravity: Annotated[float, Positive, Quantity("acceleration")] = 9.80665
     wind: Wind = field(default_factory=Wind)
+
+
+class AeroTable(_Table, frozen=True, kw_only=True):
+    """Coefficients on a grid of those axes that are given, in the order mach, alpha, beta; added to the polynomials."""
+
+    mach: Series = ()
+    alpha: Annotated[Series, Quantity("angle")] = ()
+    beta: Annotated[Series, Quantity("angle")] = ()
+    axial: Grid = field(default_factory=list)
+    normal: Grid = field(default_factory=list)
+    side: Grid = field(default_factory=list)
+    roll: Grid = field(default_factory=list)
+    yaw: Grid = field(default_factory=list)
+    pitch: Grid = field(default_factory=list)
 
 
 class Aerodynamics(_Table, frozen=True, kw_only=True):
@@ -56,6 +92,20 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
     force_factor: float = 1.0
     moment_factor: float = 1.0
     moment_point: Point | None = None
+    table: AeroTable | None = None
+
+
+class Part(_Table, frozen=True, kw_only=True):
+    """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii are equal), or points.
+
+    A hollow frustum is the inside of a shell: points of the other body should stay within it.
+    """
+
+    stations: Annotated[tuple[float, float], Quantity("length")] | None = None
+    radii: Annotated[tuple[float, float], Quantity("length")] | None = None
+    offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)  # where the axis of revolution lies
+    points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
+    hollow: bool = False
 
 
 class Body(_Table, frozen=True, kw_only=True):
@@ -65,6 +115,14 @@ class Body(_Table, frozen=True, kw_only=True):
     inertia_factor: Annotated[float, Positive] = 1.0
     cg: Point
     aerodynamics: Aerodynamics | None = None
+    outline: tuple[Part, ...] = ()
+
+
+class Profile(_Table, frozen=True, kw_only=True):
+    """Thrust over time since ignition, as a fraction of ``thrust``; linear between the rows, zero after the last."""
+
+    time: Annotated[Series, Quantity("time")]
+    fraction: Series
 
 
 class Motor(_Table, frozen=True, kw_only=True):
@@ -73,7 +131,10 @@ class Motor(_Table, frozen=True, kw_only=True):
     thrust: Annotated[float, Quantity("force")]
     build_up: Time = 0.0
     ignition: Time = 0.0
+    delay: Time = 0.0
     burn: Annotated[float, Positive, Quantity("time")] = math.inf
+    tail_off: Time = 0.0
+    profile: Profile | None = None
     station: Length
     radius: Annotated[float, NotNegative, Quantity("length")] = 0.0
     cant: Angle = math.pi
@@ -83,31 +144,137 @@ class Motor(_Table, frozen=True, kw_only=True):
     deflection_clock: Angle = 0.0
 
 
+class Spring(_Table, frozen=True, kw_only=True):
+    """A spring, pusher or piston between two points: force on the second body, and its opposite on the first.
+
+    With ``axis`` (of the first body) it pushes along that axis, otherwise along the line between its points. The force is
+    ``force - stiffness x - damping x'`` at an extension x from the start; beyond ``stroke`` it is gone for good.
+    """
+
+    name: Name
+    bodies: tuple[str, str]
+    point: Point
+    second_point: Point | None = None
+    axis: Direction | None = None
+    force: Annotated[float, Quantity("force")] = 0.0
+    stiffness: Annotated[float, NotNegative, Quantity("stiffness")] = 0.0
+    damping: Annotated[float, NotNegative, Quantity("damping")] = 0.0
+    stroke: Annotated[float, Positive, Quantity("length")] = math.inf
+
+
+class Load(_Table, frozen=True, kw_only=True):
+    """A constant force at a point of a body and a constant moment, in body or ground axes, from ``start`` to ``end``."""
+
+    name: Name
+    body: str
+    force: Annotated[Vector, Quantity("force", _XYZ)] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Quantity("moment", _XYZ)] = (0.0, 0.0, 0.0)
+    frame: Literal["body", "ground"] = "body"
+    point: Point | None = None  # None: the centre of mass
+    start: Time = 0.0
+    end: Annotated[float, Positive, Quantity("time")] = math.inf
+
+
+class Proximity(_Table, frozen=True, kw_only=True):
+    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint; constant beyond the ends."""
+
+    name: Name
+    body: str
+    joint: str
+    distance: Annotated[Series, Quantity("length")]
+    axial: Series = ()
+    normal: Series = ()
+    side: Series = ()
+    roll: Series = ()
+    yaw: Series = ()
+    pitch: Series = ()
+    factor: float = 1.0
+
+
+class Guide(_Table, frozen=True, kw_only=True):
+    """Pins of a slider: how many, where, how far they engage when closed, and their Coulomb friction."""
+
+    pins: Annotated[int, Meta(ge=1, le=24)]
+    circle: Annotated[float, NotNegative, Quantity("length")] = 0.0  # radius of the circle the pins stand on
+    clock: Angle = 0.0  # of the first pin, from y toward z
+    engaged: Annotated[float, Positive, Quantity("length")]
+    friction: Annotated[float, NotNegative] = 0.0
+    slip_speed: Annotated[float, Positive, Quantity("speed")] = 0.01  # sliding speed at which friction is fully developed
+
+
+class Custom(_Table, frozen=True, kw_only=True):
+    """A joint kind of one's own: the joint axes along which, and about which, it holds."""
+
+    translations: tuple[Axis, ...] = ()
+    rotations: tuple[Axis, ...] = ()
+
+
 class Joint(_Table, frozen=True, kw_only=True):
     bodies: tuple[str, str]
     point: Point
+    second_point: Point | None = None  # the second body's end of a rod
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
     apart: Literal[1, -1] | None = (
         None  # sign of r_B - r_A along x_axis that counts as apart; None: toward the second nominal centre of mass
     )
+    kind: dict[Name, Custom] = field(default_factory=dict)
+    delay: Time = 0.0  # from the event that lets go to letting go
+    fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never lets go
+    guide: Guide | None = None
 
 
 class Until(_Table, frozen=True, kw_only=True):
+    """A condition. Of several keys, whichever is met first counts; what was met once stays met."""
+
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
+    burn_out: str | None = None  # of a motor
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
+    distance: Annotated[float, Positive, Quantity("length")] | None = None
+    angle: Annotated[float, Positive, Quantity("angle")] | None = None
+    force: Annotated[float, Positive, Quantity("force")] | None = None
+    moment: Annotated[float, Positive, Quantity("moment")] | None = None
+    body: str | None = None
+    altitude: Annotated[float, Quantity("length")] | None = None
+    any: tuple["Until", ...] = ()
+    all: tuple["Until", ...] = ()
 
 
 class Phase(_Table, frozen=True, kw_only=True):
     name: Name
-    joints: dict[str, JointKind] = field(default_factory=dict)
+    joints: dict[str, str] = field(default_factory=dict)
     until: Until | None = None
+
+
+class Release(_Table, frozen=True, kw_only=True):
+    """An event of one joint, whatever the phase."""
+
+    name: Name
+    joint: str
+    to: str = "free"
+    when: Until
+
+
+class Clearance(_Table, frozen=True, kw_only=True):
+    """The least distance between the outlines of two bodies over the flight."""
+
+    name: Name
+    bodies: tuple[str, str]
+    after: str | None = None  # a joint: count from its release on
+
+
+class Output(_Table, frozen=True, kw_only=True):
+    """What else to compute: names of joints."""
+
+    loads: tuple[str, ...] = ()
+    tip_off: tuple[str, ...] = ()
+    guide: tuple[str, ...] = ()
 
 
 class Initial(_Table, frozen=True, kw_only=True):
     altitude: Length
-    speed: Annotated[float, Positive, Quantity("speed")]
+    speed: Annotated[float, NotNegative, Quantity("speed")]
     omega: Annotated[Vector, Quantity("angular rate", _XYZ)] = (0.0, 0.0, 0.0)
     alpha: Angle = 0.0
     pitch: Angle = 0.0
@@ -129,6 +296,7 @@ class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["dop853", "rk4"] = "dop853"
     step: Annotated[float, Positive, Quantity("time")] = 0.05
+    drift: Literal["projection", "baumgarte", "none"] = "projection"
 
 
 class Scene(_Table, frozen=True, kw_only=True):
@@ -137,8 +305,14 @@ class Scene(_Table, frozen=True, kw_only=True):
     environment: Environment = field(default_factory=Environment)
     body: dict[Name, Body]
     motor: tuple[Motor, ...] = ()
+    spring: tuple[Spring, ...] = ()
+    load: tuple[Load, ...] = ()
+    proximity: tuple[Proximity, ...] = ()
     joint: dict[Name, Joint] = field(default_factory=dict)
     phase: tuple[Phase, ...]
+    release: tuple[Release, ...] = ()
+    clearance: tuple[Clearance, ...] = ()
+    output: Output = field(default_factory=Output)
     initial: Initial
     run: Run
     solver: Solver = field(default_factory=Solver)

@@ -68,6 +68,11 @@ def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
     return field.name, unit, field.keys[part], field
 
 
+def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:
+    """Names of the tables of an array; their numbers if they have no name."""
+    return tuple(getattr(item, "name", str(number)) for number, item in enumerate(items))
+
+
 def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
     if isinstance(node, dict):
         if part not in node:
@@ -79,7 +84,7 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
             raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
         return part, node[names.index(part)]
     if isinstance(node, tuple):
-        names = tuple(getattr(item, "name", "?") for item in node)
+        names = item_names(node)
         if part not in names:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, names))
         return part, node[names.index(part)]
@@ -121,6 +126,6 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
         return msgspec.structs.replace(node, **{part: _replace(getattr(node, part), rest, number, inner)})
     if isinstance(node, dict):
         return {**node, part: _replace(node[part], rest, number, None)}
-    names = field.quantity.components if field and field.quantity.components else tuple(item.name for item in node)
+    names = field.quantity.components if field and field.quantity.components else item_names(node)
     place = names.index(part)
     return (*node[:place], _replace(node[place], rest, number, None), *node[place + 1 :])

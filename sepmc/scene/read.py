@@ -12,6 +12,7 @@ import msgspec
 import tomli_w
 
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
+from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
@@ -127,7 +128,7 @@ def parse_campaign(
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
     """A reference can only stand beside an outcome that this scene has."""
-    known = [column.name for column in outcome_columns(list(scene.body), list(scene.joint))]
+    known = [column.name for column in outcome_columns(contents(scene))]
     for name in reference.outcome:
         if name not in known:
             problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
@@ -212,6 +213,8 @@ def _vector_components(kind: type[msgspec.Struct]) -> dict[str, tuple[str, ...]]
     found: dict[str, tuple[str, ...]] = {}
     for field in fields_of(kind).values():
         inner = field.table or field.table_of_tables or field.array_of_tables
+        if inner is kind:
+            continue
         if inner is not None:
             found |= _vector_components(inner)
         elif field.quantity.components:

@@ -56,10 +56,10 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
         return _read_array(field.array_of_tables, value, place, problems)
     if field.quantity.components and isinstance(value, dict):
         value = _components(field, value, factor, place, problems)
-    if get_origin(field.bare) is dict and isinstance(value, dict):
+    if get_origin(field.bare) is dict and isinstance(value, dict) and not field.table_of_tables:
         return _read_items(field, value, place, problems)
     scaled = to_si(value, factor)
-    if not _finite(scaled) and not (field.name == "burn" and value == math.inf):
+    if not _finite(scaled) and not (field.default == math.inf and value == math.inf):
         problems.add(place, "must be finite", value)
         return None
     result, allowed = convert(scaled, field.type)

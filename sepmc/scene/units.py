@@ -17,6 +17,10 @@ UNITS: dict[str, dict[str, float]] = {
     "angular rate": {"deg_s": _DEG, "rad_s": 1.0, "rpm": 2.0 * math.pi / 60.0},
     "acceleration": {"m_s2": 1.0, "ft_s2": _FT},
     "force": {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": _LBF},
+    "moment": {"N_m": 1.0, "kN_m": 1e3, "lbf_ft": _LBF * _FT},
+    "stiffness": {"N_per_m": 1.0, "N_per_mm": 1e3, "kN_per_m": 1e3, "lbf_per_in": _LBF / 0.0254},
+    "damping": {"N_s_per_m": 1.0, "kN_s_per_m": 1e3, "lbf_s_per_in": _LBF / 0.0254},
+    "density": {"kg_per_m3": 1.0, "g_per_cm3": 1e3, "slug_per_ft3": _SLUG / _FT**3},
     "inertia": {"kg_m2": 1.0, "t_m2": 1e3, "slug_ft2": _SLUG * _FT**2},
 }
 
@@ -25,6 +29,9 @@ _SUFFIXES = sorted({s for table in UNITS.values() for s in table}, key=len, reve
 
 def unit_text(suffix: str) -> str:
     """A suffix as a person writes it: ``deg_s`` is deg/s, ``kg_m2`` is kg m2, and none is 1."""
+    over, per, under = suffix.partition("_per_")
+    if per:
+        return f"{over.replace('_', ' ')}/{under}"
     head, _, last = suffix.rpartition("_")
     return f"{head}{'/' if last in ('s', 's2', 'h') else ' '}{last}" if head else suffix or "1"
 

@@ -1,0 +1,101 @@
+"""Conditions that end phases and let joints go, as tables a kernel reads: events, met when one of their clauses is."""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+from sepmc.kernels import layout as at
+from sepmc.scene.model import Scene, Until
+
+_ON_JOINT = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "force": at.AT_FORCE, "moment": at.AT_MOMENT}
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One comparison: what, of which joint, motor, body or spring, for which event; the path of its threshold, if it has one."""
+
+    what: int
+    which: str
+    event: int
+    path: str | None
+
+
+@dataclass
+class Conditions:
+    """``events`` (first clause, clauses), ``clauses`` (first leaf, leaves) and ``clause_leaves``, flat.
+
+    Events: the end of each phase, each release, the stroke of each spring.
+    """
+
+    leaves: list[Leaf] = field(default_factory=list)
+    events: list[int] = field(default_factory=list)
+    clauses: list[int] = field(default_factory=list)
+    clause_leaves: list[int] = field(default_factory=list)
+
+    def add(self, until: Until | None, path: str) -> None:
+        """The next event: met when ``until`` is; never if that is None."""
+        self._close(self._clauses(until, path) if until is not None else [])
+
+    def add_stroke(self, spring: str, stroke: float) -> None:
+        """The next event: the end of a spring's push."""
+        self._close([[self._leaf(at.AT_SPRING_STROKE, spring, None)]] if math.isfinite(stroke) else [])
+
+    def _close(self, clauses: list[list[int]]) -> None:
+        self.events += [len(self.clauses) // 2, len(clauses)]
+        for clause in clauses:
+            self.clauses += [len(self.clause_leaves), len(clause)]
+            self.clause_leaves += clause
+
+    def _leaf(self, what: int, which: str, path: str | None) -> int:
+        self.leaves.append(Leaf(what, which, len(self.events) // 2, path))
+        return len(self.leaves) - 1
+
+    def _clauses(self, until: Until, path: str) -> list[list[int]]:
+        """Any of clauses, each all of leaves."""
+        found = []
+        if until.time is not None:
+            found.append([self._leaf(at.AT_TIME, "", f"{path}.time")])
+        if until.burn_out is not None:
+            found.append([self._leaf(at.AT_BURN_OUT, until.burn_out, None)])
+        for key, what in _ON_JOINT.items():
+            if getattr(until, key) is not None and until.joint is not None:
+                found.append([self._leaf(what, until.joint, f"{path}.{key}")])
+        if until.altitude is not None and until.body is not None:
+            found.append([self._leaf(at.AT_ALTITUDE, until.body, f"{path}.altitude")])
+        for number, item in enumerate(until.any):
+            found += self._clauses(item, f"{path}.any.{number}")
+        if until.all:
+            parts = [self._clauses(item, f"{path}.all.{number}") for number, item in enumerate(until.all)]
+            found += [list(itertools.chain(*choice)) for choice in itertools.product(*parts)]
+        return found
+
+    def leaf_table(self, scene: Scene, bodies: list[str], starts: dict[str, int]) -> list[int]:
+        """Of every leaf: what, which, event, and the place of its threshold in the vector of parameters."""
+        joints, motors = list(scene.joint), [motor.name for motor in scene.motor]
+        springs = [spring.name for spring in scene.spring]
+        table: list[int] = []
+        for number, leaf in enumerate(self.leaves):
+            which, place = 0, starts["leaves_p"] + number
+            if leaf.what == at.AT_BURN_OUT:
+                which = motors.index(leaf.which)
+            elif leaf.what == at.AT_ALTITUDE:
+                which = bodies.index(leaf.which)
+            elif leaf.what == at.AT_SPRING_STROKE:
+                which = springs.index(leaf.which)
+                place = starts["springs_p"] + at.SPRING_SIZE * which + at.STROKE
+            elif leaf.what != at.AT_TIME:
+                which = joints.index(leaf.which)
+            table += [leaf.what, which, leaf.event, place]
+        return table
+
+
+def make_conditions(scene: Scene) -> Conditions:
+    """Every condition of a scene."""
+    conditions = Conditions()
+    for phase in scene.phase:
+        conditions.add(phase.until, f"phase.{phase.name}.until")
+    for release in scene.release:
+        conditions.add(release.when, f"release.{release.name}.when")
+    for spring in scene.spring:
+        conditions.add_stroke(spring.name, spring.stroke)
+    return conditions

@@ -1,0 +1,298 @@
+"""What is watched over a whole flight, if asked for: joint loads, pin loads and jamming, clearance; peaks, their times, impulses."""
+
+import math
+
+from sepmc.kernels import guides as pins
+from sepmc.kernels import layout as at
+from sepmc.kernels import outlines, quat, vec3
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.cfe import attitude, solve_motion
+from sepmc.kernels.dynamics import guide_bearing, guide_wrench, motion, slides
+from sepmc.kernels.observe import joint_outcomes_at
+from sepmc.kernels.places import body_params, first_body, joint_params, joint_work, kind_of, second_body
+from sepmc.kernels.rk import interpolate
+
+# Gauss-Lobatto nodes and weights on a step, exact to degree 7 (Abramowitz and Stegun, 25.4.32).
+NODES = 5
+_THETA = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
+_WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
+_RIM = 16  # points of the rim of a solid that are held against the inside of a shell
+
+
+@stage
+def watches(m):
+    """Whether anything is watched."""
+    return m.scene.n_load_outputs + m.scene.n_guides + m.scene.n_clearances > 0
+
+
+@stage
+def row_size(m):
+    """Numbers a row of watched quantities holds: force and moment per joint; pins and jamming per guide; clearance and place."""
+    size = 2 * m.scene.n_load_outputs + 4 * m.scene.n_clearances
+    for g in range(m.scene.n_guides):
+        size += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 1
+    return size
+
+
+@stage
+def _norm(w, k):
+    v = vec3.get(w, k)
+    return math.sqrt(vec3.dot(v, v))
+
+
+@stage
+def _guide_row(y, j, row, k, m, w):
+    """Load of each pin, N, and minus the coefficient of friction at which they would jam, of joint j from row[k] on."""
+    p, count = joint_params(j, m), m.table[m.scene.pins_i + j]
+    if not slides(j, m, w):
+        for i in range(count + 1):
+            row[k + i] = -math.inf
+        return
+    mouth, tip, torsion, total = guide_bearing(y, j, m, w)
+    for i in range(count):
+        at_mouth, at_tip = pins.pin_loads(mouth, tip, torsion, i, count, w[p + at.CIRCLE], w[p + at.PIN_CLOCK])
+        row[k + i] = max(at_mouth, at_tip)
+    # what would hold the joint along x is what drives it apart, friction included
+    work = joint_work(j, m)
+    kind, w[work + at.KIND] = w[work + at.KIND], at.FIXED
+    solve_motion(y, m, w)
+    drive = abs(guide_wrench(j, m, w)[0][0]) + abs(w[work + at.FRICTION_FORCE])
+    w[work + at.KIND] = kind
+    solve_motion(y, m, w)
+    row[k + count] = -drive / total if total > 0.0 else -math.inf
+
+
+@stage
+def _part(p, body, frame, y, m, w):
+    """Part of a body's outline, whose numbers start at m.numbers[p], in the axes of body ``frame`` from its centre of mass."""
+    keep_apart()
+    cg = vec3.get(w, body_params(body) + at.CG)
+    r, to = attitude(body, m, w), attitude(frame, m, w)
+    here = (cg[0] - m.numbers[p + 1], m.numbers[p + 2] - cg[1], m.numbers[p + 3] - cg[2])
+    apart = vec3.sub(vec3.get(y, body * at.STATE + at.POSITION), vec3.get(y, frame * at.STATE + at.POSITION))
+    start = vec3.unrotate(to, vec3.add(apart, vec3.rotate(r, here)))
+    length = m.numbers[p + 4]
+    axis = vec3.unrotate(to, vec3.rotate(r, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0)))
+    return start, axis, abs(length), m.numbers[p + 5], m.numbers[p + 6]
+
+
+@stage
+def _rim_gap(solid, shell):
+    """Least distance from the rims of a solid to the inside of a shell, and the nearest points of solid and shell."""
+    keep_apart()
+    start, axis, length, r0, r1 = solid
+    u = vec3.unit(vec3.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.7 else (0.0, 0.0, 1.0)))
+    v = vec3.cross(axis, u)
+    best, on_solid, on_shell = math.inf, start, start
+    for end in range(2):
+        centre, radius = (start, r0) if end == 0 else (vec3.add(start, vec3.scale(length, axis)), r1)
+        for i in range(_RIM):
+            angle = 2.0 * math.pi * i / _RIM
+            across = vec3.add(vec3.scale(radius * math.cos(angle), u), vec3.scale(radius * math.sin(angle), v))
+            point = vec3.add(centre, across)
+            distance, wall = outlines.inside_gap(point, shell)
+            if distance < best:
+                best, on_solid, on_shell = distance, point, wall
+            if radius == 0.0:
+                break
+        if length == 0.0:
+            break
+    return best, on_solid, on_shell
+
+
+@stage
+def clearance(y, a, b, m, w):
+    """Least distance between the outlines of bodies a and b, m, and the nearest point of a, layout. Needs attitudes."""
+    keep_apart()
+    best, place = math.inf, (math.nan, math.nan, math.nan)
+    first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
+    first_b, count_b = m.table[m.scene.parts_i + 2 * b], m.table[m.scene.parts_i + 2 * b + 1]
+    for i in range(count_a):
+        pa = first_a + at.PART_SIZE * i
+        part_a = _part(pa, a, a, y, m, w)
+        for k in range(count_b):
+            pb = first_b + at.PART_SIZE * k
+            part_b = _part(pb, b, a, y, m, w)
+            if m.numbers[pa] != 0.0 and m.numbers[pb] != 0.0:
+                continue  # two shells: each is met by the other body's solids
+            if m.numbers[pa] != 0.0:
+                distance, _, here = _rim_gap(part_b, part_a)
+            elif m.numbers[pb] != 0.0:
+                distance, here, _ = _rim_gap(part_a, part_b)
+            else:
+                distance, here, _ = outlines.gap(part_a, part_b)
+            if distance < best:
+                best, place = distance, here
+    cg = vec3.get(w, body_params(a) + at.CG)
+    return best, (cg[0] - place[0], cg[1] + place[1], cg[2] + place[2])
+
+
+@stage
+def counts(i, m, w):
+    """Whether clearance ``i`` is counted yet: from the start, or once its joint is free."""
+    after = m.table[m.scene.clearances_i + 3 * i + 2]
+    return after < 0 or kind_of(after, m, w) == at.FREE
+
+
+@stage
+def watch(t, y, row, m, w):
+    """All watched quantities of a state into ``row``, each such that its peak is its greatest value."""
+    keep_apart()
+    motion(t, y, m, w)
+    k = 0
+    for i in range(m.scene.n_load_outputs):
+        work = joint_work(m.table[m.scene.load_outputs_i + i], m)
+        row[k], row[k + 1] = _norm(w, work + at.FORCE_B), _norm(w, work + at.MOMENT_B)
+        k += 2
+    for g in range(m.scene.n_guides):
+        j = m.table[m.scene.guides_i + g]
+        _guide_row(y, j, row, k, m, w)
+        k += m.table[m.scene.pins_i + j] + 1
+    for i in range(m.scene.n_clearances):
+        row[k] = -math.inf
+        if counts(i, m, w):
+            entry = m.scene.clearances_i + 3 * i
+            distance, place = clearance(y, m.table[entry], m.table[entry + 1], m, w)
+            row[k] = -distance
+            vec3.put(row, k + 1, place)
+        k += 4
+
+
+@stage
+def watched_at(m):
+    """Start of the outcomes of watched quantities."""
+    return joint_outcomes_at(m.scene.n_joints, m)
+
+
+@stage
+def start_watching(outcomes, m):
+    """Nothing seen yet."""
+    o = watched_at(m)
+    for _ in range(m.scene.n_load_outputs):
+        outcomes[o], outcomes[o + 2], outcomes[o + 3], outcomes[o + 5] = 0.0, 0.0, 0.0, 0.0
+        o += at.LOADS_OUTCOMES
+    for g in range(m.scene.n_guides):
+        outcomes[o] = 0.0
+        o += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 2
+
+
+@stage
+def _keep(t, row, outcomes, m):
+    """Take over from a row of watched quantities what is greater than before."""
+    keep_apart()
+    o, k = watched_at(m), 0
+    for _ in range(m.scene.n_load_outputs):
+        for part in range(2):
+            if not row[k + part] <= outcomes[o + 3 * part]:
+                outcomes[o + 3 * part], outcomes[o + 3 * part + 1] = row[k + part], t
+        o += at.LOADS_OUTCOMES
+        k += 2
+    for g in range(m.scene.n_guides):
+        o += 1
+        count = m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]]
+        for i in range(count):
+            if row[k + i] > -math.inf and not row[k + i] <= outcomes[o + i]:
+                outcomes[o + i] = row[k + i]
+        if row[k + count] > -math.inf and not -row[k + count] >= outcomes[o + count]:
+            outcomes[o + count] = -row[k + count]
+        o += count + 1
+        k += count + 1
+    for _ in range(m.scene.n_clearances):
+        if row[k] > -math.inf and not -row[k] >= outcomes[o]:
+            outcomes[o], outcomes[o + 1] = -row[k], t
+            vec3.put(outcomes, o + 2, vec3.get(row, k + 1))
+            outcomes[o + 5] = 1.0 if -row[k] <= 0.0 else 0.0
+        o += at.CLEARANCE_OUTCOMES
+        k += 4
+
+
+@stage
+def _is_peak(c, m):
+    """Whether column ``c`` of a row is a quantity whose peak is sought, not the place of one."""
+    first = row_size(m) - 4 * m.scene.n_clearances
+    return c < first or (c - first) % 4 == 0
+
+
+@stage
+def _state_at(theta, h, y0, sample, weights, k, rk, m):
+    """State at a fraction of the step, quaternions of unit length."""
+    interpolate(theta, h, y0, sample, weights, k, rk)
+    quat.normalise_all(sample, m.scene.n_bodies)
+
+
+@stage
+def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w):
+    """Find the peak of column ``c`` between two fractions of the step by golden section, and keep what is seen."""
+    keep_apart()
+    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    _state_at(a, h, y0, sample, weights, k, rk, m)
+    watch(t + a * h, sample, row, m, w)
+    fa = row[c]
+    _state_at(b, h, y0, sample, weights, k, rk, m)
+    watch(t + b * h, sample, row, m, w)
+    fb = row[c]
+    for _ in range(_ROUNDS):
+        if fa >= fb:
+            high, b, fb = b, a, fa
+            a = high - _GOLDEN * (high - low)
+            theta = a
+        else:
+            low, a, fa = a, b, fb
+            b = low + _GOLDEN * (high - low)
+            theta = b
+        _state_at(theta, h, y0, sample, weights, k, rk, m)
+        watch(t + theta * h, sample, row, m, w)
+        if theta == a:
+            fa = row[c]
+        else:
+            fb = row[c]
+    _keep(t + theta * h, row, outcomes, m)
+
+
+@stage
+def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
+    """Watch a step from y0 whose continuous extension is ready: peaks with their times, impulses, clearances.
+
+    ``rows`` (NODES + 1, n) is scratch. What the joints hold must not have changed within the step.
+    """
+    keep_apart()
+    size = row_size(m)
+    for i in range(NODES):
+        _state_at(_THETA[i], h, y0, sample, weights, k, rk, m)
+        watch(t + _THETA[i] * h, sample, rows[i], m, w)
+        _keep(t + _THETA[i] * h, rows[i], outcomes, m)
+    o = watched_at(m)
+    for j in range(m.scene.n_load_outputs):
+        for part in range(2):
+            for i in range(NODES):
+                outcomes[o + 3 * part + 2] += h * _WEIGHT[i] * rows[i, 2 * j + part]
+        o += at.LOADS_OUTCOMES
+    for g in range(m.scene.n_guides):
+        j = m.table[m.scene.guides_i + g]
+        if slides(j, m, w):
+            outcomes[o] += h
+        o += m.table[m.scene.pins_i + j] + 2
+    for c in range(size):
+        if not _is_peak(c, m):
+            continue
+        for i in range(1, NODES - 1):
+            if rows[i, c] > rows[i - 1, c] and rows[i, c] >= rows[i + 1, c]:
+                _refine(c, _THETA[i - 1], _THETA[i + 1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
+
+
+@stage
+def note_tip_off(j, y, outcomes, m, w):
+    """Rates of both bodies of joint j, which has just become free, if they are asked for."""
+    o = watched_at(m) + m.scene.n_load_outputs * at.LOADS_OUTCOMES
+    for g in range(m.scene.n_guides):
+        o += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 2
+    o += m.scene.n_clearances * at.CLEARANCE_OUTCOMES
+    for i in range(m.scene.n_tip_off):
+        asked = m.table[m.scene.tip_off_i + i]
+        for b in (first_body(asked, m), second_body(asked, m)):
+            if b != m.scene.ground:
+                if asked == j:
+                    vec3.put(outcomes, o, vec3.get(y, b * at.STATE + at.RATE))
+                o += 3

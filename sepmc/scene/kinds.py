@@ -1,0 +1,84 @@
+"""Joint kinds as the constraint rows they hold."""
+
+from dataclasses import dataclass
+
+from sepmc.kernels import layout as at
+from sepmc.scene.model import Joint, Scene
+
+
+def _rotation(of_second: int, of_first: int) -> int:
+    """Code of the row that keeps an axis (0 or 1: x or y) of the second body perpendicular to an axis of the first."""
+    return at.ROTATION + 3 * of_second + of_first
+
+
+_ROLL, _YAW, _PITCH, _ALIGN_Y = _rotation(1, 2), _rotation(0, 2), _rotation(0, 1), _rotation(1, 0)
+# Rows that hold rotations about these joint axes. With two of them, the pair that leaves the third free through a full turn.
+_ROTATIONS = {
+    "": (),
+    "x": (_ROLL,),
+    "y": (_YAW,),
+    "z": (_PITCH,),
+    "xy": (_ROLL, _YAW),
+    "xz": (_ROLL, _ALIGN_Y),
+    "yz": (_YAW, _PITCH),
+    "xyz": (_ROLL, _YAW, _PITCH),
+}
+
+
+def _rows(translations: str, rotations: str) -> tuple[int, ...]:
+    return (*("xyz".index(axis) for axis in translations), *_ROTATIONS[rotations])
+
+
+KINDS: dict[str, tuple[int, ...]] = {
+    "free": (),
+    "fixed": _rows("xyz", "xyz"),
+    "slider": _rows("yz", "xyz"),
+    "revolute": _rows("xyz", "yz"),
+    "cylindrical": _rows("yz", "yz"),
+    "universal": _rows("xyz", "z"),
+    "spherical": _rows("xyz", ""),
+    "planar": _rows("x", "yz"),
+    "point-on-plane": _rows("x", ""),
+    "point-on-line": _rows("yz", ""),
+    "rod": (at.ROD,),
+}
+
+
+def rows_of(joint: Joint, kind: str) -> tuple[int, ...]:
+    """Codes of the constraint rows of a kind, one of the joint's own or a common one."""
+    custom = joint.kind.get(kind)
+    if custom is None:
+        return KINDS[kind]
+    return _rows("".join(sorted(set(custom.translations))), "".join(sorted(set(custom.rotations))))
+
+
+def is_part(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
+    """Whether what ``rows`` hold is held by ``of`` too."""
+    turns_held = sum(at.ROTATION <= row < at.ROD for row in of) == 3
+    return all(row in of or (turns_held and at.ROTATION <= row < at.ROD) for row in rows)
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """The kinds a scene uses: ``table`` of at.KIND_SIZE numbers each, ``phases`` the kind of every joint in every phase."""
+
+    scene: Scene
+    rows: list[tuple[int, ...]]
+
+    def index(self, joint: str, kind: str) -> int:
+        return self.rows.index(rows_of(self.scene.joint[joint], kind))
+
+    @property
+    def table(self) -> list[int]:
+        return [x for rows in self.rows for x in (len(rows), *rows, *([at.NO_ROW] * (at.KIND_SIZE - 1 - len(rows))))]
+
+    @property
+    def phases(self) -> list[int]:
+        return [self.index(j, phase.joints.get(j, "free")) for phase in self.scene.phase for j in self.scene.joint]
+
+
+def make_kinds(scene: Scene) -> Kinds:
+    """Kinds of a scene; free and fixed always come first."""
+    used = [rows_of(scene.joint[j], kind) for phase in scene.phase for j, kind in phase.joints.items()]
+    used += [rows_of(scene.joint[release.joint], release.to) for release in scene.release]
+    return Kinds(scene, list(dict.fromkeys([KINDS["free"], KINDS["fixed"], *used])))

@@ -1,0 +1,149 @@
+"""What tables, springs, loads and outputs must obey together: names that exist, lengths that agree, grids that rise."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sepmc.scene.messages import Problems, nearest
+from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
+
+_COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
+
+
+def check_known(place: str, name: str, known, what: str, problems: Problems) -> None:
+    """A name must be one of those known."""
+    if name not in known:
+        problems.add(place, f"no such {what}; {nearest(name, known)}", name)
+
+
+def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Problems) -> None:
+    """Two different bodies, of which one may be the ground."""
+    for body in bodies:
+        check_known(place, body, [*scene.body, GROUND], "body", problems)
+    if bodies[0] == bodies[1]:
+        problems.add(place, "must name two different bodies", list(bodies))
+
+
+def check_series(place: str, key: str, series: Sequence[float], least: int, problems: Problems) -> None:
+    """The axis of a table must rise."""
+    if len(series) < least:
+        problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
+    elif not all(a < b for a, b in zip(series, series[1:], strict=False)):
+        problems.add(f"{place}.{key}", "must rise strictly", list(series))
+
+
+def check_lengths(place: str, columns: dict[str, Sequence[float]], problems: Problems) -> None:
+    """Columns of a table must have as many values as its first."""
+    (first, axis), *others = columns.items()
+    for key, column in others:
+        if len(column) != len(axis):
+            problems.add(f"{place}.{key}", f"has {len(column)} values, but {first} has {len(axis)}")
+
+
+def check_loads(scene: Scene, problems: Problems) -> None:
+    """Springs, constant loads, aerodynamic tables and proximity increments."""
+    for spring in scene.spring:
+        _check_spring(spring, scene, problems)
+    for load in scene.load:
+        check_known(f"load.{load.name}.body", load.body, scene.body, "body", problems)
+        if load.end <= load.start:
+            problems.add(f"load.{load.name}.end_s", f"must be > start_s = {load.start:g}", load.end)
+    for name, body in scene.body.items():
+        if name == GROUND:
+            problems.add(f"body.{name}", "is the name of the ground, which every scene has; choose another")
+        if body.aerodynamics is not None and body.aerodynamics.table is not None:
+            _check_aero_table(f"body.{name}.aerodynamics.table", body.aerodynamics.table, scene, problems)
+        for number, part in enumerate(body.outline):
+            _check_part(f"body.{name}.outline.{number}", part, problems)
+    for entry in scene.proximity:
+        place = f"proximity.{entry.name}"
+        check_known(f"{place}.body", entry.body, scene.body, "body", problems)
+        check_known(f"{place}.joint", entry.joint, scene.joint, "joint", problems)
+        check_series(place, "distance_m", entry.distance, 2, problems)
+        given = {key: getattr(entry, key) for key in _COEFFICIENTS if getattr(entry, key)}
+        check_lengths(place, {"distance_m": entry.distance, **given}, problems)
+        if entry.body in scene.body and scene.body[entry.body].aerodynamics is None:
+            problems.add(f"{place}.body", "has no aerodynamics to add to", entry.body)
+
+
+def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
+    place = f"spring.{spring.name}"
+    check_pair(f"{place}.bodies", spring.bodies, scene, problems)
+    if spring.axis is not None and not any(spring.axis):
+        problems.add(f"{place}.axis", "must not be zero", list(spring.axis))
+    if spring.axis is None and (spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9):
+        problems.add(f"{place}.axis", "is needed where both points are one: the line between them has no direction")
+
+
+def _check_part(place: str, part: Part, problems: Problems) -> None:
+    if (part.stations is None) != (part.radii is None) or (part.stations is None) == (not part.points):
+        problems.add(place, "give stations_m and radii_m (a frustum), or points_m")
+    if part.radii is not None and min(part.radii) < 0.0:
+        problems.add(f"{place}.radii_m", "must be >= 0", list(part.radii))
+    if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
+        problems.add(f"{place}.hollow", "only a frustum of some length can be hollow")
+
+
+def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
+    axes = {"mach": table.mach, "alpha_deg": table.alpha, "beta_deg": table.beta}
+    given = {key: axis for key, axis in axes.items() if axis}
+    for key, axis in given.items():
+        check_series(place, key, axis, 2, problems)
+    if not given:
+        problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
+    shape = tuple(len(axis) for axis in given.values())
+    for coefficient in _COEFFICIENTS:
+        grid = getattr(table, coefficient)
+        if not grid:
+            continue
+        try:
+            found = np.array(grid, dtype=float)
+        except (ValueError, TypeError):
+            problems.add(f"{place}.{coefficient}", "must be nested lists of numbers, one level for each axis")
+            continue
+        if found.shape != shape:
+            wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in given.items())
+            problems.add(f"{place}.{coefficient}", f"is {' x '.join(map(str, found.shape))}, but the axes ask for {wanted}")
+    if table.mach and scene.environment.atmosphere == "table" and not (scene.environment.air and scene.environment.air.speed_of_sound):
+        problems.add("environment.air.speed_of_sound_m_s", "is needed for tables over Mach number")
+
+
+def check_air(scene: Scene, problems: Problems) -> None:
+    """Tables of air and wind over height."""
+    air, profile = scene.environment.air, scene.environment.wind.profile
+    if (scene.environment.atmosphere == "table") != (air is not None):
+        problems.add("environment.air", 'belongs to atmosphere = "table", and that to it')
+    if air is not None:
+        check_series("environment.air", "altitude_m", air.altitude, 2, problems)
+        columns = {"altitude_m": air.altitude, "density_kg_per_m3": air.density}
+        check_lengths("environment.air", columns | ({"speed_of_sound_m_s": air.speed_of_sound} if air.speed_of_sound else {}), problems)
+        for key, column in (("density_kg_per_m3", air.density), ("speed_of_sound_m_s", air.speed_of_sound)):
+            if min(column, default=1.0) <= 0.0:
+                problems.add(f"environment.air.{key}", "must be > 0", list(column))
+    if profile is not None:
+        check_series("environment.wind.profile", "altitude_m", profile.altitude, 2, problems)
+        columns = {"altitude_m": profile.altitude, "speed_m_s": profile.speed, "direction_deg": profile.direction}
+        check_lengths("environment.wind.profile", columns, problems)
+
+
+def check_outputs(scene: Scene, problems: Problems) -> None:
+    """Outputs must name joints and outlines that exist."""
+    for key in ("loads", "tip_off", "guide"):
+        asked = getattr(scene.output, key)
+        for joint in asked:
+            check_known(f"output.{key}", joint, scene.joint, "joint", problems)
+            if key == "guide" and joint in scene.joint and scene.joint[joint].guide is None:
+                problems.add(f"output.{key}", f"joint {joint!r} has no pins: give [joint.{joint}.guide]")
+        if len(set(asked)) < len(asked):
+            problems.add(f"output.{key}", "names a joint twice", list(asked))
+    for clearance in scene.clearance:
+        place = f"clearance.{clearance.name}"
+        check_pair(f"{place}.bodies", clearance.bodies, scene, problems)
+        for body in clearance.bodies:
+            if body in scene.body and not scene.body[body].outline:
+                problems.add(f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]")
+            if body == GROUND:
+                problems.add(f"{place}.bodies", "the ground has no outline")
+        if clearance.after is not None:
+            check_known(f"{place}.after", clearance.after, scene.joint, "joint", problems)

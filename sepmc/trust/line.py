@@ -1,0 +1,54 @@
+"""One line of `sepmc verify`: a number of the engine beside the number it should be, and whether it is near enough."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+CLOSE = 1e-10  # relative; what every comparison with a closed form or another formulation is held to
+_TEXT = (34, 40)  # widest case and quantity that are shown whole
+
+
+@dataclass(frozen=True)
+class Line:
+    """What was compared: a case, a quantity with its unit, the reference, the engine's value, and the difference allowed between them.
+
+    ``at_least``: the reference is a lower bound, and a larger value no fault.
+    """
+
+    case: str
+    quantity: str
+    reference: float
+    measured: float
+    tolerance: float
+    at_least: bool = False
+
+    @property
+    def passes(self) -> bool:
+        """Whether the difference is within the tolerance. NaN is not."""
+        difference = self.measured - self.reference
+        return bool(difference >= -self.tolerance if self.at_least else abs(difference) <= self.tolerance)
+
+
+def worst(case: str, quantity: str, reference: ArrayLike, measured: ArrayLike, relative: float = CLOSE, size: float = 0.0) -> Line:
+    """The line of that element of two arrays that differs most; the tolerance is relative to the largest reference, or to ``size``."""
+    expected, found = np.broadcast_arrays(np.asarray(reference, float), np.asarray(measured, float))
+    difference = np.abs(found - expected)
+    at = np.unravel_index(np.argmax(np.where(np.isnan(difference), np.inf, difference)), difference.shape)
+    return Line(case, quantity, float(expected[at]), float(found[at]), relative * max(float(np.max(np.abs(expected))), size))
+
+
+def table(lines: Sequence[Line]) -> str:
+    """The lines as plain text of at most 140 columns, with a count below."""
+    rows = [("case", "quantity", "reference", "measured", "difference", "allowed", "")]
+    for x in lines:
+        numbers = (f"{x.reference:.9g}", f"{x.measured:.9g}", f"{x.measured - x.reference:.1e}", f"{x.tolerance:.1e}")
+        rows.append((x.case[: _TEXT[0]], x.quantity[: _TEXT[1]], *numbers, "pass" if x.passes else "FAIL"))
+    widths = [max(len(row[i]) for row in rows) for i in range(6)]
+    text = []
+    for row in rows:
+        cells = [cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))]
+        text.append("  ".join([*cells, row[6]]).rstrip())
+    failed = sum(not x.passes for x in lines)
+    return "\n".join([*text, "", f"{len(lines)} lines, " + (f"{failed} FAILED" if failed else "all pass")])

@@ -1,0 +1,52 @@
+"""`sepmc verify`: the engine held against closed forms, classical formulations and conservation laws, in one table.
+
+A line is a case, a quantity, what it should be, what the engine gives and the difference allowed, which was set before it was measured.
+"""
+
+from collections.abc import Callable, Iterable
+
+from sepmc.trust.checks import balances, closed_forms, hinged, kinds, methods, paper, rows
+from sepmc.trust.line import Line, table
+
+__all__ = ["CHECKS", "Line", "table", "verify"]
+
+Check = Callable[[], list[Line]]
+CHECKS: dict[str, Check] = {
+    check.__name__: check
+    for check in (
+        closed_forms.free_body,
+        closed_forms.welded,
+        closed_forms.nasa_boxes,
+        closed_forms.pushed_apart,
+        closed_forms.thrust_slider,
+        closed_forms.rail,
+        hinged.pendulum,
+        hinged.top,
+        hinged.rod_pendulum,
+        hinged.hooke,
+        rows.rows,
+        balances.no_work,
+        balances.balance,
+        kinds.full_against_reduced,
+        kinds.against_lagrange,
+        paper.phases,
+        paper.cases,
+        methods.orders,
+    )
+}
+
+
+def verify(names: Iterable[str] | None = None, progress: Callable[[str], None] | None = None) -> list[Line]:
+    """Run the checks and return their lines.
+
+    Parameters
+    ----------
+    names : of `CHECKS`; all if None
+    progress : told the name of each check before it runs
+    """
+    lines = []
+    for name in CHECKS if names is None else names:
+        if progress:
+            progress(name)
+        lines += CHECKS[name]()
+    return lines
