@@ -1,6 +1,7 @@
 """The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
 
-Exit codes: 0 done, 1 flown but no case reached the end, 2 bad input (nothing was flown), 130 interrupted.
+Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input (nothing was flown), 3 flown but
+the audit failed, 130 interrupted.
 """
 
 import sys
@@ -41,7 +42,8 @@ def main() -> None:
       sepmc run runs/heavy --case 17
 
     FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit codes: 0 done, 1 flown but no
-    case reached the end, 2 bad input, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
+    case reached the end (verify, stress: a line failed), 2 bad input, 3 flown but the audit failed, 130 interrupted.
+    SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
 
 
@@ -77,6 +79,7 @@ def campaign(
             raise click.UsageError("--resume and --overwrite exclude each other")
         loaded = _load(file, settings)
         from sepmc import store
+        from sepmc.compiler.redundancy import redundancies
         from sepmc.door import check_threads
 
         check_threads(threads)
@@ -88,13 +91,16 @@ def campaign(
             except KeyboardInterrupt:
                 click.echo(f"\ninterrupted; finished cases are kept. Go on with: sepmc campaign {folder} --out {folder} --resume", err=True)
                 sys.exit(130)
-        for note in result.notes:
+        for note in result.notes + [found.sentence for found in redundancies(loaded.scene)]:
             click.echo(f"warning: {note}", err=True)
         say(_timing_line(result))
-        flown = _report(folder, loaded, result.to_pandas(), result.histories(), say, plots=not no_plots)
+        flown, trusted = _report(folder, loaded, result.to_pandas(), result.histories(), say, plots=not no_plots)
     if not flown:
         click.echo("error: no case was flown to the end; see the column status", err=True)
         sys.exit(1)
+    if not trusted:
+        click.echo("error: the audit failed; shorten solver.step_s or look at the cases named in statistics.json", err=True)
+        sys.exit(3)
 
 
 @main.command(short_help="Fly one case of FILE and write its time history.")
@@ -208,6 +214,7 @@ def check(file: str, settings: tuple[str, ...]) -> None:
         from sepmc import cases
         from sepmc.chunks import implausible_note
         from sepmc.compiler.describe import lines
+        from sepmc.compiler.redundancy import redundancies
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
@@ -220,9 +227,67 @@ def check(file: str, settings: tuple[str, ...]) -> None:
             click.echo(f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) {dispersion.parameter.unit}")
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        if note:
-            click.echo(f"warning: {note}", err=True)
+        for warning in ([note] if note else []) + [found.sentence for found in redundancies(loaded.scene)]:
+            click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")
+
+
+@main.command(short_help="Hold the engine against closed forms, other formulations and other engines.")
+@click.option("--peers", is_flag=True, help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.")
+@_QUIET
+def verify(peers: bool, quiet: bool) -> None:
+    """Hold the engine against closed forms, classical formulations and conservation laws: one table, exit code 1 on any miss.
+
+    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
+    """
+    with _plain_errors(quiet):
+        from sepmc.door import warm_up
+        from sepmc.trust import verify as suite
+
+        warm_up(_speaker(quiet))
+        with _counted(len(suite.CHECKS), quiet) as progress:
+            lines = suite.verify(progress=progress)
+        click.echo(suite.table(lines))
+        passed = all(line.passes for line in lines)
+        if peers:
+            from sepmc.trust.peers import compare
+
+            text, agreed = compare.report(_speaker(quiet))
+            click.echo("\n" + text)
+            passed = passed and agreed
+    sys.exit(0 if passed else 1)
+
+
+@main.command(short_help="Fly purposely hard inputs and say which are accurate, flagged or silent.")
+@_QUIET
+def stress(quiet: bool) -> None:
+    """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is silently wrong."""
+    with _plain_errors(quiet):
+        from sepmc.door import warm_up
+        from sepmc.trust import stress as suite
+
+        warm_up(_speaker(quiet))
+        with _counted(len(suite.STRESSES), quiet) as progress:
+            lines = suite.stress(progress=progress)
+        click.echo(suite.table(lines))
+    sys.exit(0 if all(line.passes for line in lines) else 1)
+
+
+@contextmanager
+def _counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
+    """A bar over named checks on a terminal, nothing elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, leave=False) as bar:
+
+        def progress(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        yield progress
 
 
 @main.command(name="list")
@@ -329,26 +394,29 @@ def _timing_line(result: "Result") -> str:
 
 def _report(
     folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None", say: Callable[[str], None], plots: bool
-) -> int:
-    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases flown to the end."""
+) -> tuple[int, bool]:
+    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases flown to the end, and whether
+    their audit passes."""
     from sepmc import store
-    from sepmc.analysis.statistics import statistics, status_counts, summary_text
-    from sepmc.schema import Status
+    from sepmc.analysis.statistics import audit, audit_text, statistics, status_counts, summary_text
+    from sepmc.schema import AUDIT_BOUNDS, Status, audit_columns
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table = statistics(frame, list(units), loaded.reference)
     counts = status_counts(frame)
-    store.write_statistics(folder, table, counts, units)
+    audited = audit(frame, AUDIT_BOUNDS, [c.name for c in audit_columns()])
+    store.write_statistics(folder, table, counts, units, audited)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     say(summary_text(table, counts, units, source))
     sentences = {status.label: status.sentence for status in Status}
     for label, count in counts.items():
         if label != Status.OK.label and count:
             say(f"{count} cases {label}: {sentences.get(label, '')}")
+    say(audit_text(audited))
     if plots:
         _figures(folder, loaded, frame, histories)
     say(f"wrote {folder}")
-    return counts.get(Status.OK.label, 0)
+    return counts.get(Status.OK.label, 0), not (audited["beyond"] > 0).any()
 
 
 def _figures(folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories: "pd.DataFrame | None") -> list[Path]:

@@ -215,15 +215,18 @@ def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[in
     return ranges
 
 
-def write_statistics(folder: Path, stats: pd.DataFrame, counts: dict[str, int], of: dict[str, str]) -> None:
+def write_statistics(folder: Path, stats: pd.DataFrame, counts: dict[str, int], of: dict[str, str], audit: pd.DataFrame) -> None:
     """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit. What is not a number is null."""
     frame = stats.copy()
     for name in {"case_min", "case_max"} & set(frame.columns):
         frame[name] = frame[name].astype("Int64")
     frame.insert(0, "unit", [of.get(str(name), "") for name in frame.index])
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
-    rows = {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in frame.to_dict("index").items()}
-    write_json(folder / "statistics.json", {"cases": counts, "outcomes": rows})
+    rows, audited = (
+        {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in table.to_dict("index").items()}
+        for table in (frame, audit)
+    )
+    write_json(folder / "statistics.json", {"cases": counts, "outcomes": rows, "audit": audited})
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:

@@ -168,7 +168,7 @@ def test_broken_part(tmp_path, read):
 
 def test_statistics_files(tmp_path):
     table = pd.DataFrame({"n": [2, 0], "mean": [0.1 + 0.2, np.nan]}, index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"))
-    store.write_statistics(tmp_path, table, {"ok": 2}, {"speed_m_s": "m/s", "release_time_s": "s"})
+    store.write_statistics(tmp_path, table, {"ok": 2}, {"speed_m_s": "m/s", "release_time_s": "s"}, pd.DataFrame())
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
     assert csv.splitlines() == ["outcome,unit,n,mean", "speed_m_s,m/s,2,0.30000000000000004", "release_time_s,s,0,"]
     data = json.loads((tmp_path / "statistics.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)

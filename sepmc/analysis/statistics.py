@@ -102,6 +102,48 @@ def status_counts(cases: pd.DataFrame) -> dict[str, int]:
     return {OK: counts.pop(OK, 0)} | counts
 
 
+def audit(cases: pd.DataFrame, bounds: Mapping[str, float], columns: Sequence[str]) -> pd.DataFrame:
+    """How well the ok cases of a case table were integrated.
+
+    Returns
+    -------
+    table : DataFrame, one row for each of ``columns`` that the case table has
+        worst (the largest value; of smallest_pivot the smallest), case (the first that has it), bound (NaN: none), beyond (number of
+        ok cases whose value is above it or NaN).
+    """
+    flown = cases[cases["status"] == OK]
+    rows = {}
+    for name in columns:
+        if name not in flown:
+            continue
+        values = flown[name].to_numpy(dtype=float)
+        bound = bounds.get(name, np.nan)
+        smallest = name.startswith("smallest")
+        order = np.where(np.isnan(values), np.inf, -values if smallest else values)
+        at = int(np.argmax(order)) if len(order) else -1
+        rows[name] = {
+            "worst": values[at] if at >= 0 else np.nan,
+            "case": int(flown["case"].iloc[at]) if at >= 0 else -1,
+            "bound": bound,
+            "beyond": 0 if np.isnan(bound) else int(np.count_nonzero(~(values <= bound))),
+        }
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["worst", "case", "bound", "beyond"])
+
+
+def audit_text(table: pd.DataFrame) -> str:
+    """An audit in one line, or a line for each column that has cases beyond its bound."""
+    failed = table[table["beyond"] > 0]
+    if len(failed):
+        lines = [
+            f"AUDIT FAILED: {row['beyond']:.0f} cases have {name} > {row['bound']:g} (worst {row['worst']:.2g}, case {row['case']:.0f})"
+            for name, row in failed.iterrows()
+        ]
+        return "\n".join(lines)
+    bounded = table[table["bound"].notna()]
+    worst = ", ".join(f"{name} {row['worst']:.1e}" for name, row in bounded.iterrows())
+    return fill(f"audit passed; worst of all ok cases: {worst}", WIDTH) if len(table) else "no audit"
+
+
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
     """Spread of a quantity over the cases, at each time.
 

@@ -20,7 +20,7 @@ def lines(plan: Plan) -> list[str]:
             found.append(f"{what:12s} {len(items)}: " + _names(item.name for item in items))
     tables = sum(body.aerodynamics is not None and body.aerodynamics.table is not None for body in scene.body.values())
     found += [
-        f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} tables, {m.n_proximity} proximity increments",
+        f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} tables, {m.n_proximity} increments",
         f"gravity      {scene.environment.gravity}",
         f"solver       {scene.solver.formulation}, {scene.solver.method}, step {scene.solver.step:g} s, drift {scene.solver.drift}",
     ]

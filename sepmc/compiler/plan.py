@@ -202,7 +202,7 @@ def _model(scene: Scene, order: list[str], kinds: Kinds, conditions: Conditions,
     """The scene's structure, and the layout of a case's array: parameters first, then scratch."""
     joints = list(scene.joint)
     pool = Pool()
-    pool.add([x for j in joints for x in (*_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))])
+    pool.add([x for j in joints for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))])
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
     air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene)
     terms = packing.aero_terms(scene)
@@ -292,7 +292,7 @@ def _pivot_joint(scene: Scene) -> int:
     return -1
 
 
-def _axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
+def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
     """Right-handed orthonormal axes (rows) from an x axis and a vector near the y axis."""
     x = np.array(x_axis) / np.linalg.norm(x_axis)
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
@@ -306,6 +306,6 @@ def apart(scene: Scene, name: str) -> int:
     if joint.apart is not None:
         return joint.apart
     first, second = (scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies)
-    x = _axes(joint.x_axis, joint.y_axis)[:3]
+    x = joint_axes(joint.x_axis, joint.y_axis)[:3]
     toward_second = (first[0] - second[0]) * x[0] + (second[1] - first[1]) * x[1] + (second[2] - first[2]) * x[2]
     return 1 if toward_second >= 0.0 else -1

@@ -4,6 +4,7 @@ The cache folder is named by a digest of all kernel sources: Numba alone looks o
 function and would miss a change in one it inlines (numba #1833). Nothing outside this folder is cached or touched.
 """
 
+import contextlib
 import hashlib
 import os
 import tempfile
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 from platformdirs import user_cache_dir
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must survive to be reported.
@@ -45,6 +46,19 @@ def cache_folder() -> Path:
 CACHE_FOLDER = cache_folder()
 
 
+@contextlib.contextmanager
+def one_at_a_time():
+    """Let one process at a time fill the cache: several at once can spoil it (numba #4807), and would each take as long."""
+    try:
+        import fcntl  # noqa: PLC0415  (not on every system)
+    except ImportError:
+        yield
+        return
+    with open(CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 def is_cached(function) -> bool:
     """Whether a door of this version, installed where it is, was compiled before."""
     return config.DISABLE_JIT or any(Path(function.stats.cache_path).glob("*.nbi"))
@@ -57,12 +71,11 @@ _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
 
 
-def _keep_apart() -> None:
-    """Without a compiler there is nothing to keep apart."""
+def keep_apart() -> None:
+    """First line of a large stage: its code then stands once, not copied to each of its calls, which took most of the time to compile."""
 
 
-@intrinsic
-def _mark_apart(typing_context):
+def _mark_apart_intrinsic(typing_context):
     """Mark the function that is being compiled as one that is called, never copied into its caller."""
 
     def generate(context, builder, signature, arguments):
@@ -72,8 +85,12 @@ def _mark_apart(typing_context):
     return numba.types.none(), generate
 
 
-# First line of a large stage: its code then stands once, not at each of its calls (copies took most of the time to compile).
-keep_apart: Any = _keep_apart if config.DISABLE_JIT else _mark_apart
+_mark_apart: Any = intrinsic(_mark_apart_intrinsic)
+
+
+@overload(keep_apart, inline="always")
+def _keep_apart():
+    return lambda: _mark_apart()
 
 
 def door(function):

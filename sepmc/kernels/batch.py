@@ -7,7 +7,7 @@ import sys
 import numpy as np
 from numba import get_num_threads, prange, set_num_threads
 
-from sepmc.kernels._jit import config, door, is_cached
+from sepmc.kernels._jit import config, door, is_cached, one_at_a_time
 from sepmc.kernels.flight import fly_case
 from sepmc.kernels.layout import STRUCTURE, Model, Tableau
 
@@ -42,7 +42,8 @@ def compile_apart() -> bool:
     program = [sys.executable, "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
-        return subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0
+        with one_at_a_time():
+            return is_compiled() or subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0
     except OSError:
         return False
 

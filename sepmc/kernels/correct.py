@@ -75,7 +75,7 @@ def hold(y, audit, m, w):
     """At the end of a step: correct what has drifted, if that is wanted, and note the largest violation left. Needs attitudes."""
     keep_apart()
     found = residuals(y, m, w)
-    if m.scene.drift == at.PROJECTION and max(max(found[0], found[1]), max(found[2], found[3])) > _DRIFT:
+    if m.scene.drift == at.PROJECTION and max(found[0], found[1], found[2], found[3]) > _DRIFT:
         project(y, m, w)
         found = residuals(y, m, w)
     for i in range(4):

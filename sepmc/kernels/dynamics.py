@@ -318,6 +318,16 @@ def kinetic_energy(y, m, w):
 
 
 @stage
+def rest_energy(m, w):
+    """Kinetic energy, J, below which the bodies count as at rest: all of them at 1 um/s."""
+    total = 0.0
+    for b in range(m.scene.n_bodies):
+        if b != m.scene.ground:
+            total += 0.5e-12 * w[body_params(b) + at.MASS]
+    return total
+
+
+@stage
 def derivative(t, y, out, m, w):
     """dy/dt into ``out``. Returns the smallest pivot of the constraint solve."""
     keep_apart()

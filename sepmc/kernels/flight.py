@@ -9,7 +9,7 @@ from sepmc.kernels import layout as at
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import separation
 from sepmc.kernels.correct import hold, residuals
-from sepmc.kernels.dynamics import kinetic_energy, motion, set_attitudes
+from sepmc.kernels.dynamics import kinetic_energy, motion, rest_energy, set_attitudes
 from sepmc.kernels.observe import body_outcomes, follow_angles, full_row, joint_outcomes_at, reported_bodies, separation_row
 from sepmc.kernels.outputs import NODES, note_tip_off, row_size, start_watching, watch_step, watches
 from sepmc.kernels.places import joint_work, leaf_work, load_params, load_work, motor_params, motor_work
@@ -280,10 +280,10 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     start_watching(outcomes, m)
     set_attitudes(y0, m, w)
     start = residuals(y0, m, w)
-    if not max(max(start[0], start[1]), max(start[2], start[3])) <= _CONSISTENT:
+    if not max(start[0], start[1], start[2], start[3]) <= _CONSISTENT:
         return INCONSISTENT_START, 0
     energy0 = kinetic_energy(y0, m, w)
-    energy_scale, idle = energy0, 0
+    energy_scale, energy_lost, idle = max(energy0, rest_energy(m, w)), 0.0, 0
     set_stretch(events.GRAIN, m, w)
     phase, _ = events.settle(t, y0, phase, m, w)
     _note_releases(t, y0, outcomes, m, w)
@@ -294,7 +294,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
         fresh_t = t if fresh else -1.0
         fresh = False
-        stretch_end = min(end, min(_next_break(t, m, w), events.next_known_time(t, phase, m, w)))
+        stretch_end = min(end, _next_break(t, m, w), events.next_known_time(t, phase, m, w))
         set_stretch(0.5 * (t + stretch_end), m, w)
         stretch_start = t
         count = max(1, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
@@ -360,9 +360,8 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                 audit[at.SINGULAR_AUDIT] = 1.0
             energy = kinetic_energy(y0, m, w)
             work = y0[size - 1]
-            energy_scale = max(energy_scale, max(energy, abs(work)))
-            if energy_scale > 0.0:
-                audit[at.ENERGY_AUDIT] = max(audit[at.ENERGY_AUDIT], abs(energy - energy0 - work) / energy_scale)
+            energy_scale = max(energy_scale, energy, abs(work))
+            energy_lost = max(energy_lost, abs(energy - energy0 - work))
             if idle > _MOST_EVENTS:
                 status = TOO_MANY_EVENTS
                 break
@@ -377,6 +376,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             rows = after_row
         _note_releases(t, y0, outcomes, m, w)
 
+    audit[at.ENERGY_AUDIT] = energy_lost / energy_scale
     audit[at.STEPS_AUDIT], audit[at.REDUNDANT_AUDIT] = steps, w[m.scene.work + at.REDUNDANT]
     if status == OK and audit[at.ENERGY_AUDIT] > _UNRESOLVED:
         status = UNRESOLVED

@@ -114,8 +114,8 @@ STRUCTURE = np.dtype(
 class Model(NamedTuple):
     """What a scene contains, as a kernel reads it. The numbers of a case stand in ``w``: parameters first, then scratch.
 
-    ``scene`` (STRUCTURE): numbers of things, codes, and starts: ``*_p`` are starts of parameter blocks in w, ``*_w`` of scratch blocks in w, ``*_i`` of integer tables in ``table``, ``*_x`` of
-    numbers that all cases share in ``numbers``.
+    ``scene`` (STRUCTURE): numbers of things, codes, and starts: ``*_p`` of parameter blocks in w, ``*_w`` of scratch blocks in w,
+    ``*_i`` of integer tables in ``table``, ``*_x`` of numbers that all cases share in ``numbers``.
 
     Integer tables: motor_body (motors,); profile (motors, 2) start in ``numbers`` and rows; joint_bodies (joints, 2); kinds of
     KIND_SIZE; phase_kinds (phases, joints); spring_bodies (springs, 2); load (loads, 2) body and frame; leaves of LEAF_SIZE;

@@ -18,7 +18,7 @@ _THETA = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
-_RIM = 16  # points of the rim of a solid that are held against the inside of a shell
+_RIM = 48  # points of a solid's rim held against the inside of a shell: a tilted rim is overstated by 0.2 % of its radius at most
 
 
 @stage

@@ -64,8 +64,14 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
 
 
 def _is_structure(parts: list[str]) -> bool:
-    """Whether a path names a number that all cases share: run and solver settings, joint axes, the zero of alpha_ref."""
-    return parts[0] in ("run", "solver") or (parts[0] == "joint" and parts[2] != "point") or parts[:2] == ["initial", "path_reference"]
+    """Whether a path names a number that all cases share: run and solver settings, axes, shapes, the zero of alpha_ref."""
+    return (
+        parts[0] in ("run", "solver", "clearance", "output")
+        or (parts[0] in ("joint", "spring") and parts[2] in ("x_axis", "y_axis", "axis", "apart", "kind"))
+        or parts[:2] == ["initial", "path_reference"]
+        or parts[-1] == "pins"
+        or (len(parts) > 2 and parts[2] == "outline")
+    )
 
 
 def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems) -> Dispersion | None:

@@ -1,7 +1,8 @@
 """What tables, springs, loads and outputs must obey together: names that exist, lengths that agree, grids that rise."""
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -29,11 +30,11 @@ def check_series(place: str, key: str, series: Sequence[float], least: int, prob
     """The axis of a table must rise."""
     if len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
-    elif not all(a < b for a, b in zip(series, series[1:], strict=False)):
+    elif not all(a < b for a, b in itertools.pairwise(series)):
         problems.add(f"{place}.{key}", "must rise strictly", list(series))
 
 
-def check_lengths(place: str, columns: dict[str, Sequence[float]], problems: Problems) -> None:
+def check_lengths(place: str, columns: Mapping[str, Sequence[float]], problems: Problems) -> None:
     """Columns of a table must have as many values as its first."""
     (first, axis), *others = columns.items()
     for key, column in others:

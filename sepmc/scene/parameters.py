@@ -83,7 +83,7 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
         if part not in names:
             raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
         return part, node[names.index(part)]
-    if isinstance(node, tuple):
+    if isinstance(node, tuple) and all(isinstance(item, msgspec.Struct) for item in node):
         names = item_names(node)
         if part not in names:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, names))

@@ -67,7 +67,7 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
     check_known(place, joint, scene.joint, "joint", problems)
     if joint in scene.joint and not _known(joint, kind, scene):
         kinds = [*KINDS, *scene.joint[joint].kind]
-        problems.add(f"{place}.{joint}", f"no such joint kind; {nearest(kind, kinds)}; common kinds: {', '.join(KINDS)}", kind)
+        problems.add(f"{place}.{joint}", f"no such joint kind; {nearest(kind, kinds)}", kind)
 
 
 def _check_condition(place: str, until: Until, scene: Scene, problems: Problems) -> None:

@@ -23,7 +23,7 @@ def no_work() -> list[Line]:
             speed = track.v + np.cross(omega, to_ground(track.r, lever))
             terms += [np.sum(force * speed, axis=1), np.sum(moment * omega, axis=1)]
         power, largest = np.sum(terms, axis=0), float(np.max(np.abs(terms)))
-        lines.append(worst(f"work of {kind}", "power of the joint, W", 0.0 * power, power, ROUND_OFF, size=largest))
+        lines.append(worst(f"work of {kind}", "power of the joint, W", np.zeros_like(power), power, ROUND_OFF, size=largest))
     return lines
 
 

@@ -51,7 +51,7 @@ def welded() -> list[Line]:
 
 
 def nasa_boxes() -> list[Line]:
-    """NASA/TP-2016-219326 test case 1: the closed form, and the digits of DOMAIN.md 1.2 (half a unit of the last one)."""
+    """NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent solution with 24 unknowns (half a last unit)."""
     found, case = flight("nasa_boxes", 0.05), "NASA boxes"
     force, moment = found.columns("face_force_on_B_*_N")[0] / LBF, found.columns("face_moment_on_B_*_N_m")[0] / (LBF * FT)
     w = found.body("B").w[-1]

@@ -90,7 +90,7 @@ def rod_pendulum() -> list[Line]:
     force, moment = found.wrench("rod", "bob")
     tension = mass * (length * rate**2 + g * np.cos(angle))
     lines.append(worst(case, "tension, N", tension[:, None] * -place / length, force))
-    lines.append(worst(case, "moment of the rod, N m", 0.0 * moment, moment, size=length * float(tension.max())))
+    lines.append(worst(case, "moment of the rod, N m", np.zeros_like(moment), moment, size=length * float(tension.max())))
     pitch = math.radians(50.0)
     around = ref.conical_rate(length, g, 0.5 * math.pi - pitch)
     rates = np.array([math.sin(pitch), math.cos(pitch), 0.0]) * around

@@ -134,7 +134,7 @@ def differences(ours: dict[str, Record], theirs: dict[str, Record], keep: np.nda
     return out
 
 
-def _one_value(case: Case, times: np.ndarray) -> np.ndarray:
+def one_value(case: Case, times: np.ndarray) -> np.ndarray:
     """Instants at which no thrust and no load switches."""
     switches = [s for m in case.data.get("motor", ()) for s in motor_switches(m)]
     switches += [s for c in case.data.get("load", ()) for s in (c.get("start", 0.0), c.get("end", np.inf))]
@@ -173,7 +173,7 @@ def compare(campaign: Any, numbers: list[int], step_s: float = 0.01, engines: di
             raise ValueError(f"case {number} did not fly: {history.attrs['status']}")
         if history["time_s"].iloc[-1] < times[-1] - 1e-9:
             raise ValueError(f"the history of case {number} ends at {history['time_s'].iloc[-1]} s, before the flight does")
-        ours, keep = our_record(case, history, times), _one_value(case, times)
+        ours, keep = our_record(case, history, times), one_value(case, times)
         for name, fly in list(engines.items()):
             began = time.perf_counter()
             try:

@@ -23,7 +23,8 @@ from sepmc.trust.peers.case import GROUND, Array, Case, Motion, cross
 from sepmc.trust.peers.schedule import Flight, Guard, Mode, Wrench
 from sepmc.trust.peers.schedule import fly as fly_through
 
-STEP = 2e-3  # s, of the coarsest flight
+STEPS = 500  # of the coarsest flight, over the whole time
+LEAST = 8  # of its steps between two switches: after each, the method takes some to reach its order
 TOLERANCES = (1e-12, 1e-10, 1e-8)  # of Newton; the next one where round-off keeps it from converging, as in very short steps
 OUT = exu.OutputVariableType
 CURRENT = exu.ConfigurationType.Current
@@ -31,8 +32,8 @@ CURRENT = exu.ConfigurationType.Current
 
 def _settings(spectral_radius: float) -> Any:
     s = exu.SimulationSettings()
-    s.solutionSettings.writeSolutionToFile = False
-    s.solutionSettings.sensorsWritePeriod = 1e9
+    s.solution.file.write = False
+    s.solution.sensors.writePeriod = 1e9
     s.timeIntegration.verboseMode = 0
     s.timeIntegration.adaptiveStep = False
     s.timeIntegration.automaticStepSize = False
@@ -48,7 +49,7 @@ def _settings(spectral_radius: float) -> Any:
 class Exudyn:
     """One flight: between switches, steps no longer than ``step`` (s) divided by ``refine``."""
 
-    def __init__(self, case: Case, step: float = STEP, refine: int = 1, spectral_radius: float = 0.9):
+    def __init__(self, case: Case, step: float, refine: int = 1, spectral_radius: float = 0.9):
         self.case, self.coarse, self.refine, self.mode, self.t = case, step, refine, Mode(), 0.0
         self.system = exu.SystemContainer()
         self.mbs = self.system.AddSystem()
@@ -56,6 +57,7 @@ class Exudyn:
         self.nodes: dict[str, Any] = {}
         self.objects: dict[str, Any] = {GROUND: self.mbs.AddObject(items.ObjectGround())}
         self.joints: dict[str, Any] = {}
+        self.markers: dict[str, list[Any]] = {}  # of joints
         self.rods: dict[str, Any] = {}
         self._known: tuple[Any, Any] = (None, None)
         self._multipliers: dict[str, Wrench] = {}
@@ -85,26 +87,31 @@ class Exudyn:
         )
 
     def _add_joint(self, name: str) -> None:
-        joint, ground = self.case.joints[name], self.case.initial()[GROUND]
-        markers = []
-        for body, arm in ((joint.first, joint.arm_first), (joint.second, joint.arm_second)):
-            place = ground.R @ arm if body == GROUND else arm
-            markers.append(self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=self.objects[body], localPosition=place)))
+        joint = self.case.joints[name]
+        places = self._places(name, (0, 1, 2))
+        bodies = [self.objects[body] for body in (joint.first, joint.second)]
+        markers = [self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=b, localHT=p)) for b, p in zip(bodies, places, strict=True)]
+        self.markers[name] = markers
         if any(p.get("joints", {}).get(name) == "rod" for p in self.case.data["phase"]):
             self.rods[name] = self.mbs.AddObject(items.ObjectConnectorDistance(markerNumbers=markers, distance=joint.length))
         else:
             self.joints[name] = self.mbs.AddObject(items.ObjectJointGeneric(markerNumbers=markers))
 
+    def _places(self, name: str, order: tuple[int, int, int]) -> list[Array]:
+        """Joint frame in the first and in the second body; the ground has the axes of the moving frame."""
+        joint, axes = self.case.joints[name], _ordered(self.case.joints[name].axes, order)
+        turns = [self.case.R0 if body == GROUND else np.eye(3) for body in (joint.first, joint.second)]
+        return [exu.HT(rotation=R @ axes, translation=R @ arm) for R, arm in zip(turns, (joint.arm_first, joint.arm_second), strict=True)]
+
     def _set_joint(self, name: str, item: Any) -> None:
         """Set a generic joint to the kind of the mode."""
-        joint, held = self.case.joints[name], self.case.held(name, self.mode.kinds[name])
+        held = self.case.held(name, self.mode.kinds[name])
         order = _axes_of(held)
         flags = [held[k] for k in order] + [held[3 + k] for k in order]
         self.mbs.SetObjectParameter(item, "constrainedAxes", [int(h) for h in flags])
         self.mbs.SetObjectParameter(item, "activeConnector", any(held))
-        for side, body in enumerate((joint.first, joint.second)):
-            axes = _ordered(joint.axes, order)
-            self.mbs.SetObjectParameter(item, f"rotationMarker{side}", self.case.R0 @ axes if body == GROUND else axes)
+        for marker, place in zip(self.markers[name], self._places(name, order), strict=True):
+            self.mbs.SetMarkerParameter(marker, "localHT", place)
 
     def _load(self, t: float, name: str, part: int) -> Array:
         q = np.concatenate([self.mbs.systemData.GetODE2Coordinates(), self.mbs.systemData.GetODE2Coordinates_t(), [t]])
@@ -152,7 +159,7 @@ class Exudyn:
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
         """Fly to ``t_end`` in equal steps; if a guard is passed, again in as many to the root of the motion as integrated."""
         start, state = self.t, self.mbs.systemData.GetSystemState(configuration=CURRENT)
-        steps = max(1, math.ceil((t_end - start) / self.coarse - 1e-9)) * self.refine
+        steps = max(LEAST, math.ceil((t_end - start) / self.coarse - 1e-9)) * self.refine
 
         def fly_to(t: float) -> None:
             self.t = start
@@ -264,7 +271,9 @@ def _combine(levels: list[Any]) -> Any:
     return table[0]
 
 
-def fly(data: dict[str, Any], times: Sequence[float], step: float = STEP, levels: int = 3, spectral_radius: float = 0.9) -> Extrapolated:
+def fly(
+    data: dict[str, Any], times: Sequence[float], step: float | None = None, levels: int = 3, spectral_radius: float = 0.9
+) -> Extrapolated:
     """Fly a case.
 
     Parameters
@@ -274,9 +283,10 @@ def fly(data: dict[str, Any], times: Sequence[float], step: float = STEP, levels
     times : sequence of float
         When to tell, s, rising.
     step : float
-        Longest step of the coarsest flight, s; each further one halves it.
+        Longest step of the coarsest flight, s; each further one halves it. None: the 500th part of the time flown.
     """
     case = Case(data)
+    step = step or case.end_time / STEPS
     flights = [fly_through(Exudyn(case, step, 2**k, spectral_radius), case, times) for k in range(levels)]
     parts = {f.name: _combine([getattr(flight, f.name) for flight in flights]) for f in fields(Flight)}
     return Extrapolated(Flight(**parts), flights)

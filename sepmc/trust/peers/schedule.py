@@ -13,6 +13,7 @@ from sepmc.trust.peers.case import GROUND, Array, Case, Motion
 from sepmc.trust.peers.loads import Mode
 
 INSTANT = 1e-12  # s: what happens closer together happens at once
+WATCHES = 50  # stops over a flight at which guards are looked at, so that none rises and falls unseen between two distant times
 TOUCH = 1e-12  # of a limit, or of one: what comes that close to it has reached it
 Wrench = tuple[Array, Array, Array, Array]  # force, moment on the first body; force, moment on the second; axes of the first body
 
@@ -172,7 +173,8 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
     fixed += [s for c in case.data.get("load", ()) for s in (c.get("start", 0.0), c.get("end", math.inf))]
     for c in [*untils, *(e[2] for e in events)]:
         fixed += c.leaves()[0]
-    stops = sorted({x for x in [*fixed, *times, case.end_time] if 0.0 < x <= case.end_time})
+    watch = [case.end_time * k / WATCHES for k in range(WATCHES + 1)]
+    stops = sorted({x for x in [*fixed, *times, *watch] if 0.0 < x <= case.end_time})
     rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]] = []
     ask = list(times)
     fresh = False  # whether the mode must be set again
@@ -216,7 +218,7 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
             hit.update(already)
             gone.update(g.name for g in already if g.kind == "spring")
             continue
-        t_next = min([x for x in stops if x > t + 1e-13] + [item[0] for item in letting_go])
+        t_next = min([x for x in stops if x > t + INSTANT] + [item[0] for item in letting_go])
         t, crossed = engine.advance(t_next, guards)
         if crossed is not None:
             hit.add(crossed)
@@ -227,7 +229,7 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
 
 
 def _next_mode(case: Case, t: float, stops: list[float], kinds: dict[str, str], gone: set[str], motions: dict[str, Motion]) -> Mode:
-    after = [x for x in stops if x > t + 1e-13] or [case.end_time + 1.0]
+    after = [x for x in stops if x > t + INSTANT] or [case.end_time + 1.0]
     return mode_at(case, 0.5 * (t + after[0]), kinds, gone, motions)
 
 

@@ -1,0 +1,1 @@
+"""Hard inputs of `sepmc stress`, by what makes them hard."""

@@ -1,0 +1,393 @@
+"""Tables as splines, and distances between outlines, against closed forms and scipy."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from sepmc.compiler.splines import pack
+from sepmc.kernels.outlines import gap, inside_gap, wall_gap
+from sepmc.kernels.splines import curve, grid6
+
+X = [-1.0, -0.2, 0.1, 0.9, 1.4]
+Y = [0.0, 1.0, 1.5, 2.5]
+Z = [-3.0, -2.0, 0.0, 0.5, 1.0, 4.0]
+NAN = [math.nan] * 6
+
+
+def table(axes, functions=6, seed=1):
+    """Numbers of order one on a grid."""
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (functions, *map(len, axes)))
+
+
+def inside(axes, count, seed=2):
+    """Random places within the axes."""
+    return np.random.default_rng(seed).uniform([a[0] for a in axes], [a[-1] for a in axes], (count, len(axes)))
+
+
+def test_cubic_polynomials_are_exact():
+    """Degree 3 in each of three coordinates, on uneven axes of four points and more."""
+    c = np.random.default_rng(3).uniform(-1.0, 1.0, (4, 4, 4, 6))
+    values = np.polynomial.polynomial.polygrid3d(X, Y, Z, c)  # functions first
+    numbers = pack([X, Y, Z], values)
+    for place in inside([X, Y, Z], 50):
+        expected = np.polynomial.polynomial.polyval3d(*place, c)
+        assert_allclose(grid6(numbers, 0, *place), expected, rtol=0, atol=1e-11)  # terms to 500, some hundred of them
+
+
+@pytest.mark.parametrize("counts", [(1, 1, 1), (2, 1, 1), (1, 3, 1), (1, 1, 4), (2, 3, 4), (4, 1, 5), (5, 4, 6), (3, 2, 1), (2, 2, 2)])
+def test_data_are_reproduced(counts):
+    """Also that one, two and three points on an axis serve; the pack need not stand at the start of the array."""
+    axes = [axis[:n] for axis, n in zip((X, Y, Z[:2] + Z[2:]), counts, strict=True)]
+    values = table(axes)
+    numbers = np.concatenate([[9.0, 8.0, 7.0], pack(axes, values)])
+    for i, x in enumerate(axes[0]):
+        for j, y in enumerate(axes[1]):
+            for k, z in enumerate(axes[2]):
+                assert_allclose(grid6(numbers, 3, x, y, z), values[:, i, j, k], rtol=0, atol=1e-13)
+
+
+def test_three_axes_agree_with_scipy_one_after_the_other():
+    values = table([X, Y, Z])
+    numbers = pack([X, Y, Z], values)
+    for x, y, z in inside([X, Y, Z], 30):
+        expected = CubicSpline(Z, CubicSpline(Y, CubicSpline(X, values, axis=1)(x), axis=1)(y), axis=1)(z)
+        assert_allclose(grid6(numbers, 0, x, y, z), expected, rtol=0, atol=1e-12)
+
+
+def test_few_points_give_the_line_and_the_parabola():
+    line, parabola = pack([[1.0, 3.0]], [[2.0, -4.0]]), pack([[0.0, 1.0, 3.0]], [[1.0, 0.0, 10.0]])  # 5 - 3 x; 1 - 3 x + 2 x2
+    for x in (1.0, 1.3, 2.9, 3.0):
+        assert_allclose(curve(line, 0, 0, x), 5.0 - 3.0 * x, rtol=0, atol=1e-14)
+        assert_allclose(curve(parabola, 0, 0, x), 1.0 - 3.0 * x + 2.0 * x * x, rtol=0, atol=1e-14)
+    assert curve(pack([[1.0]], [[7.0]]), 0, 0, 5.0) == 7.0
+
+
+@pytest.mark.parametrize("ends", ["not-a-knot", "flat"])
+def test_twice_continuously_differentiable(ends):
+    """The cubic left of a grid point misses the right by a jump of the third derivative only: by an eighth at half the distance."""
+    axis = [0.0, 1.0, 1.8, 3.1, 4.0, 5.2, 6.0]
+    numbers = pack([axis], table([axis], 2), ends)
+
+    def miss(b, h):
+        f = [curve(numbers, 0, 1, b + i * h) for i in (1, 0, -1, -2, -3)]
+        return f[0] - 4.0 * f[1] + 6.0 * f[2] - 4.0 * f[3] + f[4]
+
+    for b in axis[2:-2]:
+        assert abs(miss(b, 0.1)) > 1e-5
+        assert_allclose(miss(b, 0.05) / miss(b, 0.1), 0.125, rtol=1e-8)
+
+
+@pytest.mark.parametrize("points", [2, 3, 4, 7])
+def test_flat_ends(points):
+    axis = list(np.cumsum(np.arange(1.0, points + 1.0)))
+    values = table([axis], 1)
+    numbers, expected = pack([axis], values, "flat"), CubicSpline(axis, values[0], bc_type="clamped")
+    for x in np.linspace(axis[0], axis[-1], 30):
+        assert_allclose(curve(numbers, 0, 0, x), expected(x), rtol=0, atol=1e-13)
+    step = 1e-4
+    assert abs(curve(numbers, 0, 0, axis[0] + step) - values[0, 0]) < 10.0 * step**2
+
+
+@pytest.mark.parametrize("ends", ["not-a-knot", "flat"])
+def test_curves_are_held_beyond_their_ends(ends):
+    values = table([X], 3)
+    numbers = pack([X], values, ends)
+    for function in range(3):
+        assert_allclose(curve(numbers, 0, function, -100.0), values[function, 0], rtol=0, atol=1e-14)
+        assert_allclose(curve(numbers, 0, function, math.inf), values[function, -1], rtol=0, atol=1e-14)
+    assert math.isnan(curve(numbers, 0, 0, math.nan))
+
+
+def test_grids_are_not_extrapolated():
+    """The edge is inside, the next number beyond is not; NaN stays NaN along an axis of one point too."""
+    axes = [X, Y, Z]
+    numbers = pack(axes, table(axes))
+    middle = [0.0, 1.2, 0.3]
+    for i, axis in enumerate(axes):
+        for edge, beyond in ((axis[0], -math.inf), (axis[-1], math.inf)):
+            place = middle.copy()
+            place[i] = edge
+            assert np.all(np.isfinite(grid6(numbers, 0, *place)))
+            for bad in (math.nextafter(edge, beyond), beyond, math.nan):
+                place[i] = bad
+                assert_allclose(grid6(numbers, 0, *place), NAN)
+    assert_allclose(grid6(pack([], table([])), 0, 0.0, math.nan, 0.0), NAN)
+
+
+def test_missing_axes():
+    """An axis of one point or none is one along which nothing varies, wherever its argument is."""
+    y, yz, xz, xy = table([Y]), table([Y, Z]), table([X, Z]), table([X, Y])
+    assert_allclose(grid6(pack([], y[:, 0]), 0, 5.0, 6.0, 7.0), y[:, 0], rtol=0)
+    along_x, along_y = pack([Y], y), pack([[0.0], Y], y[:, None])
+    first = pack([[0.0], Y, Z], yz[:, None])
+    second, third = pack([X, [3.0], Z], xz[:, :, None]), pack([X, Y], xy)
+    for u, v, w in inside([X, Y, Z], 20):
+        assert_allclose(grid6(along_x, 0, v, u, w), CubicSpline(Y, y, axis=1)(v), rtol=0, atol=1e-13)
+        assert_allclose(grid6(along_y, 0, 1e9, v, w), grid6(along_x, 0, v, 0.0, 0.0), rtol=0)
+        for numbers, values, a, b in ((first, yz, (Y, v), (Z, w)), (second, xz, (X, u), (Z, w)), (third, xy, (X, u), (Y, v))):
+            place = (u, v, w)
+            expected = CubicSpline(b[0], CubicSpline(a[0], values, axis=1)(a[1]), axis=1)(b[1])
+            assert_allclose(grid6(numbers, 0, *place), expected, rtol=0, atol=1e-12)
+
+
+# --- outlines ---------------------------------------------------------------------------------------------------------------------------
+
+ALONG_X, ALONG_Y, ALONG_Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+CLOSE = 1e-10  # m, of parts of metres
+SLAB = 1e-6  # m; the direction between the points is known to the root of what the distance is
+SHAPES = ["frustum", "cylinder", "cone", "disc", "needle", "point"]
+
+
+def tuples(v):
+    return tuple(float(x) for x in v)
+
+
+def as_point(p):
+    """A point as a part."""
+    return p, ALONG_X, 0.0, 0.0, 0.0
+
+
+def a_part(rng, shape, spread=3.0):
+    """A part of random size, place and attitude."""
+    axis = rng.normal(size=3)
+    length, r0, r1 = rng.uniform(0.1, 3.0), *rng.uniform(0.05, 1.5, 2)
+    if shape in ("disc", "point"):
+        length = 0.0
+    if shape in ("needle", "point"):
+        r0 = r1 = 0.0
+    r1 = {"cylinder": r0, "cone": 0.0}.get(shape, r1)
+    return tuples(rng.uniform(-spread, spread, 3)), tuples(axis / np.linalg.norm(axis)), length, float(r0), float(r1)
+
+
+def some_pairs(count, seed, spread=3.0):
+    """Pairs of all shapes; one in four with parallel axes, one in four on one axis."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        a, b = (a_part(rng, rng.choice(SHAPES), spread) for _ in range(2))
+        if i % 4 == 0:
+            b = (b[0], a[1], *b[2:])
+        elif i % 4 == 1:
+            b = (tuples(np.add(a[0], rng.uniform(-5.0, 5.0) * np.array(a[1]))), tuples(np.negative(a[1])), *b[2:])
+        yield a, b
+
+
+def moved(part, rotation, shift):
+    """The same part seen in other axes."""
+    return tuples(rotation.apply(part[0]) + shift), tuples(rotation.apply(part[1])), *part[2:]
+
+
+def reach(part, u):
+    """Greatest u . p over a part: the further of its two discs."""
+    start, axis, length, r0, r1 = (np.array(x) for x in part)
+    across = np.linalg.norm(u - (u @ axis) * axis)
+    return max(u @ start + r0 * across, u @ (start + length * axis) + r1 * across)
+
+
+def excess(part, p):
+    """How far a point is out of a part at most along or across its axis, m."""
+    start, axis, length, r0, r1 = (np.array(x) for x in part)
+    along = (p - start) @ axis
+    rho = np.linalg.norm(p - start - along * axis)
+    share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+    largest = max(r0, r1) if length == 0.0 else r0 + (r1 - r0) * share
+    return max(-along, along - length, rho - largest)
+
+
+def check(a, b, close=CLOSE):
+    """Distance, proved: the points are in their parts and that far apart, and the slab between them separates the parts."""
+    distance, x, y = gap(a, b)
+    x, y = np.array(x), np.array(y)
+    assert excess(a, x) < close
+    assert excess(b, y) < close
+    assert_allclose(np.linalg.norm(y - x), distance, rtol=0, atol=close)
+    if distance > 1e-3:
+        u = (y - x) / distance
+        assert -reach(b, -u) - reach(a, u) > distance - SLAB
+    return distance
+
+
+def test_distance_is_proved_on_random_pairs():
+    distances = [check(a, b) for a, b in some_pairs(400, seed=5)]
+    assert 0.05 < np.mean(np.array(distances) == 0.0) < 0.5
+
+
+def test_distance_against_a_minimiser():
+    """Over both points, each told by its share of the length and by two coordinates across, in radii there."""
+
+    def point(part, across, q):
+        start, axis, length, r0, r1 = part
+        if length == 0.0:
+            r0 = r1 = max(r0, r1)
+        return start + q[0] * length * np.array(axis) + (r0 + q[0] * (r1 - r0)) * (q[1:] @ across)
+
+    for a, b in some_pairs(60, seed=6):
+        across_a, across_b = (np.linalg.svd(np.array([part[1]]))[2][1:] for part in (a, b))
+
+        def square(q, a=a, b=b, across_a=across_a, across_b=across_b):
+            return np.sum((point(a, across_a, q[:3]) - point(b, across_b, q[3:])) ** 2)
+
+        found = minimize(
+            square,
+            [0.5, 0.01, 0.01] * 2,
+            method="SLSQP",
+            bounds=[(0.0, 1.0), (-1.0, 1.0), (-1.0, 1.0)] * 2,
+            constraints={"type": "ineq", "fun": lambda q: [1.0 - q[1] ** 2 - q[2] ** 2, 1.0 - q[4] ** 2 - q[5] ** 2]},
+            options={"ftol": 1e-14, "maxiter": 500},
+        )
+        assert_allclose(gap(a, b)[0], math.sqrt(found.fun), rtol=1e-5, atol=1e-5)  # what the minimiser gives
+
+
+def test_points_and_spheres_of_no_radius():
+    distance, x, y = gap(as_point((1.0, 2.0, 3.0)), as_point((1.0, -1.0, 7.0)))
+    assert (distance, x, y) == (5.0, (1.0, 2.0, 3.0), (1.0, -1.0, 7.0))
+    assert gap(as_point((1.0, 2.0, 3.0)), as_point((1.0, 2.0, 3.0)))[0] == 0.0
+
+
+@pytest.mark.parametrize("apart", [2.0, 1e-3, 1e-6, 1e-9, 1e-12])
+def test_cylinders_side_by_side_and_crossed(apart):
+    """Parallel, crossed at right angles and skew: distance of the lines less both radii."""
+    a = ((-2.0, 0.0, 0.0), ALONG_X, 4.0, 0.5, 0.5)
+    for angle in (0.0, 0.5 * math.pi, 0.3):
+        across = (math.cos(angle), math.sin(angle), 0.0)
+        b = (tuples(np.add(np.multiply(across, -1.5), [0.0, 0.0, 0.5 + 0.25 + apart])), across, 3.0, 0.25, 0.25)
+        assert_allclose(check(a, b), apart, rtol=0, atol=CLOSE)
+        within = (tuples(np.subtract(b[0], [0.0, 0.0, apart + min(apart, 0.5)])), *b[1:])
+        assert gap(a, within)[0] <= (0.0 if apart > 1e-10 else CLOSE)
+
+
+def test_end_to_end_cylinders():
+    """Crossed lines beyond their ends: the nearest points are on the rims."""
+    a = ((0.0, 0.0, 0.0), ALONG_X, 1.0, 0.5, 0.5)
+    b = ((1.5, 2.0, 0.0), ALONG_Y, 1.0, 0.25, 0.25)
+    assert_allclose(check(a, b), math.hypot(0.25, 1.5), rtol=1e-12)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3, 1.2])
+@pytest.mark.parametrize("apart", [1.0, 1e-7, 0.0])
+def test_discs_face_to_face(offset, apart):
+    """Whole areas are equally near; 1.2 m aside the faces still overlap by 0.3 m."""
+    a, b = ((0.0, 0.0, 0.0), ALONG_X, 0.0, 1.0, 1.0), ((apart, offset, 0.0), ALONG_X, 0.0, 0.5, 0.5)
+    assert_allclose(check(a, b), apart, rtol=0, atol=1e-14)
+
+
+def test_discs_in_one_plane():
+    a, b = ((0.0, 0.0, 0.0), ALONG_X, 0.0, 1.0, 1.0), ((0.0, 3.0, 4.0), ALONG_X, 0.0, 0.5, 0.5)
+    assert_allclose(check(a, b), 3.5, rtol=1e-12)
+    assert gap(a, ((0.0, 0.6, 0.8), ALONG_X, 0.0, 0.5, 0.5))[0] == 0.0
+
+
+def test_faces_of_a_stage_and_a_skirt():
+    """Mated cylinders touch at their faces, whichever of them is wider; a millimetre apart they are a millimetre apart."""
+    aft = ((0.0, 0.0, 0.0), ALONG_X, 2.0, 0.6, 0.6)
+    for radius in (0.3, 0.6, 0.9):
+        assert gap(aft, ((2.0, 0.0, 0.0), ALONG_X, 1.0, radius, 0.1))[0] <= 1e-15
+        assert_allclose(check(aft, ((2.001, 0.0, 0.0), ALONG_X, 1.0, radius, 0.1)), 0.001, rtol=1e-12)
+
+
+def test_cone_tip_over_a_disc():
+    tip_down = ((0.2, 0.3, 0.7), ALONG_Z, 1.0, 0.0, 0.4)
+    disc = ((0.0, 0.0, 0.0), ALONG_Z, 0.0, 1.0, 1.0)
+    distance, x, y = gap(tip_down, disc)
+    assert_allclose([distance, *x, *y], [0.7, 0.2, 0.3, 0.7, 0.2, 0.3, 0.0], rtol=0, atol=1e-14)
+
+
+def test_point_beside_a_frustum():
+    """Radius 1 to 2 over 1 m: a side at 45 deg."""
+    frustum = ((0.0, 0.0, 0.0), ALONG_X, 1.0, 1.0, 2.0)
+    distance, _, y = gap(as_point((-0.2, 0.0, 2.2)), frustum)  # foot on the side at (0.5, 1.5)
+    assert_allclose([distance, *y], [0.7 * math.sqrt(2.0), 0.5, 0.0, 1.5], rtol=0, atol=1e-12)
+    distance, _, y = gap(as_point((0.5, 0.0, 3.5)), frustum)  # past the rim
+    assert_allclose([distance, *y], [math.hypot(0.5, 1.5), 1.0, 0.0, 2.0], rtol=0, atol=1e-12)
+    assert gap(as_point((0.5, 1.0, 1.0)), frustum)[0] == 0.0
+
+
+def test_swapping_and_moving_change_nothing():
+    rng = np.random.default_rng(8)
+    for a, b in some_pairs(100, seed=9):
+        distance = gap(a, b)[0]
+        assert_allclose(gap(b, a)[0], distance, rtol=0, atol=CLOSE)
+        rotation, shift = Rotation.random(rng=rng), rng.uniform(-5.0, 5.0, 3)
+        assert_allclose(gap(moved(a, rotation, shift), moved(b, rotation, shift))[0], distance, rtol=0, atol=CLOSE)
+        larger = tuple((tuples(np.multiply(p[0], 1000.0)), p[1], *(1000.0 * n for n in p[2:])) for p in (a, b))
+        assert_allclose(gap(*larger)[0], 1000.0 * distance, rtol=0, atol=1000.0 * CLOSE)
+
+
+@pytest.mark.parametrize("apart", [1e-2, 1e-6, 1e-10])
+def test_near_contact(apart):
+    """Pairs brought together along the line between their nearest points, where the triangles of the method are at their thinnest."""
+    for a, b in some_pairs(150, seed=10):
+        distance, x, y = gap(a, b)
+        if distance > 1e-2:
+            u = np.subtract(y, x) / distance
+            nearer = (tuples(b[0] - u * (distance - apart)), *b[1:])
+            assert_allclose(gap(a, nearer)[0], apart, rtol=0, atol=2.0 * CLOSE)
+
+
+def test_overlap_gives_zero_and_a_point_of_both():
+    for a, b in some_pairs(200, seed=11, spread=0.4):
+        distance = check(a, b)
+        if distance == 0.0:
+            x, y = gap(a, b)[1:]
+            assert_allclose(x, y, rtol=0, atol=CLOSE)
+    solid = ((0.0, 0.0, 0.0), ALONG_X, 2.0, 1.0, 1.0)
+    assert gap(solid, solid)[0] == 0.0
+    assert gap(solid, ((0.5, 0.1, 0.0), ALONG_Y, 0.2, 0.1, 0.1))[0] == 0.0  # one within the other
+
+
+def test_a_number_that_is_none_is_told():
+    solid = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 1.0, 1.0]
+    other = ((5.0, 0.0, 0.0), ALONG_X, 1.0, 1.0, 1.0)
+    for i in range(9):
+        n = solid.copy()
+        n[i] = math.nan
+        part = (tuple(n[:3]), tuple(n[3:6]), *n[6:])
+        assert math.isnan(gap(part, other)[0])
+        assert math.isnan(gap(other, part)[0])
+
+
+def test_inside_a_cylindrical_shell():
+    shell = ((1.0, 0.0, 0.0), ALONG_X, 2.0, 0.5, 0.5)
+    distance, wall = inside_gap((2.0, 0.3, 0.0), shell)
+    assert_allclose([distance, *wall], [0.2, 2.0, 0.5, 0.0], rtol=0, atol=1e-15)
+    distance, wall = inside_gap((2.0, 0.0, -0.6), shell)  # through the wall
+    assert_allclose([distance, *wall], [-0.1, 2.0, 0.0, -0.5], rtol=0, atol=1e-15)
+    assert_allclose(inside_gap((1.0, 0.0, 0.5), shell)[0], 0.0, rtol=0, atol=1e-15)
+    assert inside_gap((0.999, 0.0, 0.0), shell)[0] == math.inf
+    assert inside_gap((3.001, 0.0, 0.9), shell)[0] == math.inf
+    assert math.isnan(inside_gap((2.0, math.nan, 0.0), shell)[0])
+
+
+@pytest.mark.parametrize("axis", [ALONG_X, ALONG_Y, ALONG_Z, (0.6, 0.0, -0.8)])
+def test_on_the_axis_of_a_shell_any_side_is_as_near(axis):
+    start = np.array([1.0, 2.0, 3.0])
+    distance, wall = inside_gap(tuples(start + np.array(axis)), (tuples(start), axis, 2.0, 0.5, 0.5))
+    assert_allclose(distance, 0.5, rtol=1e-14)
+    assert_allclose(np.linalg.norm(wall - start - np.array(axis)), 0.5, rtol=1e-14)
+
+
+def test_inside_a_conical_shell():
+    """Radius 1 to 2 over 1 m: a wall at 45 deg."""
+    shell = ((0.0, 0.0, 0.0), ALONG_X, 1.0, 1.0, 2.0)
+    assert_allclose(inside_gap((0.8, 0.0, 1.2), shell)[0], 0.3 * math.sqrt(2.0), rtol=1e-14)  # foot at (0.5, 1.5)
+    assert_allclose(inside_gap((0.2, 0.0, 1.8), shell)[0], -0.3 * math.sqrt(2.0), rtol=1e-14)
+    distance, wall = inside_gap((0.1, 0.0, 0.2), shell)  # the nearest is the rim of the narrow end
+    assert_allclose([distance, *wall], [math.hypot(0.1, 0.8), 0.0, 0.0, 1.0], rtol=1e-14)
+    distance, wall = wall_gap((-0.3, 0.0, 0.6), shell)  # beyond the ends the wall is still somewhere
+    assert_allclose([distance, *wall], [0.5, 0.0, 0.0, 1.0], rtol=1e-14)
+
+
+def test_shells_in_other_axes():
+    rng = np.random.default_rng(12)
+    for _ in range(50):
+        shell, point = a_part(rng, "frustum"), tuples(rng.uniform(-3.0, 3.0, 3))
+        rotation, shift = Rotation.random(rng=rng), rng.uniform(-5.0, 5.0, 3)
+        distance, wall = inside_gap(point, shell)
+        there, there_wall = inside_gap(tuples(rotation.apply(point) + shift), moved(shell, rotation, shift))
+        assert_allclose(there, distance, rtol=0, atol=1e-12)
+        assert_allclose(there_wall, rotation.apply(wall) + shift, rtol=0, atol=1e-12)
+        assert_allclose(np.linalg.norm(np.subtract(wall, point)), wall_gap(point, shell)[0], rtol=1e-12)
