@@ -159,7 +159,9 @@ class Campaign:
         warm_up()
         plan = make_plan((case or self.nominal()).scene, history_step=step_s)
         columns = schema.history_columns(plan.contents)
-        room = int(plan.scene.run.end_time / step_s) + 2 * len(plan.phases) + 4
+        scene = plan.model.scene[0]
+        changes = scene.n_events + scene.n_joints * (scene.n_phases + scene.n_releases)  # each with a row before and one after
+        room = int(plan.scene.run.end_time / step_s) + 2 * int(changes) + 4
         block = fly_block(plan, np.empty(0, dtype=np.int64), np.empty((1, 0)), room, len(columns), FULL_HISTORY)
         rows = int(block.rows[0])
         data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}

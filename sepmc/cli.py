@@ -424,9 +424,16 @@ def _figures(folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories:
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
-    of_joints = [name for name in units if "separation_" in name or name.endswith("release_time_s")]
-    outcomes = None if loaded.reference else [*of_joints, *(name for name in units if name not in of_joints)]
+    outcomes = None if loaded.reference else sorted(units, key=_interest)
     return campaign_figures(frame, histories, folder, units, loaded.reference, outcomes=outcomes, source=source)
+
+
+_INTERESTING = ("clearance_mm", "tip_off", "separation_distance", "separation_speed", "release_time", "peak_force_N", "jam_friction")
+
+
+def _interest(outcome: str) -> int:
+    """Rank of an outcome among the figures: what separations are judged by comes first."""
+    return next((rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING))
 
 
 if __name__ == "__main__":

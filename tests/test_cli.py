@@ -199,3 +199,59 @@ def test_the_program_itself(tmp_path):
     bad = python("-m", "sepmc", "campaign", "table2.toml", "--set", "body.upper.mass_kg=-3", cwd=tmp_path)
     assert (bad.returncode, bad.stdout, bad.stderr) == (2, "", "error: table2.toml: body.upper.mass_kg = -3: must be > 0\n")
     assert sorted(os.listdir(tmp_path / "runs")) == ["table2-1", "table2-2"]
+
+
+SPINNING = """
+environment = { atmosphere = "none", gravity = "none" }
+initial = { altitude_m = 0.0, speed_m_s = 1.0, omega_deg_s = [50.0, 100.0, 150.0] }
+run = { end_time_s = 20.0, cases = 2 }
+solver = { method = "rk4", step_s = 0.005, drift = "none" }
+[body.fore]
+mass_kg = 3.0
+inertia_kg_m2 = [3.0, 4.0, 5.0]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.0]
+cg_m = [3.0, 0.0, 0.0]
+[joint.pins]
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+[joint.again]
+bodies = ["fore", "aft"]
+point_m = [2.0, 1.0, 0.0]
+[[phase]]
+name = "locked"
+joints = { pins = "fixed" }
+"""
+
+
+def test_failed_audit_ends_with_3(tmp_path):
+    """A joint that drifts apart uncorrected, in cases that are otherwise ok: said, stored, and an exit code of its own."""
+    file = tmp_path / "spinning.toml"
+    file.write_text(SPINNING, encoding="utf-8")
+    arguments = ["campaign", str(file), "--no-plots", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(cli.main, arguments)
+    assert (result.exit_code, "AUDIT FAILED: 2 cases have joint_gap_residual_m > 1e-09" in result.stdout) == (3, True), result.output
+    audited = json.loads((tmp_path / "run" / "statistics.json").read_text(encoding="utf-8"))["audit"]["joint_gap_residual_m"]
+    assert audited["beyond"] == 2
+    assert audited["worst"] == rows(tmp_path / "run")["joint_gap_residual_m"].max() > audited["bound"] == 1e-9
+    corrected = CliRunner().invoke(cli.main, [*arguments, "--overwrite", "--set", "solver.drift=projection"])
+    assert (corrected.exit_code, "audit passed" in corrected.stdout) == (0, True), corrected.output
+
+
+def test_check_names_redundant_joints(tmp_path):
+    file = tmp_path / "twice.toml"
+    file.write_text(SPINNING.replace('{ pins = "fixed" }', '{ pins = "fixed", again = "spherical" }'), encoding="utf-8")
+    result = call("check", file)
+    assert "phase locked: 3 of 9 constraint rows are redundant, among pins, again" in result.stderr
+    assert "redundant" not in call("check", "srb.toml").stderr
+
+
+@pytest.mark.parametrize(("reference", "code"), [(1.0, 0), (1.1, 1)])
+def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
+    from sepmc.trust import verify  # noqa: PLC0415
+
+    monkeypatch.setattr(verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]})
+    result = CliRunner().invoke(cli.main, ["verify", "--quiet"])
+    assert (result.exit_code, "1 lines" in result.stdout) == (code, True)

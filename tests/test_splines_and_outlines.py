@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from sepmc.compiler.splines import pack
-from sepmc.kernels.outlines import gap, inside_gap, wall_gap
+from sepmc.kernels.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.kernels.splines import curve, grid6
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
@@ -391,3 +391,18 @@ def test_shells_in_other_axes():
         assert_allclose(there, distance, rtol=0, atol=1e-12)
         assert_allclose(there_wall, rotation.apply(wall) + shift, rtol=0, atol=1e-12)
         assert_allclose(np.linalg.norm(np.subtract(wall, point)), wall_gap(point, shell)[0], rtol=1e-12)
+
+
+def test_least_gap_is_a_lower_bound():
+    """Of random slender and stout frustums, near and far, some parallel: never above their distance, and within it by a few radii."""
+    random = np.random.default_rng(11)
+    for trial in range(300):
+        parts = []
+        for _ in range(2):
+            axis = random.normal(size=3) if trial % 3 else np.array([1.0, 1e-7 * random.normal(), 0.0])
+            axis /= np.linalg.norm(axis)
+            r0, r1 = random.uniform(0.0, 2.0, size=2)
+            parts.append((tuple(random.normal(size=3) * 10.0), tuple(axis), random.uniform(0.0, 40.0), r0, r1))
+        assert least_gap(*parts) <= gap(*parts)[0] + 1e-9
+    side_by_side = [((0.0, 0.0, z), (1.0, 0.0, 0.0), 40.0, 2.0, 2.0) for z in (0.0, 7.0)]
+    assert least_gap(*side_by_side) == pytest.approx(3.0, abs=1e-4)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from sepmc.analysis.statistics import PERCENTILES, percentile_curves, rounded, statistics, status_counts, summary_text
+from sepmc.analysis.statistics import PERCENTILES, audit, audit_text, percentile_curves, rounded, statistics, status_counts, summary_text
 
 PERCENTS = list(PERCENTILES)
 
@@ -279,3 +279,22 @@ def test_summary_text_without_outcomes_or_reference():
     cases, _ = paper_like(800)
     assert summary_text(statistics(cases, []), status_counts(cases)) == "800 cases, 800 ok\n"
     assert "Beside" not in summary_text(statistics(cases, ["separation_distance_mm"]), status_counts(cases))
+
+
+def test_audit():
+    """Worst values and cases beyond their bounds, of ok cases only; NaN is beyond every bound."""
+    cases = pd.DataFrame(
+        {
+            "case": [3, 4, 5, 6],
+            "status": ["ok", "ok", "ok", "unresolved"],
+            "gap": [1e-12, 2e-9, np.nan, 1.0],
+            "smallest_pivot": [0.5, 0.1, 0.3, 0.0],
+        }
+    )
+    table = audit(cases, {"gap": 1e-9}, ["gap", "smallest_pivot", "absent"])
+    assert list(table.index) == ["gap", "smallest_pivot"]
+    assert (table.loc["gap", "beyond"], table.loc["gap", "case"]) == (2, 5)
+    assert (table.loc["smallest_pivot", "worst"], table.loc["smallest_pivot", "case"], table.loc["smallest_pivot", "beyond"]) == (0.1, 4, 0)
+    assert "AUDIT FAILED: 2 cases have gap > 1e-09" in audit_text(table)
+    passed = audit(cases[:1], {"gap": 1e-9}, ["gap"])
+    assert audit_text(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"

@@ -18,11 +18,21 @@ from sepmc.schema import Column
 from sepmc.store import StoreError
 
 COLUMNS = [Column("case", "1", "number"), Column("status", "", "how it went"), Column("speed_m_s", "m/s", "speed")]
-PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "steps")  # names without a unit of the list below
+PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "energy_residual")  # names without a unit of the list below
+PLAIN += ("smallest_pivot", "redundant_rows", "attitude_singular", "steps")
 BODY = ["alpha_deg", "beta_deg", "alpha_ref_deg", "omega_x_deg_s", "omega_y_deg_s", "omega_z_deg_s", "roll_deg", "yaw_deg", "pitch_deg"]
 OUTCOMES = [f"{body}_{name}" for body in ("upper", "lower") for name in BODY]
 OUTCOMES += ["separation_speed_m_s", "separation_distance_mm", "release_time_s"]
-UNIT = [(r"_deg$", "deg"), (r"_deg_s$", "deg/s"), (r"_m_s$", "m/s"), (r"_mm$", "mm"), (r"_kg$", "kg"), (r"_s$", "s"), (r"_m$", "m")]
+UNIT = [
+    (r"_deg$", "deg"),
+    (r"_deg_s$", "deg/s"),
+    (r"_m_s$", "m/s"),
+    (r"_rad_s$", "rad/s"),
+    (r"_mm$", "mm"),
+    (r"_kg$", "kg"),
+    (r"_s$", "s"),
+    (r"_m$", "m"),
+]
 
 
 def part(first, count):
@@ -48,7 +58,14 @@ def test_every_column_has_unit_and_meaning(run_folder):
         *OUTCOMES,
         "joint_gap_residual_m",
         "joint_angle_residual_rad",
+        "joint_gap_rate_residual_m_s",
+        "joint_angle_rate_residual_rad_s",
         "attitude_drift",
+        "energy_residual",
+        "smallest_pivot",
+        "redundant_rows",
+        "event_residual_s",
+        "attitude_singular",
         "steps",
     ]
     assert len(inputs) == len(sepmc.load("table2").file.dispersions)

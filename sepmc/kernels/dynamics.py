@@ -17,6 +17,7 @@ from sepmc.kernels.places import (
     joint_params,
     joint_work,
     kind_of,
+    kind_rows,
     load_params,
     load_work,
     motor_params,
@@ -243,14 +244,15 @@ def _rub(y, j, force, m, w):
 
 @stage
 def slides(j, m, w):
-    """Whether joint j holds sideways but not along x: its pins are engaged and can rub."""
-    kind = kind_of(j, m, w)
-    sideways, along = False, False
-    for k in range(m.table[m.scene.kinds_i + at.KIND_SIZE * kind]):
-        code = m.table[m.scene.kinds_i + at.KIND_SIZE * kind + 1 + k]
+    """Whether joint j is free along x but holds sideways and against tilting: its pins are engaged and can rub."""
+    kind = kind_rows(kind_of(j, m, w), m)
+    sideways, turning, along = 0, 0, False
+    for k in range(m.table[kind]):
+        code = m.table[kind + 1 + k]
         along = along or code == 0
-        sideways = sideways or code in (1, 2)
-    return sideways and not along
+        sideways += 1 if code in (1, 2) else 0
+        turning += 1 if at.ROTATION <= code < at.ROD else 0
+    return sideways == 2 and turning >= 2 and not along
 
 
 @stage

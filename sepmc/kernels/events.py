@@ -7,7 +7,7 @@ from sepmc.kernels import vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import joint_axes, joint_geometry, separation
 from sepmc.kernels.dynamics import height, motion, set_attitudes
-from sepmc.kernels.places import joint_work, leaf, leaf_work, motor_params, spring_work
+from sepmc.kernels.places import joint_params, joint_work, kind_rows, leaf, leaf_work, motor_params, spring_work
 from sepmc.kernels.springs import spring_line
 
 _TOUCH = 1e-12  # of a threshold (or of 1 m, 1 rad, ...): a condition this close is met; the gap of a locked joint is round-off
@@ -151,11 +151,12 @@ def is_due(event, m, w):
 
 @stage
 def _schedule(t, j, kind, m, w):
-    """Let joint j change its kind, after its delay; never if it fails. A change that would hold what is free is no change."""
+    """Let joint j change its kind, after its delay; never if it fails. A change that lets go no more than what it holds, or than
+    one that is on its way, is no change."""
     keep_apart()
-    work, p = joint_work(j, m), m.scene.joints_p + at.JOINT_SIZE * j
-    now = int(w[work + at.KIND])
-    if m.table[m.scene.kinds_i + at.KIND_SIZE * kind] >= m.table[m.scene.kinds_i + at.KIND_SIZE * now]:
+    work, p = joint_work(j, m), joint_params(j, m)
+    on_its_way = int(w[work + at.NEXT_KIND])  # what it holds now, if nothing is
+    if m.table[kind_rows(kind, m)] >= m.table[kind_rows(on_its_way, m)]:
         return
     w[work + at.NEXT_KIND] = kind
     w[work + at.NEXT_TIME] = math.inf if w[p + at.FAILS] >= 0.5 else t + w[p + at.DELAY]

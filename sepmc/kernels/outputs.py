@@ -103,8 +103,11 @@ def _rim_gap(solid, shell):
 
 
 @stage
-def clearance(y, a, b, m, w):
-    """Least distance between the outlines of bodies a and b, m, and the nearest point of a, layout. Needs attitudes."""
+def clearance(y, a, b, limit, m, w):
+    """Least distance between the outlines of bodies a and b, m, and the nearest point of a, layout. Needs attitudes.
+
+    Of solid parts that cannot be nearer than ``limit`` only a lower bound is computed, which is above it.
+    """
     keep_apart()
     best, place = math.inf, (math.nan, math.nan, math.nan)
     first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
@@ -122,11 +125,28 @@ def clearance(y, a, b, m, w):
             elif m.numbers[pb] != 0.0:
                 distance, here, _ = _rim_gap(part_a, part_b)
             else:
-                distance, here, _ = outlines.gap(part_a, part_b)
+                distance, here = outlines.least_gap(part_a, part_b), place
+                if not distance > min(best, limit):
+                    distance, here, _ = outlines.gap(part_a, part_b)
             if distance < best:
                 best, place = distance, here
     cg = vec3.get(w, body_params(a) + at.CG)
     return best, (cg[0] - place[0], cg[1] + place[1], cg[2] + place[2])
+
+
+@stage
+def watched_at(m):
+    """Start of the outcomes of watched quantities: joint loads, guides, clearances; tip-off rates follow."""
+    return joint_outcomes_at(m.scene.n_joints, m)
+
+
+@stage
+def clearances_at(m):
+    """Start of the outcomes of clearances."""
+    o = watched_at(m) + m.scene.n_load_outputs * at.LOADS_OUTCOMES
+    for g in range(m.scene.n_guides):
+        o += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 2
+    return o
 
 
 @stage
@@ -137,8 +157,11 @@ def counts(i, m, w):
 
 
 @stage
-def watch(t, y, row, m, w):
-    """All watched quantities of a state into ``row``, each such that its peak is its greatest value."""
+def watch(t, y, row, outcomes, m, w):
+    """All watched quantities of a state into ``row``, each such that its peak is its greatest value.
+
+    Of clearances larger than the least in ``outcomes`` so far this may be a bound.
+    """
     keep_apart()
     motion(t, y, m, w)
     k = 0
@@ -154,16 +177,11 @@ def watch(t, y, row, m, w):
         row[k] = -math.inf
         if counts(i, m, w):
             entry = m.scene.clearances_i + 3 * i
-            distance, place = clearance(y, m.table[entry], m.table[entry + 1], m, w)
+            least = outcomes[clearances_at(m) + at.CLEARANCE_OUTCOMES * i]
+            distance, place = clearance(y, m.table[entry], m.table[entry + 1], math.inf if math.isnan(least) else least, m, w)
             row[k] = -distance
             vec3.put(row, k + 1, place)
         k += 4
-
-
-@stage
-def watched_at(m):
-    """Start of the outcomes of watched quantities."""
-    return joint_outcomes_at(m.scene.n_joints, m)
 
 
 @stage
@@ -228,10 +246,10 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
     keep_apart()
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     _state_at(a, h, y0, sample, weights, k, rk, m)
-    watch(t + a * h, sample, row, m, w)
+    watch(t + a * h, sample, row, outcomes, m, w)
     fa = row[c]
     _state_at(b, h, y0, sample, weights, k, rk, m)
-    watch(t + b * h, sample, row, m, w)
+    watch(t + b * h, sample, row, outcomes, m, w)
     fb = row[c]
     for _ in range(_ROUNDS):
         if fa >= fb:
@@ -243,7 +261,7 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
             b = low + _GOLDEN * (high - low)
             theta = b
         _state_at(theta, h, y0, sample, weights, k, rk, m)
-        watch(t + theta * h, sample, row, m, w)
+        watch(t + theta * h, sample, row, outcomes, m, w)
         if theta == a:
             fa = row[c]
         else:
@@ -261,7 +279,7 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
     size = row_size(m)
     for i in range(NODES):
         _state_at(_THETA[i], h, y0, sample, weights, k, rk, m)
-        watch(t + _THETA[i] * h, sample, rows[i], m, w)
+        watch(t + _THETA[i] * h, sample, rows[i], outcomes, m, w)
         _keep(t + _THETA[i] * h, rows[i], outcomes, m)
     o = watched_at(m)
     for j in range(m.scene.n_load_outputs):
@@ -285,10 +303,7 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
 @stage
 def note_tip_off(j, y, outcomes, m, w):
     """Rates of both bodies of joint j, which has just become free, if they are asked for."""
-    o = watched_at(m) + m.scene.n_load_outputs * at.LOADS_OUTCOMES
-    for g in range(m.scene.n_guides):
-        o += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 2
-    o += m.scene.n_clearances * at.CLEARANCE_OUTCOMES
+    o = clearances_at(m) + m.scene.n_clearances * at.CLEARANCE_OUTCOMES
     for i in range(m.scene.n_tip_off):
         asked = m.table[m.scene.tip_off_i + i]
         for b in (first_body(asked, m), second_body(asked, m)):

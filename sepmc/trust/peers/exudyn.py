@@ -23,7 +23,7 @@ from sepmc.trust.peers.case import GROUND, Array, Case, Motion, cross
 from sepmc.trust.peers.schedule import Flight, Guard, Mode, Wrench
 from sepmc.trust.peers.schedule import fly as fly_through
 
-STEPS = 500  # of the coarsest flight, over the whole time
+STEPS = 1000  # of the coarsest flight, over the whole time
 LEAST = 8  # of its steps between two switches: after each, the method takes some to reach its order
 TOLERANCES = (1e-12, 1e-10, 1e-8)  # of Newton; the next one where round-off keeps it from converging, as in very short steps
 OUT = exu.OutputVariableType
@@ -283,7 +283,7 @@ def fly(
     times : sequence of float
         When to tell, s, rising.
     step : float
-        Longest step of the coarsest flight, s; each further one halves it. None: the 500th part of the time flown.
+        Longest step of the coarsest flight, s; each further one halves it. None: the 1000th part of the time flown.
     """
     case = Case(data)
     step = step or case.end_time / STEPS

@@ -40,7 +40,7 @@ def _chain() -> Tree:
 
 def motions() -> dict[str, Tree]:
     """What flies for an hour: at 1.2 rad/s, 4500 rad in all."""
-    return {"weld": pair("fixed", HOUR, STEP), "hinge": pair("revolute", HOUR, STEP), "chain of ball joints": _chain()}
+    return {"weld": pair("fixed", HOUR, STEP), "hinge": pair("revolute", HOUR, STEP), "chain of balls": _chain()}
 
 
 def invariants(found: Flight) -> tuple[np.ndarray, np.ndarray]:
@@ -111,7 +111,8 @@ def hour() -> list[Stress]:
 
 def hours_table() -> str:
     """What each way to hold drift loses over an hour, and its run time beside that of none."""
-    rows = [("motion", "drift", "gap, m", "gap rate, m/s", "angle, rad", "energy", "ang. momentum", "attitude", "time, s", "over none")]
+    head = ("motion", "drift", "gap, m", "gap rate, m/s", "angle, rad", "energy", "ang. momentum", "attitude", "time, s", "over none")
+    rows: list[tuple[str, ...]] = [head]
     for x in hours():
         o, base = x.found.outcomes, next(y.seconds for y in hours() if y.motion == x.motion and y.way == "none")
         lost = (o["joint_gap_residual_m"], o["joint_gap_rate_residual_m_s"], o["joint_angle_residual_rad"], x.energy, x.angular_momentum)

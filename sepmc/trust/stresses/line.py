@@ -12,7 +12,7 @@ from sepmc.trust.flights import Flight
 from sepmc.trust.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
-_WIDTHS = (38, 24, 30, 20)  # widest input, quantity, reason and flag that are shown whole
+_WIDTHS = (36, 22, 27, 17)  # widest input, quantity, reason and flag that are shown whole
 ACCURATE, FLAGGED, SILENT = "accurate", "flagged", "SILENT"
 
 
@@ -27,11 +27,11 @@ class Bound:
 # What every comparison of the engine with a closed form is held to.
 FORM = Bound(CLOSE, "of every closed form")
 EXACT = Bound(0.0, "must be exact")
-NONE = Bound(0.0, "no right answer: must be told")
+NONE = Bound(0.0, "no answer: must be told")
 
 
 def conditioned(condition: float) -> Bound:
-    """What round-off becomes in a problem of this condition number, with a factor of 100 for the sums behind it; 1e-3 is the worst allowed."""
+    """What round-off becomes in a problem of this condition number: 100 eps, for the sums behind it, times that; at most 1e-3."""
     value = min(100.0 * EPS * condition, 1e-3)
     return Bound(value, f"100 eps x {condition:.0e} (condition)") if value > FORM.value else FORM
 
@@ -101,7 +101,7 @@ def table(lines: Sequence[Stress]) -> str:
     rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict")]
     for x in lines:
         text = (x.input, x.quantity, x.bound.reason, _told(x))
-        error = "-" if math.isnan(x.error) else f"{x.error:.1e}"
+        error = "-" if math.isnan(x.error) else f"{min(x.error, 9e99):.1e}"
         cells = [cell[:width] for cell, width in zip(text, _WIDTHS, strict=True)]
         rows.append((cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", x.verdict + ("" if x.holds else " !")))
     widths = [max(len(row[i]) for row in rows) for i in range(6)]

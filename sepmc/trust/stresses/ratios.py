@@ -75,7 +75,7 @@ def needles() -> list[Stress]:
 
 
 def nearly_singular() -> list[Stress]:
-    """A thin rod along (1, 2, 3): its inertia is nearly singular and full, and its inverse loses what round-off takes of the least moment."""
+    """A thin rod along (1, 2, 3): its inertia is full and nearly singular, and round-off of it is large beside the least moment."""
     n = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     lines = []
     for least in (1e-3, 1e-6, 1e-9, 1e-12, 1e-15):

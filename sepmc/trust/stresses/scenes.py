@@ -26,7 +26,7 @@ def joint(first: str, second: str, point: list[float], **more: Any) -> Tree:
 
 def scene(bodies: Tree, joints: Tree, phases: list[Tree], end: float, step: float, omega: list[float] | None = None, **more: Any) -> Tree:
     """Bodies in empty space that start at rest or turning, rad/s; other tables as in a file."""
-    tree = {
+    tree: Tree = {
         "environment": dict(SPACE),
         "body": bodies,
         "joint": joints,
@@ -74,7 +74,8 @@ def pushed(stroke: float, kind: str = "slider", end: float = 1.0, step: float = 
     """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: 2 m/s2 between them. The slider ends at a stroke, m."""
     push = {"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [-1.0, 0.0, 0.0], "force_N": 1.5}
     bodies = {"fore": body(3.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0]), "aft": body(1.0, [1.0, 2.0, 2.0], [3.0, 0.0, 0.0])}
-    phases = [{"name": "guided", "joints": {"link": kind}, "until": {"joint": "link", "stroke_m": stroke, **until}}, {"name": "free"}]
+    end_of = {"joint": "link", "stroke_m": stroke, **until}
+    phases: list[Tree] = [{"name": "guided", "joints": {"link": kind}, "until": end_of}, {"name": "free"}]
     return scene(bodies, {"link": joint("fore", "aft", [2.0, 0.0, 0.0])}, phases, end, step, spring=[push | (spring or {})])
 
 
