@@ -79,8 +79,8 @@ def campaign(
             raise click.UsageError("--resume and --overwrite exclude each other")
         loaded = _load(file, settings)
         from sepmc import store
-        from sepmc.compiler.redundancy import redundancies
         from sepmc.door import check_threads
+        from sepmc.scene.redundancy import redundancies
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
@@ -214,7 +214,7 @@ def check(file: str, settings: tuple[str, ...]) -> None:
         from sepmc import cases
         from sepmc.chunks import implausible_note
         from sepmc.compiler.describe import lines
-        from sepmc.compiler.redundancy import redundancies
+        from sepmc.scene.redundancy import redundancies
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
@@ -270,7 +270,7 @@ def stress(quiet: bool) -> None:
         with _counted(len(suite.STRESSES), quiet) as progress:
             lines = suite.stress(progress=progress)
         click.echo(suite.table(lines))
-    sys.exit(0 if all(line.passes for line in lines) else 1)
+    sys.exit(0 if all(line.holds for line in lines) else 1)
 
 
 @contextmanager

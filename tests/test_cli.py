@@ -250,7 +250,7 @@ def test_check_names_redundant_joints(tmp_path):
 
 @pytest.mark.parametrize(("reference", "code"), [(1.0, 0), (1.1, 1)])
 def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
-    from sepmc.trust import verify  # noqa: PLC0415
+    from sepmc.trust import verify
 
     monkeypatch.setattr(verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]})
     result = CliRunner().invoke(cli.main, ["verify", "--quiet"])

@@ -52,7 +52,7 @@ def flown(campaign, step_s=0.01):
 
 def vector(history, name, unit):
     """Columns ``name_x_unit`` ... as (rows, 3)."""
-    return history[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy()
+    return history[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy().copy()
 
 
 def turned(history, body):

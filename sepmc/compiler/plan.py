@@ -11,7 +11,7 @@ from sepmc.compiler.packing import Pool
 from sepmc.kernels import layout as at
 from sepmc.kernels.methods import method
 from sepmc.scene.contents import contents
-from sepmc.scene.kinds import Kinds, make_kinds
+from sepmc.scene.kinds import Kinds, joint_axes, make_kinds
 from sepmc.scene.model import GROUND, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
@@ -290,14 +290,6 @@ def _pivot_joint(scene: Scene) -> int:
         if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
             return number
     return -1
-
-
-def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
-    """Right-handed orthonormal axes (rows) from an x axis and a vector near the y axis."""
-    x = np.array(x_axis) / np.linalg.norm(x_axis)
-    y = np.array(y_axis) - x * (x @ np.array(y_axis))
-    y /= np.linalg.norm(y)
-    return np.concatenate([x, y, np.cross(x, y)])
 
 
 def apart(scene: Scene, name: str) -> int:

@@ -11,7 +11,7 @@ from sepmc.kernels.cfe import separation
 from sepmc.kernels.correct import hold, residuals
 from sepmc.kernels.dynamics import kinetic_energy, motion, rest_energy, set_attitudes
 from sepmc.kernels.observe import body_outcomes, follow_angles, full_row, joint_outcomes_at, reported_bodies, separation_row
-from sepmc.kernels.outputs import NODES, note_tip_off, row_size, start_watching, watch_step, watches
+from sepmc.kernels.outputs import GOLDEN, NODES, note_tip_off, row_size, start_watching, watch_step, watches
 from sepmc.kernels.places import joint_work, leaf_work, load_params, load_work, motor_params, motor_work
 from sepmc.kernels.prepare import set_centre, set_inertias, set_initial_state, set_joints, set_motors, set_springs
 from sepmc.kernels.quat import normalise_all
@@ -22,7 +22,10 @@ OK, NEVER_RELEASED, INVALID_INPUT, OUTSIDE_ATMOSPHERE, SINGULAR_JOINT, NOT_FINIT
 INCONSISTENT_START, OUTSIDE_TABLE, JAMMED, TOO_MANY_EVENTS = 9, 10, 11, 12
 
 _ROOT = 1e-13  # s: an event is located when the next correction is below this
+_CLEVER = 60  # trials before the bracket is only halved: Newton wanders where round-off over speed is above _ROOT
+_PEAK_ROUNDS = 36  # of golden section for the peak of a load
 _UNRESOLVED = 1e-6  # drift of a quaternion in one step, or share of energy lost, beyond which a case is not called ok
+_MOST_TURNED = 2.0  # rad a body may turn in a step: beyond, its phase is lost though its length is kept
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the constraints may be violated by at the start
 _MOST_EVENTS = 10_000  # stretches without progress in time
 
@@ -130,9 +133,9 @@ def _locate(i, t, h, y0, y1, scratch, k, rk, m, w):
         else:
             low, low_value = max(low, length), value
         trial = 0.5 * (low + high)
-        if rate > 0.0:
+        if trial_number < _CLEVER and rate > 0.0:
             trial = length - value / rate
-        elif trial_number % 3 != 2 and high_value > low_value:
+        elif trial_number < _CLEVER and trial_number % 3 != 2 and high_value > low_value:
             trial = high - high_value * (high - low) / (high_value - low_value)
         if abs(trial - length) <= _ROOT or high - low <= _ROOT:
             return length, min(abs(trial - length), high - low)
@@ -162,6 +165,49 @@ def _highest(i, t, h, y0, y1, scratch, k, rk, m, w):
 
 
 @stage
+def _load_value(i, theta, t, h, y0, sample, weights, k, rk, m, w):
+    """Condition ``i`` on a load at a fraction of the step from y0, whose continuous extension is ready."""
+    interpolate(theta, h, y0, sample, weights, k, rk)
+    normalise_all(sample, m.scene.n_bodies)
+    return _value(i, t + theta * h, sample, m, w)[0]
+
+
+@stage
+def _load_met(i, t, h, y0, sample, weights, k, rk, m, w):
+    """A fraction of the step at which condition ``i`` on a load is met, though it may fall again within the step; 1 if there is none.
+
+    Looked for at its quarters, and by golden section around the greatest of them if it comes near the threshold.
+    """
+    keep_apart()
+    best, greatest, least = 0, w[leaf_work(i, m) + at.BEFORE], w[leaf_work(i, m) + at.BEFORE]
+    for quarter in range(1, 5):
+        value = _load_value(i, 0.25 * quarter, t, h, y0, sample, weights, k, rk, m, w)
+        if value >= 0.0:
+            return 0.25 * quarter
+        least = min(least, value)
+        if value > greatest:
+            best, greatest = quarter, value
+    if not greatest + (greatest - least) >= 0.0:
+        return 1.0
+    low, high = 0.25 * max(best - 1, 0), 0.25 * min(best + 1, 4)
+    a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+    fa = _load_value(i, a, t, h, y0, sample, weights, k, rk, m, w)
+    fb = _load_value(i, b, t, h, y0, sample, weights, k, rk, m, w)
+    for _ in range(_PEAK_ROUNDS):
+        if fa >= 0.0 or fb >= 0.0:
+            return a if fa >= 0.0 else b
+        if fa >= fb:
+            high, b, fb = b, a, fa
+            a = high - GOLDEN * (high - low)
+            fa = _load_value(i, a, t, h, y0, sample, weights, k, rk, m, w)
+        else:
+            low, a, fa = a, b, fb
+            b = low + GOLDEN * (high - low)
+            fb = _load_value(i, b, t, h, y0, sample, weights, k, rk, m, w)
+    return 1.0
+
+
+@stage
 def _first_event(t, h, y0, y1, sample, scratch, weights, k, rk, phase, m, w):
     """Shorten a step to the first condition that is met within it. y1 then holds the state at its end.
 
@@ -172,13 +218,9 @@ def _first_event(t, h, y0, y1, sample, scratch, weights, k, rk, phase, m, w):
     first, length, error, stages_kept = -1, h, 0.0, True
     if events.waits_for_load(phase, m, w):  # a load may rise and fall within the step
         extend(t, h, y0, scratch, k, rk, m, w)
-        for quarter in range(1, 4):
-            interpolate(0.25 * quarter, h, y0, sample, weights, k, rk)
-            normalise_all(sample, m.scene.n_bodies)
-            motion(t + 0.25 * quarter * h, sample, m, w)
-            for i in range(m.scene.n_leaves):
-                if events.on_load(i, m) and events.is_armed(i, phase, m, w) and events.state_value(i, t, sample, m, w)[0] >= 0.0:
-                    length = min(length, 0.25 * quarter * h)
+        for i in range(m.scene.n_leaves):
+            if events.on_load(i, m) and events.is_armed(i, phase, m, w):
+                length = min(length, h * _load_met(i, t, h, y0, sample, weights, k, rk, m, w))
         if length < h:
             step(t, length, y0, y1, scratch, k, rk, m, w)
             normalise_all(y1, m.scene.n_bodies)
@@ -356,8 +398,12 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                 if w[m.scene.work + at.JAMMED] != 0.0:
                     status = JAMMED
                     break
-            if follow_angles(y0, length, m, w):
+            lost, turned = follow_angles(y0, length, m, w)
+            if lost:
                 audit[at.SINGULAR_AUDIT] = 1.0
+            if turned > _MOST_TURNED:
+                status = UNRESOLVED
+                break
             energy = kinetic_energy(y0, m, w)
             work = y0[size - 1]
             energy_scale = max(energy_scale, energy, abs(work))

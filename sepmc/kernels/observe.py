@@ -39,18 +39,22 @@ def body_angles(b, m, w):
 
 @stage
 def follow_angles(y, h, m, w):
-    """Let pitch and roll follow the motion at the end of a step of length h. Returns whether one of them cannot be followed.
+    """Let pitch and roll follow the motion at the end of a step of length h. Needs attitudes.
 
-    That is so near yaw = +-90 deg, where they are singular, and where a body makes more than a quarter turn in the step.
+    Returns whether one of them cannot be followed (near yaw = +-90 deg, where they are singular, or where one changes or the body
+    turns by more than a quarter in the step), and the largest angle by which a body turned in the step, rad.
     """
     keep_apart()
-    lost = False
+    lost, largest = False, 0.0
     for b in range(reported_bodies(m)):
         pitch, yaw, roll = body_angles(b, m, w)
-        w[body_work(b, m) + at.LAST_PITCH], w[body_work(b, m) + at.LAST_ROLL] = pitch, roll
-        omega = vec3.get(y, b * at.STATE + at.RATE)
-        lost = lost or abs(yaw) > _SINGULAR_YAW or math.sqrt(vec3.dot(omega, omega)) * h > 0.5 * math.pi
-    return lost
+        work, omega = body_work(b, m), vec3.get(y, b * at.STATE + at.RATE)
+        turned = math.sqrt(vec3.dot(omega, omega)) * h
+        change = max(abs(pitch - w[work + at.LAST_PITCH]), abs(roll - w[work + at.LAST_ROLL]), turned)
+        lost = lost or abs(yaw) > _SINGULAR_YAW or change > 0.5 * math.pi
+        largest = max(largest, turned)
+        w[work + at.LAST_PITCH], w[work + at.LAST_ROLL] = pitch, roll
+    return lost, largest
 
 
 _SINGULAR_YAW = math.radians(89.0)

@@ -16,7 +16,7 @@ from sepmc.kernels.rk import interpolate
 NODES = 5
 _THETA = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
 _RIM = 48  # points of a solid's rim held against the inside of a shell: a tilted rim is overstated by 0.2 % of its radius at most
 
@@ -244,7 +244,7 @@ def _state_at(theta, h, y0, sample, weights, k, rk, m):
 def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w):
     """Find the peak of column ``c`` between two fractions of the step by golden section, and keep what is seen."""
     keep_apart()
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     _state_at(a, h, y0, sample, weights, k, rk, m)
     watch(t + a * h, sample, row, outcomes, m, w)
     fa = row[c]
@@ -254,11 +254,11 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
     for _ in range(_ROUNDS):
         if fa >= fb:
             high, b, fb = b, a, fa
-            a = high - _GOLDEN * (high - low)
+            a = high - GOLDEN * (high - low)
             theta = a
         else:
             low, a, fa = a, b, fb
-            b = low + _GOLDEN * (high - low)
+            b = low + GOLDEN * (high - low)
             theta = b
         _state_at(theta, h, y0, sample, weights, k, rk, m)
         watch(t + theta * h, sample, row, outcomes, m, w)

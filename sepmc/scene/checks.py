@@ -12,6 +12,7 @@ from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
 from sepmc.scene.parameters import value as parameter_value
 from sepmc.scene.phase_checks import check_phases, holds_ground
+from sepmc.scene.redundancy import check_redundancy
 
 ATMOSPHERE_TOP = 86_000.0
 MOST_ROWS = 100_000  # of history in a case
@@ -34,6 +35,8 @@ def check_scene(scene: Scene, problems: Problems) -> None:
     check_phases(scene, problems)
     _check_initial(scene, problems)
     _check_histories(scene, problems)
+    if not problems:
+        check_redundancy(scene, problems)
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sepmc.kernels import layout as at
 from sepmc.scene.model import Joint, Scene
 
@@ -56,6 +58,14 @@ def is_part(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
     """Whether what ``rows`` hold is held by ``of`` too."""
     turns_held = sum(at.ROTATION <= row < at.ROD for row in of) == 3
     return all(row in of or (turns_held and at.ROTATION <= row < at.ROD) for row in rows)
+
+
+def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
+    """Right-handed orthonormal axes (rows) from an x axis and a vector near the y axis."""
+    x = np.array(x_axis) / np.linalg.norm(x_axis)
+    y = np.array(y_axis) - x * (x @ np.array(y_axis))
+    y /= np.linalg.norm(y)
+    return np.concatenate([x, y, np.cross(x, y)])
 
 
 @dataclass(frozen=True)

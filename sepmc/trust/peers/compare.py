@@ -84,7 +84,7 @@ def report(say: Say = print, flights=FLIGHTS) -> tuple[str, bool]:
 
 def text(frame: pd.DataFrame) -> str:
     """Differences as a plain table of at most 140 columns: a row for each campaign and engine, a column for each quantity."""
-    short = {q: q.replace(" at release", ", rel.").replace("release time", "release") for q in FLOORS}
+    short = {q: q.replace(" at release", " rel.").replace("release time", "release") for q in FLOORS}
     lines = [f"{'campaign':17s}{'engine':10s}" + "".join(f"{short[q]:>11.11s}" for q in FLOORS) + f"{'s/case':>8s}  verdict"]
     for (campaign, engine), rows in frame.groupby(["campaign", "engine"], sort=False):
         found = dict(zip(rows["quantity"], rows["difference"], strict=True))

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sepmc.compiler.plan import joint_axes
 from sepmc.kernels import layout as at
-from sepmc.scene.kinds import rows_of
+from sepmc.scene.kinds import joint_axes, rows_of
+from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
-_SMALL = 1e-9  # share of the largest singular value below which a direction is not held
+# Singular values of the rows as shares of the largest: below the first a direction is held twice, between the two it is held so
+# weakly that round-off decides whether it is.
+_TWICE, _WEAKLY = 1e-14, 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,16 +39,38 @@ def redundancies(scene: Scene) -> list[Redundancy]:
         if not len(rows):
             continue
         left, sizes, _ = np.linalg.svd(rows)
-        rank = int(np.count_nonzero(sizes > _SMALL * sizes[0]))
+        rank = int(np.count_nonzero(sizes > _TWICE * sizes[0]))
         if rank < len(rows):
-            involved = np.linalg.norm(left[:, rank:], axis=1) > 1e-6
-            joints = list(dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in))
-            found.append(Redundancy(phase.name, len(rows), len(rows) - rank, joints))
+            found.append(Redundancy(phase.name, len(rows), len(rows) - rank, _among(left[:, rank:], owners)))
     return found
 
 
+def check_redundancy(scene: Scene, problems: Problems) -> None:
+    """Joints that hold nearly the same direction: neither one joint nor two, so nothing a motion could be computed for."""
+    for phase in scene.phase:
+        rows, owners = _rows(scene, phase.joints)
+        if not len(rows):
+            continue
+        left, sizes, _ = np.linalg.svd(rows)
+        weak = (sizes > _TWICE * sizes[0]) & (sizes < _WEAKLY * sizes[0])
+        if weak.any():
+            joints = _among(left[:, : len(sizes)][:, weak], owners)
+            share = sizes[weak].min() / sizes[0]
+            said = f"{', '.join(joints)} hold nearly the same (to {share:.1e}): make their points and axes agree, or differ clearly"
+            problems.add(f"phase.{phase.name}.joints", said)
+
+
+def _among(vectors: np.ndarray, owners: list[str]) -> list[str]:
+    """Joints whose rows have a part in any of the vectors (rows, n)."""
+    involved = np.linalg.norm(vectors, axis=1) > 1e-3
+    return list(dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in))
+
+
 def _rows(scene: Scene, joints: dict[str, str]) -> tuple[np.ndarray, list[str]]:
-    """Constraint rows (rows, 6 bodies) on velocities and rates of the moving bodies at the start, and the joint of each."""
+    """Constraint rows (rows, 6 bodies) on velocities and rates of the moving bodies at the start, and the joint of each.
+
+    Rates count as speeds at the end of the longest arm, and rows have unit length, so that no choice of units makes one weak.
+    """
     bodies = list(scene.body)
     rows, owners = [], []
     for name, kind in joints.items():
@@ -57,7 +81,13 @@ def _rows(scene: Scene, joints: dict[str, str]) -> tuple[np.ndarray, list[str]]:
                 row[bodies.index(body) if body != GROUND else -1] += share * (-1.0 if place == 0 else 1.0)
             rows.append(row[:-1].ravel())
             owners.append(name)
-    return np.array(rows), owners
+    if not rows:
+        return np.zeros((0, 0)), owners
+    found = np.array(rows).reshape(len(rows), -1, 6)
+    longest = max([1.0] + [float(np.linalg.norm(found[i, :, 3:], axis=1).max()) for i in range(len(rows)) if found[i, :, :3].any()])
+    found[:, :, 3:] /= longest
+    found = found.reshape(len(rows), -1)
+    return found / np.linalg.norm(found, axis=1, keepdims=True), owners
 
 
 def _shares(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
