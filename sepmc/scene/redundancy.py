@@ -83,10 +83,10 @@ def _rows(scene: Scene, joints: dict[str, str]) -> tuple[np.ndarray, list[str]]:
             owners.append(name)
     if not rows:
         return np.zeros((0, 0)), owners
-    found = np.array(rows).reshape(len(rows), -1, 6)
-    longest = max([1.0] + [float(np.linalg.norm(found[i, :, 3:], axis=1).max()) for i in range(len(rows)) if found[i, :, :3].any()])
-    found[:, :, 3:] /= longest
-    found = found.reshape(len(rows), -1)
+    by_body = np.array(rows).reshape(len(rows), -1, 6)
+    arms = [float(np.linalg.norm(row[:, 3:], axis=1).max()) for row in by_body if row[:, :3].any()]
+    by_body[:, :, 3:] /= max([1.0, *arms])
+    found = by_body.reshape(len(rows), -1)
     return found / np.linalg.norm(found, axis=1, keepdims=True), owners
 
 

@@ -1,6 +1,6 @@
 """One line of `sepmc verify`: a number of the engine beside the number it should be, and whether it is near enough."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,3 +52,21 @@ def table(lines: Sequence[Line]) -> str:
         text.append("  ".join([*cells, row[6]]).rstrip())
     failed = sum(not x.passes for x in lines)
     return "\n".join([*text, "", f"{len(lines)} lines, " + (f"{failed} FAILED" if failed else "all pass")])
+
+
+def brief(groups: Mapping[str, Sequence[Line]]) -> str:
+    """A row for each check: how many lines, and the one that comes nearest to its tolerance or is furthest beyond it."""
+    text = [f"{'check':22s}{'lines':>6s}   {'nearest to what is allowed':60s}{'difference':>11s}{'allowed':>10s}"]
+    for name, lines in groups.items():
+        # of a lower bound any larger value is fine
+        off = [max(0.0, x.reference - x.measured) if x.at_least else abs(x.measured - x.reference) for x in lines]
+        share = [
+            np.inf if np.isnan(d) else d / x.tolerance if x.tolerance > 0.0 else np.inf * d if d else 0.0
+            for d, x in zip(off, lines, strict=True)
+        ]
+        at = int(np.argmax(share))
+        verdict = "pass" if all(x.passes for x in lines) else "FAIL"
+        told = f"{lines[at].case}: {lines[at].quantity}"
+        text.append(f"{name:22s}{len(lines):6d}   {told:60.58s}{off[at]:11.1e}{lines[at].tolerance:10.1e}  {verdict}")
+    count, failed = sum(map(len, groups.values())), sum(not x.passes for lines in groups.values() for x in lines)
+    return "\n".join([*text, "", f"{count} lines, " + (f"{failed} FAILED" if failed else "all pass")])

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 
 from sepmc.trust.stresses import drift, edges, events, inputs, ratios, redundant, springs, strokes, turning
 from sepmc.trust.stresses.drift import hours_table
-from sepmc.trust.stresses.line import Stress, table
+from sepmc.trust.stresses.line import Stress, brief, table
 
-__all__ = ["STRESSES", "Stress", "hours_table", "stress", "table"]
+__all__ = ["STRESSES", "Stress", "brief", "hours_table", "stress", "table"]
 
 STRESSES: dict[str, Callable[[], list[Stress]]] = {
     given.__name__: given

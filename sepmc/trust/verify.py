@@ -6,9 +6,9 @@ A line is a case, a quantity, what it should be, what the engine gives and the d
 from collections.abc import Callable, Iterable
 
 from sepmc.trust.checks import balances, closed_forms, hinged, kinds, methods, paper, rows
-from sepmc.trust.line import Line, table
+from sepmc.trust.line import Line, brief, table
 
-__all__ = ["CHECKS", "Line", "table", "verify"]
+__all__ = ["CHECKS", "Line", "brief", "table", "verify"]
 
 Check = Callable[[], list[Line]]
 CHECKS: dict[str, Check] = {

@@ -112,3 +112,21 @@ def table(lines: Sequence[Stress]) -> str:
     return "\n".join(
         [*out, "", f"{len(lines)} lines: " + ", ".join(f"{n} {v}" for v, n in count.items()) + f"; {faults} not as they should be"]
     )
+
+
+def brief(groups: Mapping[str, Sequence[Stress]]) -> str:
+    """A row for each stress: its lines by verdict, the accurate one nearest to its bound, and what told of the flagged ones."""
+    text = [f"{'stress':22s}{'lines':>6s}{ACCURATE:>10s}{FLAGGED:>9s}{SILENT:>8s}{'error':>10s}{'bound':>10s}   told by"]
+    for name, lines in groups.items():
+        counts = [sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)]
+        near = max((x for x in lines if x.verdict == ACCURATE), key=lambda x: x.error / max(x.bound.value, 1e-300), default=None)
+        numbers = f"{near.error:10.1e}{near.bound.value:10.1e}" if near else f"{'-':>10s}{'-':>10s}"
+        told = dict.fromkeys(word for x in lines if x.verdict == FLAGGED for word in ([x.status] if x.status != "ok" else x.beyond))
+        text.append(
+            f"{name:22s}{len(lines):6d}{counts[0]:10d}{counts[1]:9d}{counts[2]:8d}{numbers}   {', '.join(told) or '-'}"[:140].rstrip()
+        )
+    every = [x for lines in groups.values() for x in lines]
+    total = [sum(x.verdict == verdict for x in every) for verdict in (ACCURATE, FLAGGED, SILENT)]
+    wrong = sum(not x.holds for x in every)
+    text.append(f"\n{len(every)} lines: {total[0]} accurate, {total[1]} flagged, {total[2]} SILENT; {wrong} not as they should be")
+    return "\n".join(text)
