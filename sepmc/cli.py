@@ -157,7 +157,8 @@ def run(
             **store.versions(),
         }
         store.write_json(folder / store.MANIFEST, manifest)
-        say(f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {history.attrs['status']}")
+        status = schema.Status[history.attrs["status"].upper().replace("-", "_")]
+        say(f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {status.label}: {status.sentence}")
         for name, value in case.inputs.items():
             say(f"  {name:44s} {value:.9g}")
         for name, value in history.attrs["outcomes"].items():
@@ -183,7 +184,8 @@ def stats(folder: Path) -> None:
         frame = store.read_cases(folder)
         if not manifest.get("complete", True):
             click.echo(f"warning: the run is not complete: {len(frame)} of {manifest.get('cases')} cases", err=True)
-        _report(folder, _load(str(folder), (), warn=False), frame, None, click.echo, plots=False)
+        flown, trusted = _report(folder, _load(str(folder), (), warn=False), frame, None, click.echo, plots=False)
+    sys.exit(1 if not flown else 0 if trusted else 3)
 
 
 @main.command()
@@ -418,6 +420,9 @@ def _report(
     for label, count in counts.items():
         if label != Status.OK.label and count:
             say(f"{count} cases {label}: {sentences.get(label, '')}")
+    total, ok = len(frame), counts.get(Status.OK.label, 0)
+    if 0 < ok < 0.9 * total:
+        click.echo(f"warning: {total - ok} of {total} cases are left out: these statistics are of the others", err=True)
     say(audit_text(audited))
     if plots:
         _figures(folder, loaded, frame, histories)
@@ -430,11 +435,18 @@ def _figures(folder: Path, loaded: "Campaign", frame: "pd.DataFrame", histories:
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
-    outcomes = None if loaded.reference else sorted(units, key=_interest)
+    varied = [name for name in units if _varies(frame[name])]
+    outcomes = None if loaded.reference else sorted(varied, key=_interest)
     return campaign_figures(frame, histories, folder, units, loaded.reference, outcomes=outcomes, source=source)
 
 
 _INTERESTING = ("clearance_mm", "tip_off", "separation_distance", "separation_speed", "release_time", "peak_force_N", "jam_friction")
+
+
+def _varies(values: "pd.Series") -> bool:
+    """Whether an outcome differs between cases by more than round-off."""
+    spread = float(values.max() - values.min())
+    return spread > 1e-9 * max(1e-3, float(values.abs().max()))
 
 
 def _interest(outcome: str) -> int:

@@ -94,7 +94,7 @@ def warm_up(announce: Callable[[str], None] | None = None) -> float:
 
     if not batch.is_compiled():
         if announce:
-            announce("compiling the kernels, once per installation (one to two minutes) ...")
+            announce("compiling the kernels, once per installation (two to five minutes) ...")
         batch.compile_apart()
     batch.compile_door()
     return time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""When phases end and joints let go: every kind of condition against a closed form, their order, their combinations, late and failed releases."""
+"""When phases end and joints let go: every kind of condition against a closed form, order, combinations, late and failed releases."""
 
 import math
 
@@ -19,9 +19,9 @@ def phases(*steps):
     return [{"name": f"p{i}", "joints": joints} | ({"until": until} if until else {}) for i, (joints, until) in enumerate(steps)]
 
 
-def flown(campaign):
+def flown(campaign, step_s=0.05):
     """History, and its outcomes, of a case that must end well."""
-    history = campaign.simulate(step_s=0.05)
+    history = campaign.simulate(step_s=step_s)
     assert history.attrs["status"] == "ok"
     assert history.attrs["outcomes"]["event_residual_s"] <= EXACT
     return history, history.attrs["outcomes"]
@@ -86,7 +86,9 @@ def test_angle_about_an_axis_across(pair):
     """Hinged about z: 3 N m on the aft body, and both turn about the hinge between them. The relative angle is quadratic while small."""
     load = {"name": "turn", "body": "aft", "moment_N_m": [0.0, 0.0, 3.0]}
     settings = {"load": [load], "joint.pins.x_axis": [0.0, 0.0, 1.0], "joint.pins.y_axis": [0.0, 1.0, 0.0]}
-    history = pair(settings | {"phase": phases(({"pins": "revolute"}, {"joint": "pins", "angle_deg": 7.0}), (FREE, None))}).simulate(step_s=0.01)
+    history = pair(settings | {"phase": phases(({"pins": "revolute"}, {"joint": "pins", "angle_deg": 7.0}), (FREE, None))}).simulate(
+        step_s=0.01
+    )
     (time, _, _), *_ = changes(history)
     at = history[history["time_s"] == time].iloc[0]
     assert_allclose(at["aft_pitch_deg"] - at["fore_pitch_deg"], 7.0, rtol=0, atol=1e-9)
@@ -236,7 +238,9 @@ def pods(pair):
                 "hold": {"bodies": ["ground", "core"], "point_m": [1.0, 0.0, 0.0]},
                 **{name: {"bodies": ["core", name], "point_m": [2.0, 0.0, z]} for name, z in zip(PODS, (-1.0, 1.0), strict=True)},
             },
-            "motor": [RETRO | {"name": name, "body": name, "station_m": 2.0, "offset_m": [0.0, z]} for name, z in (("left", -1), ("right", 1))],
+            "motor": [
+                RETRO | {"name": name, "body": name, "station_m": 2.0, "offset_m": [0.0, z]} for name, z in (("left", -1), ("right", 1))
+            ],
             "initial.speed_m_s": 0.0,
         }
         joints = {"hold": "fixed", "left": "slider", "right": "slider"}
@@ -274,7 +278,9 @@ def test_release_in_any_phase(pods, when):
     """Phases end at 0.1 s and 0.2 s, and change nothing for the left pod, which goes when its own event comes."""
     joints = {"hold": "fixed", "left": "slider", "right": "slider"}
     release = [{"name": "go", "joint": "left", "when": {"time_s": when}}]
-    history, outcomes = flown(pods({"release": release, "phase": phases((joints, {"time_s": 0.1}), (joints, {"time_s": 0.2}), (joints, None))}))
+    history, outcomes = flown(
+        pods({"release": release, "phase": phases((joints, {"time_s": 0.1}), (joints, {"time_s": 0.2}), (joints, None))})
+    )
     assert outcomes["left_release_time_s"] == when
     assert_allclose([time for time, _, _ in changes(history)], sorted([0.1, 0.2, when]), rtol=0, atol=EXACT)
     across = history["left_force_on_left_z_N"].abs() + history["left_moment_on_left_y_N_m"].abs()
@@ -282,14 +288,13 @@ def test_release_in_any_phase(pods, when):
 
 
 def test_many_changes_fit_in_a_history(pods):
-    """A row every 0.25 s, and two at each of five changes that are no phase's end: the last row is that of the end."""
+    """A row every 0.25 s, and two at each of seven changes that are no phase's end: the last row is that of the end."""
     release = [{"name": "core", "joint": "hold", "when": {"time_s": 0.31}}]
-    for i, name in enumerate(PODS):
-        for k, kind in enumerate(("cylindrical", "point-on-line", "point-on-plane", "free")):
-            plane = {"kind": {"point-on-plane": {"translations": ["y"]}}} if False else {}
-            release.append({"name": f"{name}{k}", "joint": name, "to": "free" if kind == "point-on-plane" else kind, "when": {"time_s": 0.01 + 0.1 * k + 0.03 * i}} | plane)
-    history = pods({"release": release}).simulate(step_s=0.25)
-    assert history.attrs["status"] == "ok"
+    for i, pod in enumerate(PODS):
+        for k, kind in enumerate(("cylindrical", "point-on-line", "free")):
+            release.append({"name": f"{pod}{k}", "joint": pod, "to": kind, "when": {"time_s": 0.01 + 0.1 * k + 0.03 * i}})
+    history, _ = flown(pods({"release": release}), 0.25)
+    assert len(changes(history)) == 7
     assert history["time_s"].iloc[-1] == 0.5
 
 
@@ -393,6 +398,6 @@ def test_told_to_guide_after_being_told_to_go(pair):
 def test_two_late_changes_on_the_way_at_once(pair):
     """Guided 0.1 s after 0.1 s, free 0.1 s after 0.15 s: each as late as the joint is, the second does not undo the first."""
     steps = phases((FIXED, {"time_s": 0.1}), (SLIDER, {"time_s": 0.15}), (FREE, None))
-    history, outcomes = flown(pair({"motor": [RETRO], "phase": steps, "joint.pins.delay_s": 0.1}))
+    _, outcomes = flown(pair({"motor": [RETRO], "phase": steps, "joint.pins.delay_s": 0.1}))
     assert_allclose(outcomes["release_time_s"], 0.25, rtol=0, atol=EXACT)
     assert_allclose(outcomes["separation_distance_mm"], 1e3 * 0.3**2, rtol=1e-12)

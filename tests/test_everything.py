@@ -1,4 +1,4 @@
-"""One scene with every table there is: it checks, it flies, and what a run folder holds is that scene again, to the last bit of every case."""
+"""One scene with every table there is: it checks, it flies, and its run folder is that scene again, to the last bit of every case."""
 
 from pathlib import Path
 
@@ -65,7 +65,11 @@ def test_it_flies(result):
 
 def test_columns_have_units_and_stand_in_their_order(campaign, result):
     assert list(result.table) == [column.name for column in campaign.columns]
-    assert all(column.name.endswith(column.unit.replace("/", "_").replace(" ", "_")) for column in campaign.outcome_columns if column.unit not in ("1",))
+    assert all(
+        column.name.endswith(column.unit.replace("/", "_").replace(" ", "_"))
+        for column in campaign.outcome_columns
+        if column.unit not in ("1",)
+    )
 
 
 def test_run_folder_is_the_campaign_again(campaign, result):
@@ -98,6 +102,8 @@ def test_full_gives_the_same(campaign, result):
 
 def test_replayed_by_the_command(result, tmp_path):
     """``sepmc run FOLDER --case 7`` prints the outcomes of the row."""
-    found = CliRunner().invoke(main, ["run", str(result.folder), "--case", "7", "--every-s", "0.05", "--out", str(tmp_path / "one"), "--no-plots"])
+    found = CliRunner().invoke(
+        main, ["run", str(result.folder), "--case", "7", "--every-s", "0.05", "--out", str(tmp_path / "one"), "--no-plots"]
+    )
     assert found.exit_code == 0, found.output
     assert f"{result.table['upper_omega_z_deg_s'][7]:.9g}" in found.output

@@ -1,5 +1,6 @@
-"""What is watched over a flight: joint loads, pins and their friction, clearance, rates at release. Each against a hand formula or a dense history."""
+"""Joint loads, pins and their friction, clearance, rates at release: each against a hand formula or a dense history."""
 
+import itertools
 import math
 
 import numpy as np
@@ -38,9 +39,12 @@ def sizes(history, what, unit, joint="pins", body="aft"):
 
 @pytest.mark.parametrize("drift", ["projection", "none"])
 def test_peak_and_impulse_against_a_dense_history(pair, drift):
-    """A motor that builds up and goes out, tumbling: 10,000 rows hold no more than the peak and come within 1e-7 of it; Simpson agrees to 1e-8."""
+    """Tumbling under a changing thrust: 10,000 rows hold no more than the peak and come within 1e-6 of it; Simpson agrees to 1e-7."""
     shape = {"time_s": [0.0, 0.07, 0.15, 0.6], "fraction": [0.0, 1.0, 0.3, 1.5]}
-    campaign = pair(TUMBLE | {"phase": GUIDED, "motor": [RETRO | {"profile": shape, "cant_deg": 150.0}], "output.loads": ["pins"], "solver.drift": drift})
+    campaign = pair(
+        TUMBLE
+        | {"phase": GUIDED, "motor": [RETRO | {"profile": shape, "cant_deg": 150.0}], "output.loads": ["pins"], "solver.drift": drift}
+    )
     history, outcomes = flown(campaign, 5e-5)
     time = history["time_s"].to_numpy()
     for what, unit in (("force", "N"), ("moment", "N_m")):
@@ -49,14 +53,19 @@ def test_peak_and_impulse_against_a_dense_history(pair, drift):
         assert_allclose(size.max(), peak, rtol=1e-6)
         assert_allclose(time[size.argmax()], outcomes[f"pins_peak_{what}_time_s"], rtol=0, atol=1e-4)
         cuts = [0, *(np.flatnonzero(np.diff(time) == 0.0) + 1), len(time)]
-        total = sum(simpson(size[a:b], x=time[a:b]) for a, b in zip(cuts, cuts[1:], strict=False))
+        total = sum(simpson(size[a:b], x=time[a:b]) for a, b in itertools.pairwise(cuts))
         assert_allclose(outcomes[f"pins_{what}_impulse_{unit}_s"], total, rtol=1e-7)
 
 
 @pytest.mark.parametrize("steps", [80, 81, 90, 102])
 def test_peak_wherever_it_falls_in_a_step(pair, steps):
-    """The aft body swings on a sphere: the force peaks at 3.21449 s, 0.29, 0.09, 0.33 and 0.97 of a step. Parabola through the three greatest rows."""
-    settings = TUMBLE | {"phase": phases(({"pins": "spherical"}, None)), "output.loads": ["pins"], "run.end_time_s": 4.0, "solver.step_s": 4.0 / steps}
+    """The aft body swings on a sphere: the force peaks at 3.21449 s, 0.29, 0.09, 0.33 or 0.97 of a step; by a parabola of three rows."""
+    settings = TUMBLE | {
+        "phase": phases(({"pins": "spherical"}, None)),
+        "output.loads": ["pins"],
+        "run.end_time_s": 4.0,
+        "solver.step_s": 4.0 / steps,
+    }
     history, outcomes = flown(pair(settings), 1e-3)
     size = sizes(history, "force", "N")
     middle = size.argmax()
@@ -128,7 +137,10 @@ def test_tip_off_from_the_ground(pair):
     }
     history, outcomes = flown(pair(settings))
     assert [name for name in outcomes if "tip_off" in name] == [
-        f"{joint}_tip_off_{body}_{axis}_deg_s" for joint, bodies in (("pins", ("fore", "aft")), ("hold", ("fore",))) for body in bodies for axis in "xyz"
+        f"{joint}_tip_off_{body}_{axis}_deg_s"
+        for joint, bodies in (("pins", ("fore", "aft")), ("hold", ("fore",)))
+        for body in bodies
+        for axis in "xyz"
     ]
     for joint, body in (("pins", "fore"), ("pins", "aft"), ("hold", "fore")):
         at = history[history["time_s"] == outcomes[f"{joint}_release_time_s"]].iloc[0]
@@ -140,9 +152,11 @@ def test_tip_off_from_the_ground(pair):
 
 # ---- pins
 
+CLOCK = math.radians(20.0)
+
 
 def cart(**settings):
-    """The aft body on a rail that the ground holds: fore fixed to the ground, pins between. Nothing moves but the aft body, 1 kg, along x."""
+    """The aft body, 1 kg, on a rail that the ground holds: the fore body is fixed to it, the pins are between. It moves along x."""
     scene = {
         "joint.hold": {"bodies": ["ground", "fore"], "point_m": [1.0, 0.0, 0.0]},
         "joint.pins.guide": {"pins": 4, "circle_m": 0.5, "engaged_m": 0.25, "clock_deg": 20.0},
@@ -154,7 +168,7 @@ def cart(**settings):
     return scene | {key.replace("__", "."): value for key, value in settings.items()}
 
 
-def pins_by_hand(force, moment, engaged, pins=4, circle=0.5, clock=math.radians(20.0)):
+def pins_by_hand(force, moment, engaged, pins=4, circle=0.5, clock=CLOCK):
     """Greatest load of each pin, and the sum over mouths and tips, for a wrench on the aft body at the mouth, which lies aft of it.
 
     Two bearings, at 0 and at -engaged along x, balance force and moment: N0 + N1 = F, (-engaged, 0, 0) x N1 = M.
@@ -212,7 +226,7 @@ def test_pins_out_of_their_holes(pair):
     guide = {"pins": 2, "circle_m": 0.5, "engaged_m": 0.01}
     load = LATERAL | {"point_m": [3.0, 0.0, 0.0], "moment_N_m": [0.0, 0.0, 0.0], "force_N": [-2.0, 3.0, 0.0]}
     _, outcomes = flown(pair(cart(load=[load], joint__pins__guide=guide, run__end_time_s=0.3)))
-    loads, _ = pins_by_hand([0.0, -3.0, 0.0], [0.0, 0.0, -(-1.0) * 3.0], 1e-4, 2, 0.5, 0.0)
+    loads, _ = pins_by_hand([0.0, -3.0, 0.0], [0.0, 0.0, 3.0], 1e-4, 2, 0.5, 0.0)
     assert_allclose([outcomes[f"pins_pin{i}_peak_load_N"] for i in (1, 2)], loads, rtol=1e-9)
 
 
@@ -234,17 +248,23 @@ def rubbing(friction, engaged=2.0, **keys):
 
 def slope(angle_deg, g=9.80665):
     """Gravity on a rail that rises forward by an angle: the aft body slides off it aft."""
-    return {"environment.gravity": "constant", "initial.pitch_deg": angle_deg}, g * math.sin(math.radians(angle_deg)), g * math.cos(math.radians(angle_deg))
+    return (
+        {"environment.gravity": "constant", "initial.pitch_deg": angle_deg},
+        g * math.sin(math.radians(angle_deg)),
+        g * math.cos(math.radians(angle_deg)),
+    )
 
 
 @pytest.mark.parametrize("formulation", ["reduced", "full"])
 def test_coulomb_on_a_slope(pair, formulation):
-    """The mass centre stands over the pin's middle, so its ends carry m g cos a in all: a = g sin a - mu g cos a v / sqrt(v^2 + v0^2), every row.
+    """The mass centre stands over the pin's middle, so its ends carry m g cos a in all: a = g sin a - mu g cos a v / sqrt(v^2 + v0^2).
 
     As it slides, the lever of 2 m shrinks and the ends share the load less evenly, but their sum stays.
     """
     settings, drive, normal = slope(30.0)
-    scene = cart(joint__pins__guide=rubbing(0.2, slip_speed_m_s=1e-3), solver__formulation=formulation, solver__step_s=1e-3, run__end_time_s=0.2)
+    scene = cart(
+        joint__pins__guide=rubbing(0.2, slip_speed_m_s=1e-3), solver__formulation=formulation, solver__step_s=1e-3, run__end_time_s=0.2
+    )
     history, outcomes = flown(pair(scene | settings))
     v = history["pins_separation_speed_m_s"]
     assert_allclose(-history["aft_axial_acceleration_m_s2"], drive - 0.2 * normal * v / np.hypot(v, 1e-3), rtol=1e-10)
@@ -257,7 +277,9 @@ def test_friction_near_rest(pair):
     settings, drive, normal = slope(30.0)
     guide = rubbing(0.2, slip_speed_m_s=0.3)
     history, _ = flown(pair(cart(joint__pins__guide=guide, run__end_time_s=0.4) | settings | {"solver.step_s": 0.01}))
-    end = solve_ivp(lambda _, v: [drive - 0.2 * normal * v[0] / math.hypot(v[0], 0.3)], (0.0, 0.4), [0.0], "DOP853", rtol=1e-12, atol=1e-14).y[0, -1]
+    end = solve_ivp(
+        lambda _, v: [drive - 0.2 * normal * v[0] / math.hypot(v[0], 0.3)], (0.0, 0.4), [0.0], "DOP853", rtol=1e-12, atol=1e-14
+    ).y[0, -1]
     assert_allclose(history["pins_separation_speed_m_s"].iloc[-1], end, rtol=1e-10)
 
 
@@ -268,7 +290,9 @@ def test_friction_stops_a_slider(pair):
         {"name": "side", "body": "aft", "force_N": [0.0, 0.0, 10.0]},
     ]
     guide = rubbing(0.1, slip_speed_m_s=1e-4)
-    history, outcomes = flown(pair(cart(load=load, joint__pins__guide=guide, run__end_time_s=0.6, solver__step_s=2e-4) | {"output.loads": []}))
+    history, outcomes = flown(
+        pair(cart(load=load, joint__pins__guide=guide, run__end_time_s=0.6, solver__step_s=2e-4) | {"output.loads": []})
+    )
     time, speed = history["time_s"].to_numpy(), history["pins_separation_speed_m_s"].to_numpy()
     expected = np.where(time < 0.1, 3.0 * time, 0.3 - (time - 0.1))
     moving = (expected > 0.02) & (time > 0.01)
@@ -320,7 +344,10 @@ def through_the_centre(friction, arm, engaged=1.0):
     return cart(load=[load], joint__pins__guide=guide, body__aft__cg_m=[3.0, arm, 0.0], run__end_time_s=0.02, solver__step_s=1e-3)
 
 
-@pytest.mark.parametrize(("gain", "status"), [(0.3, "ok"), (0.8, "ok"), (0.95, "ok"), (1.2, "jammed"), (4.0, "jammed")])
+@pytest.mark.parametrize(
+    ("gain", "status"),
+    [(0.3, "ok"), (0.8, "ok"), (0.95, "ok"), (1.2, "jammed"), (4.0, "jammed")],
+)
 def test_jams_when_friction_feeds_itself(pair, gain, status):
     """The couple is arm f, so friction grows by k = 2 mu arm / L of itself: below 1 there is a balance, from 1 on there is none."""
     settings = through_the_centre(gain, 0.5)
@@ -332,7 +359,9 @@ def test_jams_when_friction_feeds_itself(pair, gain, status):
 def test_work_of_friction(pair):
     """On 30 deg of slope over 0.2 s: kinetic energy is what gravity gives less what friction takes, to the audit's own sum."""
     settings, drive, normal = slope(30.0)
-    history, outcomes = flown(pair(cart(joint__pins__guide=rubbing(0.2, slip_speed_m_s=0.01), run__end_time_s=0.2) | settings | {"solver.step_s": 5e-4}))
+    history, outcomes = flown(
+        pair(cart(joint__pins__guide=rubbing(0.2, slip_speed_m_s=0.01), run__end_time_s=0.2) | settings | {"solver.step_s": 5e-4})
+    )
     v, s = history["pins_separation_speed_m_s"].to_numpy(), history["pins_separation_distance_mm"].to_numpy() / 1e3
     taken = 0.2 * normal * simpson(v * v / np.hypot(v, 0.01), x=history["time_s"])
     assert_allclose(0.5 * v[-1] ** 2, drive * s[-1] - taken, rtol=1e-4)
@@ -356,7 +385,11 @@ def test_dispersed_friction(pair):
 def tubes(bodies, **settings):
     """The pair parting at 2 m/s2 of the aft body along x, with outlines."""
     scene = {"motor": [RETRO], "phase": [{"name": "free"}], "clearance": [{"name": "gap", "bodies": ["fore", "aft"]}]}
-    return scene | {f"body.{name}.outline": parts for name, parts in bodies.items()} | {key.replace("__", "."): value for key, value in settings.items()}
+    return (
+        scene
+        | {f"body.{name}.outline": parts for name, parts in bodies.items()}
+        | {key.replace("__", "."): value for key, value in settings.items()}
+    )
 
 
 def cylinder(s0, s1, r, offset=(0.0, 0.0), **keys):
@@ -383,32 +416,23 @@ def test_side_by_side(pair):
 PAST = {"name": "side", "body": "aft", "force_N": [0.0, -4.0, 0.0]}  # 4 m/s2 across
 
 
-@pytest.mark.parametrize(("jump", "touches"), [(1.0, False), (0.98, True)])
+@pytest.mark.parametrize(("jump", "touches"), [(1.0, False), (0.97, False), (1.3, True)])
 def test_least_distance_in_flight(pair, jump, touches):
-    """A point on the aft body falls past the fore's cylinder: (x, y) = (-t^2, h - 2 t^2) with the fore still; least where it is by scipy."""
-    point = {"points_m": [[1.5, jump, 0.0]]}
-    load = [PAST]
-    scene = tubes({"fore": [cylinder(2.3, 2.6, 0.4)], "aft": [point]}, load=load, run__end_time_s=1.2)
-    history, outcomes = flown(pair(scene), 0.001)
-
-    def distance(t):
-        station, y = 1.5 + t * t, jump - 2.0 * t * t
-        return math.hypot(max(2.3 - station, 0.0, station - 2.6), max(abs(y) - 0.4, 0.0))
-
+    """A point of the aft body falls past the fore's cylinder, (x, y) = (-t^2, h - 2 t^2): the least at 120,001 times."""
+    scene = tubes({"fore": [cylinder(2.3, 2.6, 0.4)], "aft": [{"points_m": [[1.5, jump, 0.0]]}]}, load=[PAST], run__end_time_s=1.2)
+    _, outcomes = flown(pair(scene))
     times = np.linspace(0.0, 1.2, 120_001)
-    values = np.array([distance(t) for t in times])
-    least = values.min()
-    if least > 0.0:
-        assert_allclose(outcomes["gap_clearance_mm"] / 1e3, least, rtol=0, atol=1e-8)
-        assert_allclose(outcomes["gap_clearance_time_s"], times[values.argmin()], rtol=0, atol=1e-4)
-        assert outcomes["gap_recontact"] == 0.0
-    else:
-        assert outcomes["gap_clearance_mm"] <= 0.0
-        assert outcomes["gap_recontact"] == 1.0
+    station, y = 1.5 + times**2, jump - 2.0 * times**2
+    distance = np.hypot(np.maximum(np.maximum(2.3 - station, station - 2.6), 0.0), np.maximum(np.abs(y) - 0.4, 0.0))
+    assert (distance.min() == 0.0) == touches
+    assert outcomes["gap_recontact"] == float(touches)
+    assert_allclose(outcomes["gap_clearance_mm"] / 1e3, distance.min(), rtol=0, atol=1e-8)
+    if not touches:
+        assert_allclose(outcomes["gap_clearance_time_s"], times[distance.argmin()], rtol=0, atol=1e-4)
 
 
 def test_closest_approach_of_two_points(pair):
-    """Two points, (-0.5 + t^2, 0.3 - 1.5 t^2 ...): a parabola in t^2, least where its derivative is nil; place and time by hand."""
+    """Two points, (-0.2 + t^2, 0.4 - 1.5 t^2, 0.1) m apart: a parabola in t^2, least where its derivative is nil."""
     load = [PAST | {"force_N": [0.0, -3.0, 0.0]}]
     scene = tubes({"fore": [{"points_m": [[2.5, 0.0, 0.0]]}], "aft": [{"points_m": [[2.3, 0.4, 0.1]]}]}, load=load, run__end_time_s=1.0)
     _, outcomes = flown(pair(scene))
@@ -420,7 +444,7 @@ def test_closest_approach_of_two_points(pair):
 
 @pytest.mark.parametrize("order", [["fore", "aft"], ["aft", "fore"]])
 def test_a_point_inside_a_shell(pair, order):
-    """A shell of 0.5 m on the fore, a nozzle rim at y = 0.3 m on the aft, which falls 4 t^2 / 2: through the wall at 0.63 s, if still inside."""
+    """A shell of 0.5 m on the fore, a point of the aft at y = 0.3 m in it, which falls 2 t^2: through the wall at 0.63 s, still inside."""
     bodies = {"fore": [cylinder(2.0, 4.0, 0.5, hollow=True)], "aft": [{"points_m": [[2.2, 0.3, 0.0]]}]}
     scene = tubes(bodies, load=[PAST], run__end_time_s=0.6, clearance=[{"name": "gap", "bodies": order}])
     _, outcomes = flown(pair(scene))
@@ -431,7 +455,7 @@ def test_a_point_inside_a_shell(pair, order):
     assert_allclose([outcomes[f"gap_clearance_{k}_m"] for k in ("station", "y", "z")], expected, rtol=0, atol=1e-9)
     _, later = flown(pair(scene | {"run.end_time_s": 0.7}))
     assert later["gap_recontact"] == 1.0
-    assert_allclose(later["gap_clearance_mm"], 1e3 * (0.5 - 0.68), rtol=1e-9)
+    assert_allclose(later["gap_clearance_mm"], -50.0, rtol=1e-6)  # counted as far as a tenth of the radius outside the wall
 
 
 def test_out_of_a_shell_in_time(pair):
@@ -493,7 +517,12 @@ def test_least_distance_does_not_depend_on_the_step(pair, parts):
         fore, aft = [cylinder(-2.0, 9.0, 1.9, hollow=True)], [*aft, {"points_m": [[2.2, 0.6, 0.5], [2.0, 0.3, 0.0]]}]
     load = {"name": "side", "body": "aft", "force_N": [4.0, -2.0, 0.5], "moment_N_m": [0.0, 2.0, 4.0]}
     scene = tubes({"fore": fore, "aft": aft}, load=[load], motor=[], run__end_time_s=0.8)
-    laws = {"force_N.x": {"uniform": 3.0}, "force_N.y": {"uniform": 2.0}, "moment_N_m.z": {"uniform": 6.0}, "moment_N_m.y": {"uniform": 3.0}}
+    laws = {
+        "force_N.x": {"uniform": 3.0},
+        "force_N.y": {"uniform": 2.0},
+        "moment_N_m.z": {"uniform": 6.0},
+        "moment_N_m.y": {"uniform": 3.0},
+    }
     campaign = pair(scene | {f"dispersion.load.side.{key}": law for key, law in laws.items()})
     coarse, fine = (campaign.with_settings({"solver.step_s": step}).run(cases=100).to_pandas() for step in (0.1, 0.005))
     near = coarse["gap_clearance_mm"] > 0.0

@@ -354,8 +354,10 @@ def test_inside_a_cylindrical_shell():
     shell = ((1.0, 0.0, 0.0), ALONG_X, 2.0, 0.5, 0.5)
     distance, wall = inside_gap((2.0, 0.3, 0.0), shell)
     assert_allclose([distance, *wall], [0.2, 2.0, 0.5, 0.0], rtol=0, atol=1e-15)
-    distance, wall = inside_gap((2.0, 0.0, -0.6), shell)  # through the wall
-    assert_allclose([distance, *wall], [-0.1, 2.0, 0.0, -0.5], rtol=0, atol=1e-15)
+    distance, wall = inside_gap((2.0, 0.0, -0.54), shell)  # through the wall
+    assert_allclose([distance, *wall], [-0.04, 2.0, 0.0, -0.5], rtol=0, atol=1e-15)
+    distance, wall = inside_gap((2.0, 0.0, -0.6), shell)  # beside the shell
+    assert_allclose([distance, *wall], [0.1, 2.0, 0.0, -0.5], rtol=0, atol=1e-15)
     assert_allclose(inside_gap((1.0, 0.0, 0.5), shell)[0], 0.0, rtol=0, atol=1e-15)
     assert inside_gap((0.999, 0.0, 0.0), shell)[0] == math.inf
     assert inside_gap((3.001, 0.0, 0.9), shell)[0] == math.inf
@@ -374,7 +376,8 @@ def test_inside_a_conical_shell():
     """Radius 1 to 2 over 1 m: a wall at 45 deg."""
     shell = ((0.0, 0.0, 0.0), ALONG_X, 1.0, 1.0, 2.0)
     assert_allclose(inside_gap((0.8, 0.0, 1.2), shell)[0], 0.3 * math.sqrt(2.0), rtol=1e-14)  # foot at (0.5, 1.5)
-    assert_allclose(inside_gap((0.2, 0.0, 1.8), shell)[0], -0.3 * math.sqrt(2.0), rtol=1e-14)
+    assert_allclose(inside_gap((0.2, 0.0, 1.3), shell)[0], -0.05 * math.sqrt(2.0), rtol=1e-14)  # through the wall, foot at (0.25, 1.25)
+    assert_allclose(inside_gap((0.2, 0.0, 1.8), shell)[0], 0.3 * math.sqrt(2.0), rtol=1e-14)  # beside it
     distance, wall = inside_gap((0.1, 0.0, 0.2), shell)  # the nearest is the rim of the narrow end
     assert_allclose([distance, *wall], [math.hypot(0.1, 0.8), 0.0, 0.0, 1.0], rtol=1e-14)
     distance, wall = wall_gap((-0.3, 0.0, 0.6), shell)  # beyond the ends the wall is still somewhere

@@ -1,4 +1,4 @@
-"""Springs, motors and constant loads against closed forms, and against equations of motion integrated by scipy that share no code with ours."""
+"""Springs, motors and constant loads against closed forms, and against equations of motion that scipy integrates."""
 
 import math
 
@@ -51,7 +51,12 @@ def along(history):
 
 
 LINE = {"axis": None, "second_point_m": [2.3, 0.0, 0.0]}  # from the first point aft to the second: pushes apart
-KINDS = [{}, LINE, {"bodies": ["aft", "fore"], "axis": [1.0, 0.0, 0.0]}, LINE | {"bodies": ["aft", "fore"], "point_m": [2.3, 0.0, 0.0], "second_point_m": [2.0, 0.0, 0.0]}]
+KINDS = [
+    {},
+    LINE,
+    {"bodies": ["aft", "fore"], "axis": [1.0, 0.0, 0.0]},
+    LINE | {"bodies": ["aft", "fore"], "point_m": [2.3, 0.0, 0.0], "second_point_m": [2.0, 0.0, 0.0]},
+]
 
 
 def spring(**keys):
@@ -140,16 +145,16 @@ def test_to_the_ground(pair, bodies, axis):
 
 
 def equations(points, axis, law, moving=("fore", "aft")):
-    """Rates of the state (place, velocity, attitude, rates of each moving body) under one spring between fore and a second, by Newton and Euler."""
+    """Newton and Euler for one spring from fore to a second body: rates of place, velocity, attitude, rates of each that moves."""
 
     def rates(_, y):
         parts = {body: y[18 * i : 18 * i + 18] for i, body in enumerate(moving)}
         place, speed, arms, turned, omega = {}, {}, {}, {}, {}
-        for (body, point) in points.items():
+        for body, point in points.items():
             part = parts.get(body, np.concatenate([CENTRE, np.zeros(3), np.eye(3).ravel(), np.zeros(3)]))
             turned[body] = part[6:15].reshape(3, 3)
             omega[body] = turned[body] @ part[15:]
-            arms[body] = turned[body] @ (point - (CG[body] if body in CG else CENTRE))
+            arms[body] = turned[body] @ (point - (CG.get(body, CENTRE)))
             place[body] = part[:3] + arms[body]
             speed[body] = part[3:6] + np.cross(omega[body], arms[body])
         first, second = points
@@ -177,7 +182,7 @@ def equations(points, axis, law, moving=("fore", "aft")):
 @pytest.mark.parametrize("axis", [None, np.array([-0.6, 0.8, 0.0])], ids=["line", "axis"])
 @pytest.mark.parametrize("ground", [False, True])
 def test_off_axis_by_scipy(pair, axis, ground):
-    """Tumbling, pushed off the axis, damped; forces that turn both bodies. State to 1e-10 after 1 s, momenta kept to 1e-12 of themselves."""
+    """Tumbling, pushed off the axis, damped; both bodies are turned. State to 1e-10 after 1 s, momenta kept to 1e-12 of themselves."""
     points = {"fore": np.array([-1.7, 0.3, -0.2]), "ground" if ground else "aft": np.array([-2.4, 0.5, 0.1])}
     first, second = points
     layout = [(point * (-1.0, 1.0, 1.0)).tolist() for point in points.values()]
@@ -210,9 +215,15 @@ def test_off_axis_by_scipy(pair, axis, ground):
 
 def test_dispersed_springs(pair):
     """m v^2 / 2 = F s - k s^2 / 2 of each case's own force, stiffness and stroke."""
-    laws = {"force_N": {"normal": [12.0, 0.5]}, "stiffness_N_per_m": {"uniform": [20.0, 40.0]}, "stroke_mm": {"triangular": [90.0, 100.0, 120.0]}}
+    laws = {
+        "force_N": {"normal": [12.0, 0.5]},
+        "stiffness_N_per_m": {"uniform": [20.0, 40.0]},
+        "stroke_mm": {"triangular": [90.0, 100.0, 120.0]},
+    }
     push = PUSH | {"stiffness_N_per_m": 30.0, "stroke_mm": 100.0}
-    table = pair(STILL | {"spring": [push]} | {f"dispersion.spring.push.{key}": law for key, law in laws.items()}).run(cases=100).to_pandas()
+    table = (
+        pair(STILL | {"spring": [push]} | {f"dispersion.spring.push.{key}": law for key, law in laws.items()}).run(cases=100).to_pandas()
+    )
     force, stiffness, stroke = (table[f"in_spring_push_{key}"] for key in laws)
     work = force * stroke / 1e3 - 0.5 * stiffness * (stroke / 1e3) ** 2
     assert_allclose(table["separation_speed_m_s"], np.sqrt(2.0 * work / REDUCED), rtol=1e-12)
@@ -245,7 +256,9 @@ def impulse(time, profile):
 @pytest.mark.parametrize("step", [0.05, 0.5])
 def test_profile(pair, step):
     """Linear between its rows, so that speeds are quadratic and exact, for any step; ignition 0.05 s."""
-    history = flown(pair(FREE | {"motor": [MOTOR | {"ignition_s": 0.05, "profile": PROFILE}], "run.end_time_s": 1.0, "solver.step_s": step}))
+    history = flown(
+        pair(FREE | {"motor": [MOTOR | {"ignition_s": 0.05, "profile": PROFILE}], "run.end_time_s": 1.0, "solver.step_s": step})
+    )
     expected = 2.0 * impulse(history["time_s"].to_numpy() - 0.05, PROFILE)
     assert_allclose(history["fore_vx_m_s"] - 1.0, expected, rtol=0, atol=1e-13)
     assert_allclose(expected[-1], 2.0 * (0.066 + 0.171 + 0.128), rtol=1e-13)

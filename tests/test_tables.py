@@ -84,7 +84,9 @@ def test_a_table_over_one_axis(table2, axis):
     """Terms of one angle alone, tabulated over that angle alone."""
     still = {"run.history_step_s": 0.0, "initial.yaw_deg": 2.0}
     still |= {
-        f"body.{body}.aerodynamics.{coefficient}": {k: v for k, v in getattr(table2.scene.body[body].aerodynamics, coefficient).items() if axis in k}
+        f"body.{body}.aerodynamics.{coefficient}": {
+            k: v for k, v in getattr(table2.scene.body[body].aerodynamics, coefficient).items() if axis in k
+        }
         for body in ("upper", "lower")
         for coefficient in COEFFICIENTS
     }
@@ -150,7 +152,11 @@ def test_air_sampled_from_the_standard(table2):
     plain = table2.with_settings({"run.history_step_s": 0.0, "run.end_time_s": 0.3})
     heights = np.arange(68_500.0, 71_501.0, 100.0)
     rows = [us1976(height) for height in heights]
-    air = {"altitude_m": heights.tolist(), "density_kg_per_m3": [row[0] for row in rows], "speed_of_sound_m_s": [sound_speed(row[2]) for row in rows]}
+    air = {
+        "altitude_m": heights.tolist(),
+        "density_kg_per_m3": [row[0] for row in rows],
+        "speed_of_sound_m_s": [sound_speed(row[2]) for row in rows],
+    }
     expected, found = (
         campaign.run(cases=30).to_pandas()
         for campaign in (plain, plain.with_settings({"environment.atmosphere": "table", "environment.air": air}))
@@ -211,7 +217,9 @@ def test_wind_over_height(pair):
     dive = {"environment.wind": {"profile": profile}, "initial.pitch_deg": -89.0, "run.end_time_s": 2.0}
     history = flown(pair(TUNNEL | dive))
     turned, toward = math.radians(-89.0), np.radians(direction)
-    along, across = (CubicSpline(height, speed * part(toward), bc_type="clamped")(np.clip(history["aft_y_m"], 850.0, 980.0)) for part in (np.cos, np.sin))
+    along, across = (
+        CubicSpline(height, speed * part(toward), bc_type="clamped")(np.clip(history["aft_y_m"], 850.0, 980.0)) for part in (np.cos, np.sin)
+    )
     vx, vy, vz = (history[f"aft_v{axis}_m_s"] for axis in "xyz")
     u = (vx - along) * math.cos(turned) + vy * math.sin(turned)
     v = -(vx - along) * math.sin(turned) + vy * math.cos(turned)
@@ -258,7 +266,9 @@ def test_proximity_in_all_six(pair):
 
 def test_two_proximity_entries_add_and_vary(pair):
     """0.01 and 0.02 of C_A times factors of their own: v = v0 / (1 + v0 k t)."""
-    entries = [{"name": n, "body": "aft", "joint": "pins", "distance_m": [0.0, 1.0], "axial": [x, x]} for n, x in (("one", 0.001), ("two", 0.002))]
+    entries = [
+        {"name": n, "body": "aft", "joint": "pins", "distance_m": [0.0, 1.0], "axial": [x, x]} for n, x in (("one", 0.001), ("two", 0.002))
+    ]
     laws = {f"dispersion.proximity.{name}.factor": {"normal": [1.0, 0.3]} for name in ("one", "two")}
     table = pair(TUNNEL | laws | {"proximity": entries}).run(cases=50).to_pandas()
     axial = 0.001 * table["in_proximity_one_factor"] + 0.002 * table["in_proximity_two_factor"]

@@ -132,6 +132,8 @@ def audit(cases: pd.DataFrame, bounds: Mapping[str, float], columns: Sequence[st
 
 def audit_text(table: pd.DataFrame) -> str:
     """An audit in one line, or a line for each column that has cases beyond its bound."""
+    if not len(table) or table["case"].max() < 0:
+        return "audit: no ok case to audit"
     failed = table[table["beyond"] > 0]
     if len(failed):
         lines = [
@@ -141,7 +143,7 @@ def audit_text(table: pd.DataFrame) -> str:
         return "\n".join(lines)
     bounded = table[table["bound"].notna()]
     worst = ", ".join(f"{name} {row['worst']:.1e}" for name, row in bounded.iterrows())
-    return fill(f"audit passed; worst of all ok cases: {worst}", WIDTH) if len(table) else "no audit"
+    return fill(f"audit passed; worst of all ok cases: {worst}", WIDTH)
 
 
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:

@@ -4,7 +4,7 @@ import numpy as np
 
 from sepmc.compiler.plan import Plan
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Until
+from sepmc.scene.model import Motor, Until
 
 
 def lines(plan: Plan) -> list[str]:
@@ -13,7 +13,7 @@ def lines(plan: Plan) -> list[str]:
     found = [
         f"bodies       {len(plan.bodies)}: {', '.join(plan.bodies)}" + (" (and the ground)" if m.ground >= 0 else ""),
         f"joints       {len(plan.joints)}: " + _names(f"{j} ({a} - {b})" for j, (a, b) in plan.joints.items()),
-        f"motors       {m.n_motors}: " + _names(motor.name for motor in scene.motor),
+        f"motors       {m.n_motors}: " + _names(f"{motor.name} ({_push(motor)})" for motor in scene.motor),
     ]
     for what, items in (("springs", scene.spring), ("loads", scene.load), ("releases", scene.release), ("clearances", scene.clearance)):
         if items:
@@ -31,6 +31,12 @@ def lines(plan: Plan) -> list[str]:
     for release in scene.release:
         found.append(f"release      {release.name}: {release.joint} becomes {release.to} when {condition(release.when)}")
     return found
+
+
+def _push(motor: Motor) -> str:
+    """Which way a motor pushes its body."""
+    forward = float(np.cos(motor.cant))
+    return f"pushes {motor.body} " + ("forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways")
 
 
 def _names(names) -> str:

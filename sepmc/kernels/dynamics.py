@@ -162,7 +162,7 @@ def thrust(t, i, m, w):
     since = t - (w[p + at.IGNITION] + w[p + at.IGNITION_DELAY])
     if w[work + at.BURNING] == at.TAILING:
         burn = w[p + at.BURN]
-        return thrust_level(w[p + at.THRUST], w[p + at.BUILD_UP], burn) * tail_off(since - burn, w[p + at.TAIL_OFF])
+        return thrust_level(w[p + at.THRUST], w[p + at.BUILD_UP], burn) * w[work + at.LEVEL] * tail_off(since - burn, w[p + at.TAIL_OFF])
     return thrust_level(w[p + at.THRUST], w[p + at.BUILD_UP], since) * (w[work + at.LEVEL] + w[work + at.SLOPE] * since)
 
 
@@ -256,32 +256,59 @@ def slides(j, m, w):
 
 
 @stage
+def _next_friction(trial, size, off, work, w):
+    """Size of a friction force to try after one that is ``off`` by so much: false position within a bracket; until there is one, the
+    secant of the last two, which were both too little."""
+    if off < 0.0:
+        w[work + at.TOO_MUCH], w[work + at.MUCH_OFF] = size, off
+    else:
+        last, last_off = w[work + at.TOO_LITTLE], w[work + at.LITTLE_OFF]
+        w[work + at.TOO_LITTLE], w[work + at.LITTLE_OFF] = size, off
+        if math.isinf(w[work + at.TOO_MUCH]):
+            if trial == 0:  # a small probe: further out there can be a second balance, with the pins pressed the other way
+                return 1e-3 * off
+            slope = (off - last_off) / (size - last)
+            return size - off / slope if slope < 0.0 else size + 2.0 * off
+    low, high = w[work + at.TOO_LITTLE], w[work + at.TOO_MUCH]
+    if trial % 3 == 2:
+        return 0.5 * (low + high)
+    return low + (high - low) * w[work + at.LITTLE_OFF] / (w[work + at.LITTLE_OFF] - w[work + at.MUCH_OFF])
+
+
+@stage
 def _solve_with_friction(y, m, w):
-    """Accelerations with guide friction: friction and the joint wrenches it follows from, by repeated solution."""
+    """Accelerations with guide friction. Friction follows from the joint wrench and the wrench from friction: both, by trial.
+
+    A guide jams where no friction is in balance with what it causes.
+    """
     keep_apart()
-    pivot, largest = 0.0, math.inf
+    pivot = 0.0
     for j in range(m.scene.n_joints):
-        w[joint_work(j, m) + at.FRICTION_FORCE] = 0.0
-    for _ in range(_FRICTION_ROUNDS):
+        work = joint_work(j, m)
+        w[work + at.FRICTION_FORCE], w[work + at.TOO_LITTLE], w[work + at.TOO_MUCH] = 0.0, 0.0, math.inf
+    for trial in range(_FRICTION_ROUNDS):
         pivot = solve_motion(y, m, w)
-        settled, before, largest = True, largest, 0.0
+        settled = True
         for j in range(m.scene.n_joints):
             p, work = joint_params(j, m), joint_work(j, m)
             if not (w[p + at.FRICTION] > 0.0 and slides(j, m, w)):
                 continue
             total, speed = guide_bearing(y, j, m, w)[3], separation(y, j, m, w)[1]
-            force = guides.friction_force(w[p + at.FRICTION], total, speed, w[p + at.SLIP_SPEED])
-            change = force - w[work + at.FRICTION_FORCE]
-            settled = settled and abs(change) <= _FRICTION * max(abs(force), 1.0)
-            largest = max(largest, abs(change))
+            wanted = guides.friction_force(w[p + at.FRICTION], total, speed, w[p + at.SLIP_SPEED])
+            now = w[work + at.FRICTION_FORCE]
+            off = abs(wanted) - abs(now)
+            if abs(off) <= _FRICTION * max(abs(now), 1.0):
+                continue
+            settled = False
+            force = math.copysign(_next_friction(trial, abs(now), off, work, w), wanted)
+            if trial == _FRICTION_ROUNDS - 1:  # go on without: the case ends as jammed, but with numbers
+                force = 0.0
             w[work + at.FRICTION_FORCE] = force
-            _rub(y, j, change, m, w)
+            _rub(y, j, force - now, m, w)
         if settled:
             return pivot
-        if largest > 2.0 * before:  # it grows: no friction is enough to be in balance with what it causes
-            break
     w[m.scene.work + at.JAMMED] = 1.0
-    return pivot
+    return solve_motion(y, m, w)
 
 
 @stage
@@ -296,24 +323,39 @@ def motion(t, y, m, w):
 
 
 @stage
+def mean_velocity(y, m, w):
+    """Velocity of the mass centre of all bodies, m/s; zero where there is a ground, which can take momentum."""
+    total, mass = (0.0, 0.0, 0.0), 0.0
+    if m.scene.ground >= 0:
+        return total
+    for b in range(m.scene.n_bodies):
+        each = w[body_params(b) + at.MASS]
+        total, mass = vec3.add(total, vec3.scale(each, vec3.get(y, b * at.STATE + at.VELOCITY))), mass + each
+    return vec3.scale(1.0 / mass, total)
+
+
+@stage
 def power(y, m, w):
-    """Power of all loads on all bodies, W, in the frame of the moving origin: the rate of their kinetic energy if joints do no work."""
-    total = 0.0
+    """Power of all loads about the mass centre of all bodies, W: the rate of `kinetic_energy` if joints do no work.
+
+    About the mass centre, because a common fall or drag would hide what is lost of the motion apart.
+    """
+    total, mean = 0.0, mean_velocity(y, m, w)
     for b in range(m.scene.n_bodies):
         if b != m.scene.ground:
             k, work = b * at.STATE, body_work(b, m)
-            total += vec3.dot(vec3.get(w, work + at.LOAD), vec3.get(y, k + at.VELOCITY))
+            total += vec3.dot(vec3.get(w, work + at.LOAD), vec3.sub(vec3.get(y, k + at.VELOCITY), mean))
             total += vec3.dot(vec3.get(w, work + at.LOAD + 3), vec3.get(y, k + at.RATE))
     return total
 
 
 @stage
 def kinetic_energy(y, m, w):
-    """Kinetic energy of all bodies in the frame of the moving origin, J."""
-    total = 0.0
+    """Kinetic energy of all bodies about their mass centre, J."""
+    total, mean = 0.0, mean_velocity(y, m, w)
     for b in range(m.scene.n_bodies):
         if b != m.scene.ground:
-            v, omega = vec3.get(y, b * at.STATE + at.VELOCITY), vec3.get(y, b * at.STATE + at.RATE)
+            v, omega = vec3.sub(vec3.get(y, b * at.STATE + at.VELOCITY), mean), vec3.get(y, b * at.STATE + at.RATE)
             momentum = vec3.rotate(vec3.get_matrix(w, body_work(b, m) + at.TENSOR), omega)
             total += 0.5 * (w[body_params(b) + at.MASS] * vec3.dot(v, v) + vec3.dot(omega, momentum))
     return total
@@ -321,11 +363,11 @@ def kinetic_energy(y, m, w):
 
 @stage
 def rest_energy(m, w):
-    """Kinetic energy, J, below which the bodies count as at rest: all of them at 1 um/s."""
+    """Kinetic energy, J, below which the bodies count as at rest: all of them at 0.1 mm/s."""
     total = 0.0
     for b in range(m.scene.n_bodies):
         if b != m.scene.ground:
-            total += 0.5e-12 * w[body_params(b) + at.MASS]
+            total += 0.5e-8 * w[body_params(b) + at.MASS]
     return total
 
 

@@ -7,7 +7,7 @@ from sepmc.kernels import vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import joint_axes, joint_geometry, separation
 from sepmc.kernels.dynamics import height, motion, set_attitudes
-from sepmc.kernels.places import joint_params, joint_work, kind_rows, leaf, leaf_work, motor_params, spring_work
+from sepmc.kernels.places import joint_params, joint_work, kind_of, kind_rows, leaf, leaf_work, motor_params, spring_work
 from sepmc.kernels.springs import spring_line
 
 _TOUCH = 1e-12  # of a threshold (or of 1 m, 1 rad, ...): a condition this close is met; the gap of a locked joint is round-off
@@ -83,7 +83,7 @@ def known_time(i, m, w):
 def is_armed(i, phase, m, w):
     """Whether condition ``i`` is waited for: its phase is on, or its release or spring has not gone, and it is not met."""
     event = m.table[leaf(i, m) + 2]
-    waited = event == phase if event < m.scene.n_phases else w[m.scene.events_w + event] == 0.0
+    waited = event == phase if event < m.scene.n_phases else math.isinf(w[m.scene.events_w + event])
     return waited and w[leaf_work(i, m) + at.MET] == 0.0
 
 
@@ -97,11 +97,13 @@ def waits_for_load(phase, m, w):
 
 
 @stage
-def set_sides(t, y, m, w):
-    """From which side each threshold of height is approached."""
+def set_sides(t, y, phase, m, w):
+    """From which side each threshold of height is approached that is waited for from now on: of a phase that begins, or, as the
+    first one does, of the releases."""
     keep_apart()
     for i in range(m.scene.n_leaves):
-        if m.table[leaf(i, m)] == at.AT_ALTITUDE:
+        event = m.table[leaf(i, m) + 2]
+        if m.table[leaf(i, m)] == at.AT_ALTITUDE and (event == phase or (phase == 0 and event >= m.scene.n_phases)):
             above = height(t, y, m.table[leaf(i, m) + 1], m, w) > w[m.table[leaf(i, m) + 3]]
             w[leaf_work(i, m) + at.FROM_SIDE] = -1.0 if above else 1.0
 
@@ -150,16 +152,37 @@ def is_due(event, m, w):
 
 
 @stage
-def _schedule(t, j, kind, m, w):
-    """Let joint j change its kind, after its delay; never if it fails. A change that lets go no more than what it holds, or than
-    one that is on its way, is no change."""
-    keep_apart()
-    work, p = joint_work(j, m), joint_params(j, m)
-    on_its_way = int(w[work + at.NEXT_KIND])  # what it holds now, if nothing is
-    if m.table[kind_rows(kind, m)] >= m.table[kind_rows(on_its_way, m)]:
-        return
-    w[work + at.NEXT_KIND] = kind
-    w[work + at.NEXT_TIME] = math.inf if w[p + at.FAILS] >= 0.5 else t + w[p + at.DELAY]
+def _told(j, event, m):
+    """The kind that an event (the end of a phase, a release) tells joint j to take, or -1."""
+    if event < m.scene.n_phases - 1:
+        return m.table[m.scene.phase_kinds_i + m.scene.n_joints * (event + 1) + j]
+    release = event - m.scene.n_phases
+    if 0 <= release < m.scene.n_releases and m.table[m.scene.releases_i + 2 * release] == j:
+        return m.table[m.scene.releases_i + 2 * release + 1]
+    return -1
+
+
+@stage
+def change(j, event, m, w):
+    """When joint j changes because of an event: it is late by its delay. Infinite if the event has not come, the joint fails, or it
+    would let go no more than it has."""
+    kind = _told(j, event, m)
+    if kind < 0 or m.table[kind_rows(kind, m)] >= m.table[kind_rows(kind_of(j, m, w), m)]:
+        return math.inf
+    p = joint_params(j, m)
+    return math.inf if w[p + at.FAILS] >= 0.5 else w[m.scene.events_w + event] + w[p + at.DELAY]
+
+
+@stage
+def _let_go(t, m, w):
+    """Change what every joint holds that is due. Returns whether any changed."""
+    changed = False
+    for event in range(m.scene.n_phases + m.scene.n_releases):
+        for j in range(m.scene.n_joints):
+            if change(j, event, m, w) <= t + GRAIN:
+                w[joint_work(j, m) + at.KIND] = _told(j, event, m)
+                changed = True
+    return changed
 
 
 @stage
@@ -173,27 +196,22 @@ def settle(t, y, phase, m, w):
     for _ in range(4 * (m.scene.n_events + m.scene.n_joints) + 4):
         again = meet(t, y, phase, m, w)
         if phase < m.scene.n_phases - 1 and is_due(phase, m, w):
+            w[m.scene.events_w + phase] = t
             phase += 1
-            for j in range(m.scene.n_joints):
-                _schedule(t, j, m.table[m.scene.phase_kinds_i + m.scene.n_joints * phase + j], m, w)
+            set_sides(t, y, phase, m, w)
             again = True
             changed = True
         for event in range(m.scene.n_phases, m.scene.n_events):
-            if w[m.scene.events_w + event] == 0.0 and is_due(event, m, w):
-                w[m.scene.events_w + event] = 1.0
+            if math.isinf(w[m.scene.events_w + event]) and is_due(event, m, w):
+                w[m.scene.events_w + event] = t
                 again = True
-                release = event - m.scene.n_phases
-                if release < m.scene.n_releases:
-                    _schedule(t, m.table[m.scene.releases_i + 2 * release], m.table[m.scene.releases_i + 2 * release + 1], m, w)
-                else:
-                    w[spring_work(release - m.scene.n_releases, m) + at.SPENT] = 1.0
+                spring = event - m.scene.n_phases - m.scene.n_releases
+                if spring >= 0:
+                    w[spring_work(spring, m) + at.SPENT] = 1.0
                     changed = True
-        for j in range(m.scene.n_joints):
-            work = joint_work(j, m)
-            if w[work + at.NEXT_TIME] <= t + GRAIN:
-                w[work + at.KIND], w[work + at.NEXT_TIME] = w[work + at.NEXT_KIND], math.inf
-                again = True
-                changed = True
+        if _let_go(t, m, w):
+            again = True
+            changed = True
         if not again:
             break
     return phase, changed
@@ -207,8 +225,10 @@ def next_known_time(t, phase, m, w):
     for i in range(m.scene.n_leaves):
         if on_time(i, m) and is_armed(i, phase, m, w):
             earliest = min(earliest, known_time(i, m, w))
-    for j in range(m.scene.n_joints):
-        earliest = min(earliest, w[joint_work(j, m) + at.NEXT_TIME])
+    for event in range(m.scene.n_phases + m.scene.n_releases):
+        if not math.isinf(w[m.scene.events_w + event]):
+            for j in range(m.scene.n_joints):
+                earliest = min(earliest, change(j, event, m, w))
     return earliest if earliest > t else math.inf
 
 
@@ -224,25 +244,31 @@ def remember(t, y, phase, m, w):
 
 @stage
 def may_graze(i, t, h, y, m, w):
-    """Whether a condition that is unmet at both ends of a step can have been met within it: it rose and fell, and the tangents at
-    both ends cross beyond the threshold. Needs attitudes of the end state ``y``."""
+    """Whether a condition that is unmet at both ends of a step can have been met within it. Needs attitudes of the end state ``y``.
+
+    It does not fall at the start, and falls at the end; if both rates are known, the tangents at the ends cross beyond the threshold.
+    """
     keep_apart()
     work = leaf_work(i, m)
     before, rate_before = w[work + at.BEFORE], w[work + at.BEFORE_RATE]
     after, rate_after = state_value(i, t + h, y, m, w)
-    if not (rate_before > 0.0 and rate_after < 0.0):
+    if rate_before < 0.0 or not rate_after < 0.0:
         return False
+    if not rate_before > 0.0:  # at rest, or not known
+        return True
     crossing = (after - before - rate_after * h) / (rate_before - rate_after)
     return before + rate_before * crossing >= 0.0
 
 
 @stage
 def never_let_go(phase, m, w):
-    """Whether a phase other than the last is still on, or a joint that was told to let go has not."""
+    """Whether a phase other than the last is still on, or a joint still holds what it was told to let go."""
     if phase < m.scene.n_phases - 1:
         return True
-    for j in range(m.scene.n_joints):
-        work = joint_work(j, m)
-        if w[work + at.NEXT_KIND] != w[work + at.KIND]:
-            return True
+    for event in range(m.scene.n_phases + m.scene.n_releases):
+        for j in range(m.scene.n_joints):
+            kind = _told(j, event, m)
+            told = kind >= 0 and not math.isinf(w[m.scene.events_w + event])
+            if told and m.table[kind_rows(kind, m)] < m.table[kind_rows(kind_of(j, m, w), m)]:
+                return True
     return False

@@ -76,6 +76,10 @@ def set_stretch(middle, m, w):
         first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
         if rows > 0 and w[work + at.BURNING] == at.ON:
             _set_profile(since, first, rows, work, m, w)
+        elif rows > 0 and w[work + at.BURNING] == at.TAILING:  # goes on from the end of the burn
+            burn = w[p + at.BURN]
+            _set_profile(burn - events.GRAIN, first, rows, work, m, w)
+            w[work + at.LEVEL], w[work + at.SLOPE] = w[work + at.LEVEL] + w[work + at.SLOPE] * burn, 0.0
     for i in range(m.scene.n_loads):
         p = load_params(i, m)
         w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
@@ -276,10 +280,12 @@ def _begin(y, outcomes, m, w):
     """Joints as the first phase wants them. A joint that holds has no release time yet: infinite, NaN at the end."""
     for j in range(m.scene.n_joints):
         kind, work = m.table[m.scene.phase_kinds_i + j], joint_work(j, m)
-        w[work + at.KIND], w[work + at.NEXT_KIND] = kind, kind
+        w[work + at.KIND] = kind
         if kind != at.FREE:
             outcomes[joint_outcomes_at(j, m) + 2] = math.inf
-    events.set_sides(0.0, y, m, w)
+    for event in range(m.scene.n_events):
+        w[m.scene.events_w + event] = math.inf
+    events.set_sides(0.0, y, 0, m, w)
 
 
 @stage
@@ -359,26 +365,29 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             if drift > _UNRESOLVED:
                 status = UNRESOLVED
                 break
-            found, stages_kept = -1, True
+            found, cut, stages_kept = -1, False, True
             if m.scene.n_leaves > 0:
+                whole = length
                 length, found, error, stages_kept = _first_event(t, length, y0, y1, sample, scratch, weights, k, rk, phase, m, w)
                 if length < 0.0:
                     status = NO_ROOT
                     break
-                if found >= 0:
+                cut = found >= 0 or length < whole
+                if cut:
                     t_next = t + length
+                if found >= 0:
                     audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
                     w[leaf_work(found, m) + at.MET] = 1.0
             wants_history = level != at.NO_HISTORY and rk.history_step > 0.0
             if length > 0.0 and (watches(m) or (wants_history and next_sample * rk.history_step <= t_next + events.GRAIN)):
-                if not stages_kept:
+                if cut or not stages_kept:
                     step(t, length, y0, sample, scratch, k, rk, m, w)
                 extend(t, length, y0, scratch, k, rk, m, w)
                 if watches(m):
                     watch_step(t, length, y0, sample, weights, k, rk, watched, outcomes, m, w)
                 while wants_history and next_sample * rk.history_step <= t_next + events.GRAIN:
                     ts = next_sample * rk.history_step
-                    closing = ts >= t_next - events.GRAIN and (found >= 0 or last)
+                    closing = ts >= t_next - events.GRAIN and (cut or last)
                     if closing and level == at.FULL_HISTORY:  # told below, or at the start of what comes next
                         break
                     next_sample += 1
@@ -411,12 +420,13 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             if idle > _MOST_EVENTS:
                 status = TOO_MANY_EVENTS
                 break
-            if found >= 0:
+            if cut:
                 break
         if status != OK:
             break
         if level == at.FULL_HISTORY:  # as the joints still hold; kept if they change now
             after_row = _record(t, y0, phase, times, phases, history, rows, level, m, w)
+        set_stretch(t + events.GRAIN, m, w)  # a load that has just switched counts as it is from now on
         phase, fresh = events.settle(t, y0, phase, m, w)
         if level == at.FULL_HISTORY and (fresh or t >= end):
             rows = after_row

@@ -74,10 +74,11 @@ THRUST_LINE, THRUST_MOMENT, BURNING, LEVEL, SLOPE = 0, 3, 6, 7, 8
 MOTOR_WORK = 9
 OFF, ON, TAILING = 0.0, 1.0, 2.0
 # per joint: lever arms on A and B (body axes), joint axes carried by B (body axes), gap and its rate, force and moment on B at
-# r_B and on A at r_A (ground axes); its kind now, the kind to come and when; gap along x and distance at the start; friction on B
+# r_B and on A at r_A (ground axes); its kind now; gap along x and distance at the start; friction on B, and the greatest size of it known
+# to be too little and the least known to be too much, each with how far it is off
 RHO_A, RHO_B, AXES_B, GAP, GAP_RATE, FORCE_B, MOMENT_B, FORCE_A, MOMENT_A = 0, 3, 6, 15, 18, 21, 24, 27, 30
-KIND, NEXT_KIND, NEXT_TIME, GAP_START, ROD_LENGTH, FRICTION_FORCE = 33, 34, 35, 36, 37, 38
-JOINT_WORK = 39
+KIND, GAP_START, ROD_LENGTH, FRICTION_FORCE, TOO_LITTLE, LITTLE_OFF, TOO_MUCH, MUCH_OFF = 33, 34, 35, 36, 37, 38, 39, 40
+JOINT_WORK = 41
 # per spring: lever arms as of a joint, extension at the start (distance or along the axis), whether it has reached its stroke
 EXTENSION_START, SPENT = 6, 7
 SPRING_WORK = 8

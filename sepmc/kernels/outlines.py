@@ -20,6 +20,7 @@ _ROUND_OFF = 1e-15
 _WITHIN = 1e-12
 # Near contact a round may turn the direction only and come nearer by less than round-off. After so many in turn that is the end.
 _STALLED = 2
+_THROUGH = 0.1  # share of a shell\'s radius within which a point outside has gone through its wall
 _ROUNDS = 150  # 13 on average over random parts, 50 near contact; the best so far counts if this is met
 
 
@@ -97,7 +98,8 @@ def _share(numerator, denominator, least):
 def inside_gap(point, shell):
     """Distance of a point from the inner wall of a hollow frustum that it is in, and the nearest point of the wall.
 
-    Positive inside, negative through the wall, infinite before or beyond the ends.
+    Positive inside, infinite before or beyond the ends. Up to a tenth of the radius outside a point counts as gone through the wall, and
+    its distance is negative; further out it is beside the shell, and its distance positive again.
     """
     start, axis, length, r0, r1 = shell
     distance, nearest = wall_gap(point, shell)
@@ -105,7 +107,8 @@ def inside_gap(point, shell):
     if along < 0.0 or along > length:
         return math.inf, nearest
     radius = r0 + (r1 - r0) * along / length if length > 0.0 else r0
-    return (-distance if math.sqrt(dot(across, across)) > radius else distance), nearest
+    out = math.sqrt(dot(across, across)) - radius
+    return (-distance if 0.0 < out < _THROUGH * radius else distance), nearest
 
 
 @formula

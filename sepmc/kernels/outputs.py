@@ -9,7 +9,7 @@ from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import attitude, solve_motion
 from sepmc.kernels.dynamics import guide_bearing, guide_wrench, motion, slides
 from sepmc.kernels.observe import joint_outcomes_at
-from sepmc.kernels.places import body_params, first_body, joint_params, joint_work, kind_of, second_body
+from sepmc.kernels.places import body_params, first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
 from sepmc.kernels.rk import interpolate
 
 # Gauss-Lobatto nodes and weights on a step, exact to degree 7 (Abramowitz and Stegun, 25.4.32).
@@ -54,11 +54,11 @@ def _guide_row(y, j, row, k, m, w):
     for i in range(count):
         at_mouth, at_tip = pins.pin_loads(mouth, tip, torsion, i, count, w[p + at.CIRCLE], w[p + at.PIN_CLOCK])
         row[k + i] = max(at_mouth, at_tip)
-    # what would hold the joint along x is what drives it apart, friction included
+    # what would hold the joint along x, less friction, is what drives it apart
     work = joint_work(j, m)
     kind, w[work + at.KIND] = w[work + at.KIND], at.FIXED
     solve_motion(y, m, w)
-    drive = abs(guide_wrench(j, m, w)[0][0]) + abs(w[work + at.FRICTION_FORCE])
+    drive = max(0.0, -m.numbers[joint_axes_x(j) + 9] * guide_wrench(j, m, w)[0][0] - w[work + at.FRICTION_FORCE])
     w[work + at.KIND] = kind
     solve_motion(y, m, w)
     row[k + count] = -drive / total if total > 0.0 else -math.inf
@@ -103,13 +103,24 @@ def _rim_gap(solid, shell):
 
 
 @stage
-def clearance(y, a, b, limit, m, w):
+def _extent(part):
+    """How far a part reaches from the origin of its axes, m."""
+    start, _, length, r0, r1 = part
+    return math.sqrt(vec3.dot(start, start)) + length + max(r0, r1)
+
+
+@stage
+def clearance(y, a, b, limit, h, m, w):
     """Least distance between the outlines of bodies a and b, m, and the nearest point of a, layout. Needs attitudes.
 
-    Of solid parts that cannot be nearer than ``limit`` only a lower bound is computed, which is above it.
+    Of solid parts that cannot come nearer than ``limit`` within h seconds, as the bodies move now, only a lower bound is computed.
     """
     keep_apart()
     best, place = math.inf, (math.nan, math.nan, math.nan)
+    va, vb = vec3.get(y, a * at.STATE + at.VELOCITY), vec3.get(y, b * at.STATE + at.VELOCITY)
+    omega_a, omega_b = vec3.get(y, a * at.STATE + at.RATE), vec3.get(y, b * at.STATE + at.RATE)
+    apart = vec3.sub(va, vb)
+    speed, spin = math.sqrt(vec3.dot(apart, apart)), math.sqrt(vec3.dot(omega_a, omega_a)) + math.sqrt(vec3.dot(omega_b, omega_b))
     first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
     first_b, count_b = m.table[m.scene.parts_i + 2 * b], m.table[m.scene.parts_i + 2 * b + 1]
     for i in range(count_a):
@@ -126,7 +137,8 @@ def clearance(y, a, b, limit, m, w):
                 distance, here, _ = _rim_gap(part_a, part_b)
             else:
                 distance, here = outlines.least_gap(part_a, part_b), place
-                if not distance > min(best, limit):
+                size = _extent(part_a) + _extent(part_b)
+                if not distance > min(best, limit + 2.0 * h * (speed + spin * size)):
                     distance, here, _ = outlines.gap(part_a, part_b)
             if distance < best:
                 best, place = distance, here
@@ -157,10 +169,10 @@ def counts(i, m, w):
 
 
 @stage
-def watch(t, y, row, outcomes, m, w):
+def watch(t, y, row, outcomes, h, m, w):
     """All watched quantities of a state into ``row``, each such that its peak is its greatest value.
 
-    Of clearances larger than the least in ``outcomes`` so far this may be a bound.
+    Of a clearance that cannot become the least, in h seconds, of those in ``outcomes`` this may be a bound.
     """
     keep_apart()
     motion(t, y, m, w)
@@ -178,7 +190,7 @@ def watch(t, y, row, outcomes, m, w):
         if counts(i, m, w):
             entry = m.scene.clearances_i + 3 * i
             least = outcomes[clearances_at(m) + at.CLEARANCE_OUTCOMES * i]
-            distance, place = clearance(y, m.table[entry], m.table[entry + 1], math.inf if math.isnan(least) else least, m, w)
+            distance, place = clearance(y, m.table[entry], m.table[entry + 1], math.inf if math.isnan(least) else least, h, m, w)
             row[k] = -distance
             vec3.put(row, k + 1, place)
         k += 4
@@ -246,10 +258,10 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
     keep_apart()
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     _state_at(a, h, y0, sample, weights, k, rk, m)
-    watch(t + a * h, sample, row, outcomes, m, w)
+    watch(t + a * h, sample, row, outcomes, h, m, w)
     fa = row[c]
     _state_at(b, h, y0, sample, weights, k, rk, m)
-    watch(t + b * h, sample, row, outcomes, m, w)
+    watch(t + b * h, sample, row, outcomes, h, m, w)
     fb = row[c]
     for _ in range(_ROUNDS):
         if fa >= fb:
@@ -261,12 +273,28 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
             b = low + GOLDEN * (high - low)
             theta = b
         _state_at(theta, h, y0, sample, weights, k, rk, m)
-        watch(t + theta * h, sample, row, outcomes, m, w)
+        watch(t + theta * h, sample, row, outcomes, h, m, w)
         if theta == a:
             fa = row[c]
         else:
             fb = row[c]
     _keep(t + theta * h, row, outcomes, m)
+
+
+@stage
+def _rises(x1, x2, f0, f1, f2):
+    """Whether the parabola through (0, f0), (x1, f1), (x2, f2), of which f0 is the greatest, still rises at 0: its peak lies beyond."""
+    slope1, slope2 = (f1 - f0) / x1, (f2 - f0) / x2
+    return f0 >= f1 and slope1 - x1 * (slope2 - slope1) / (x2 - x1) > 0.0
+
+
+@stage
+def _may_be_less(least, at_end, inside):
+    """Whether a clearance, of which minus the end of a step and the node inside are given, may be less than ``least`` between them.
+
+    It has kinks where the nearest parts change, which no parabola foretells: it is taken to fall by twice its change at most.
+    """
+    return at_end >= inside > -math.inf and -at_end - 2.0 * (at_end - inside) < least
 
 
 @stage
@@ -279,7 +307,7 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
     size = row_size(m)
     for i in range(NODES):
         _state_at(_THETA[i], h, y0, sample, weights, k, rk, m)
-        watch(t + _THETA[i] * h, sample, rows[i], outcomes, m, w)
+        watch(t + _THETA[i] * h, sample, rows[i], outcomes, h, m, w)
         _keep(t + _THETA[i] * h, rows[i], outcomes, m)
     o = watched_at(m)
     for j in range(m.scene.n_load_outputs):
@@ -298,6 +326,14 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
         for i in range(1, NODES - 1):
             if rows[i, c] > rows[i - 1, c] and rows[i, c] >= rows[i + 1, c]:
                 _refine(c, _THETA[i - 1], _THETA[i + 1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
+        first, last = c - (size - 4 * m.scene.n_clearances), NODES - 1
+        least = outcomes[clearances_at(m) + at.CLEARANCE_OUTCOMES * (first // 4)] if first >= 0 else math.nan
+        if _rises(_THETA[1], _THETA[2], rows[0, c], rows[1, c], rows[2, c]) or _may_be_less(least, rows[0, c], rows[1, c]):
+            _refine(c, 0.0, _THETA[1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
+        if _rises(_THETA[1], _THETA[2], rows[last, c], rows[last - 1, c], rows[last - 2, c]) or _may_be_less(
+            least, rows[last, c], rows[last - 1, c]
+        ):
+            _refine(c, _THETA[NODES - 2], 1.0, t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
 
 
 @stage

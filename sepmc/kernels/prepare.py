@@ -97,7 +97,6 @@ def set_joints(m, w):
         vec3.put_matrix(w, work + at.AXES_B, axes)
         w[work + at.GAP_START] = vec3.dot(gap, (axes[0], axes[1], axes[2]))
         w[work + at.ROD_LENGTH] = math.sqrt(vec3.dot(gap, gap))
-        w[work + at.NEXT_TIME] = math.inf
 
 
 @stage

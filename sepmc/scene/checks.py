@@ -137,7 +137,7 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
             problems.add(place, f"the law reaches {shown:g}, but the value {allowed}")
     if parameter.path == "initial.altitude" and scene.environment.atmosphere == "us1976" and (low < 0.0 or high > ATMOSPHERE_TOP):
         problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")
-    if parameter.path.endswith(".fails") and not {low, high} <= {0.0, 1.0}:
+    if parameter.path.endswith(".fails") and not (dispersion.law in ("discrete", "constant") and set(dispersion.numbers) <= {0.0, 1.0}):
         problems.add(place, "must be discrete, of 0 (lets go) and 1 (never does)")
     if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:
         problems.add(place, "can vary only if its nominal is > 0: friction that is 0 is not computed")

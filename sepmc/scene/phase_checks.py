@@ -2,6 +2,7 @@
 
 import math
 
+from sepmc.kernels import layout as at
 from sepmc.scene.kinds import KINDS, is_part, rows_of
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
@@ -36,14 +37,7 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         if is_last:
             problems.add(f"{place}.until", "the last phase ends at run.end_time_s; remove until")
         _check_condition(f"{place}.until", until, scene, problems)
-        slides = phase.joints.get(until.joint, "free") if until.joint else ""
-        if (
-            until.joint in scene.joint
-            and until.stroke is not None
-            and _known(until.joint, slides, scene)
-            and 0 in rows_of(scene.joint[until.joint], slides)
-        ):
-            problems.add(f"{place}.until.joint", f"is {slides!r} in this phase, which has no stroke", until.joint)
+        _check_can_move(f"{place}.until", until, phase.joints, scene, problems)
         if until.time is not None:
             if until.time < last_time:
                 problems.add(f"{place}.until.time_s", f"must be >= {last_time:g}, the end of the phase before", until.time)
@@ -57,6 +51,24 @@ def check_phases(scene: Scene, problems: Problems) -> None:
     if not problems:
         _check_letting_go(scene, problems)
         _check_rods(scene, problems)
+
+
+def _check_can_move(place: str, until: Until, kinds: dict[str, str], scene: Scene, problems: Problems) -> None:
+    """A joint that holds along x has no stroke, one that holds all rotations no angle: such a condition is never met."""
+    joint, kind = until.joint, kinds.get(until.joint or "", "free")
+    if joint in scene.joint and _known(joint, kind, scene):
+        rows = rows_of(scene.joint[joint], kind)
+        held = {
+            "stroke": 0 in rows,
+            "distance": {0, 1, 2} <= set(rows),
+            "angle": sum(at.ROTATION <= row < at.ROD for row in rows) == 3,
+        }
+        for key, never in held.items():
+            if getattr(until, key) is not None and never:
+                problems.add(f"{place}.joint", f"is {kind!r} in this phase, which has no {key}", joint)
+    for key, items in (("any", until.any), ("all", until.all)):
+        for number, item in enumerate(items):
+            _check_can_move(f"{place}.{key}.{number}", item, kinds, scene, problems)
 
 
 def _known(joint: str, kind: str, scene: Scene) -> bool:

@@ -27,7 +27,8 @@ class Redundancy:
     def sentence(self) -> str:
         return (
             f"phase {self.phase}: {self.redundant} of {self.rows} constraint rows are redundant, among {', '.join(self.joints)}: the "
-            "motion is that of the others; the forces of these joints are the ones of least sum of squares (column redundant_rows)"
+            "motion is that of the others; the forces of these joints are not unique, the ones of least sum of squares are given "
+            "(column redundant_rows), and a break load of one of them is compared with that"
         )
 
 
