@@ -32,7 +32,7 @@ def test_check_says_what_is_in_it():
         "3: upper, lower, half (and the ground)",
         "pins (upper - lower)",
         "pad (ground - lower)",
-        "retro, main",
+        "retro (pushes lower aft), main (pushes lower forward)",
         "pusher, strut",
         "plume, tug",
         "shed",

@@ -279,7 +279,7 @@ def _next_friction(trial, size, off, work, w):
 def _solve_with_friction(y, m, w):
     """Accelerations with guide friction. Friction follows from the joint wrench and the wrench from friction: both, by trial.
 
-    A guide jams where no friction is in balance with what it causes.
+    Returns the smallest pivot, or -1 where a guide jams: no friction is in balance with what it causes.
     """
     keep_apart()
     pivot = 0.0
@@ -301,14 +301,12 @@ def _solve_with_friction(y, m, w):
                 continue
             settled = False
             force = math.copysign(_next_friction(trial, abs(now), off, work, w), wanted)
-            if trial == _FRICTION_ROUNDS - 1:  # go on without: the case ends as jammed, but with numbers
-                force = 0.0
             w[work + at.FRICTION_FORCE] = force
             _rub(y, j, force - now, m, w)
         if settled:
             return pivot
     w[m.scene.work + at.JAMMED] = 1.0
-    return solve_motion(y, m, w)
+    return -1.0
 
 
 @stage
@@ -318,7 +316,10 @@ def motion(t, y, m, w):
     set_attitudes(y, m, w)
     set_loads(t, y, m, w)
     if m.scene.friction != 0:
-        return _solve_with_friction(y, m, w)
+        pivot = _solve_with_friction(y, m, w)
+        if pivot >= 0.0:
+            return pivot
+        set_loads(t, y, m, w)  # go on without friction: the case ends as jammed
     return solve_motion(y, m, w)
 
 
@@ -362,12 +363,14 @@ def kinetic_energy(y, m, w):
 
 
 @stage
-def rest_energy(m, w):
-    """Kinetic energy, J, below which the bodies count as at rest: all of them at 0.1 mm/s."""
+def rest_energy(y, m, w):
+    """Kinetic energy about the mass centre, J, below which the bodies count as at rest: all of them at 0.1 mm/s, or at 1e-4 of their
+    speed in the frame of the moving origin, of which round-off is a share."""
     total = 0.0
     for b in range(m.scene.n_bodies):
         if b != m.scene.ground:
-            total += 0.5e-8 * w[body_params(b) + at.MASS]
+            v = vec3.get(y, b * at.STATE + at.VELOCITY)
+            total += 0.5e-8 * w[body_params(b) + at.MASS] * (1.0 + vec3.dot(v, v))
     return total
 
 

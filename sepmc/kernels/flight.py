@@ -331,7 +331,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     if not max(start[0], start[1], start[2], start[3]) <= _CONSISTENT:
         return INCONSISTENT_START, 0
     energy0 = kinetic_energy(y0, m, w)
-    energy_scale, energy_lost, idle = max(energy0, rest_energy(m, w)), 0.0, 0
+    energy_scale, energy_lost, idle = max(energy0, rest_energy(y0, m, w)), 0.0, 0
     set_stretch(events.GRAIN, m, w)
     phase, _ = events.settle(t, y0, phase, m, w)
     _note_releases(t, y0, outcomes, m, w)
@@ -415,7 +415,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                 break
             energy = kinetic_energy(y0, m, w)
             work = y0[size - 1]
-            energy_scale = max(energy_scale, energy, abs(work))
+            energy_scale = max(energy_scale, energy, abs(work), rest_energy(y0, m, w))
             energy_lost = max(energy_lost, abs(energy - energy0 - work))
             if idle > _MOST_EVENTS:
                 status = TOO_MANY_EVENTS

@@ -36,8 +36,9 @@ def redundancies(scene: Scene) -> list[Redundancy]:
     """Redundant joints of every phase as the scene starts, all bodies parallel."""
     found = []
     for phase in scene.phase:
-        rows, owners = _rows(scene, phase.joints)
-        if not len(rows):
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows, owners = _rows(scene, phase.joints)
+        if not len(rows) or not np.isfinite(rows).all():
             continue
         left, sizes, _ = np.linalg.svd(rows)
         rank = int(np.count_nonzero(sizes > _TWICE * sizes[0]))
@@ -49,8 +50,9 @@ def redundancies(scene: Scene) -> list[Redundancy]:
 def check_redundancy(scene: Scene, problems: Problems) -> None:
     """Joints that hold nearly the same direction: neither one joint nor two, so nothing a motion could be computed for."""
     for phase in scene.phase:
-        rows, owners = _rows(scene, phase.joints)
-        if not len(rows):
+        with np.errstate(over="ignore", invalid="ignore"):
+            rows, owners = _rows(scene, phase.joints)
+        if not len(rows) or not np.isfinite(rows).all():
             continue
         left, sizes, _ = np.linalg.svd(rows)
         weak = (sizes > _TWICE * sizes[0]) & (sizes < _WEAKLY * sizes[0])
@@ -88,7 +90,8 @@ def _rows(scene: Scene, joints: dict[str, str]) -> tuple[np.ndarray, list[str]]:
     arms = [float(np.linalg.norm(row[:, 3:], axis=1).max()) for row in by_body if row[:, :3].any()]
     by_body[:, :, 3:] /= max([1.0, *arms])
     found = by_body.reshape(len(rows), -1)
-    return found / np.linalg.norm(found, axis=1, keepdims=True), owners
+    sizes = np.linalg.norm(found, axis=1, keepdims=True)
+    return found / np.where(sizes > 0.0, sizes, 1.0), owners
 
 
 def _shares(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
