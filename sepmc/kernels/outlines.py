@@ -20,7 +20,7 @@ _ROUND_OFF = 1e-15
 _WITHIN = 1e-12
 # Near contact a round may turn the direction only and come nearer by less than round-off. After so many in turn that is the end.
 _STALLED = 2
-_THROUGH = 0.1  # share of a shell\'s radius within which a point outside has gone through its wall
+_THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
 _ROUNDS = 150  # 13 on average over random parts, 50 near contact; the best so far counts if this is met
 
 
