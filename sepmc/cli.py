@@ -7,7 +7,7 @@ the audit failed, 130 interrupted.
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -245,15 +245,9 @@ def verify(peers: bool, brief: bool, quiet: bool) -> None:
     With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
     """
     with _plain_errors(quiet):
-        from sepmc.door import warm_up
         from sepmc.trust import verify as suite
 
-        warm_up(_speaker(quiet))
-        with _counted(len(suite.CHECKS), quiet) as progress:
-            groups = {name: suite.verify([name], progress) for name in suite.CHECKS}
-        lines = [line for group in groups.values() for line in group]
-        click.echo(suite.brief(groups) if brief else suite.table(lines))
-        passed = all(line.passes for line in lines)
+        passed = all(line.passes for line in _flown(suite, suite.CHECKS, suite.verify, brief, quiet))
         if peers:
             from sepmc.trust.peers import compare
 
@@ -269,16 +263,24 @@ def verify(peers: bool, brief: bool, quiet: bool) -> None:
 def stress(brief: bool, quiet: bool) -> None:
     """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is silently wrong."""
     with _plain_errors(quiet):
-        from sepmc.door import warm_up
         from sepmc.trust import stress as suite
 
-        warm_up(_speaker(quiet))
-        with _counted(len(suite.STRESSES), quiet) as progress:
-            groups = {name: suite.stress([name], progress) for name in suite.STRESSES}
-        lines = [line for group in groups.values() for line in group]
-        click.echo(suite.brief(groups) if brief else suite.table(lines))
+        lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet)
         click.echo("\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table())
     sys.exit(0 if all(line.holds for line in lines) else 1)
+
+
+def _flown(suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool) -> list[Any]:
+    """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns all lines."""
+    from sepmc.door import warm_up
+
+    names = list(names)
+    warm_up(_speaker(quiet))
+    with _counted(len(names), quiet) as progress:
+        groups = {name: fly([name], progress) for name in names}
+    lines = [line for group in groups.values() for line in group]
+    click.echo(suite.brief(groups) if brief else suite.table(lines))
+    return lines
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Constraints that follow from others: which joints, in which phase. Their forces are then those of least sum of squares."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,32 +36,33 @@ class Redundancy:
 def redundancies(scene: Scene) -> list[Redundancy]:
     """Redundant joints of every phase as the scene starts, all bodies parallel."""
     found = []
-    for phase in scene.phase:
-        with np.errstate(over="ignore", invalid="ignore"):
-            rows, owners = _rows(scene, phase.joints)
-        if not len(rows) or not np.isfinite(rows).all():
-            continue
-        left, sizes, _ = np.linalg.svd(rows)
-        rank = int(np.count_nonzero(sizes > _TWICE * sizes[0]))
-        if rank < len(rows):
-            found.append(Redundancy(phase.name, len(rows), len(rows) - rank, _among(left[:, rank:], owners)))
+    for phase, owners, left, shares in _directions(scene):
+        rank = int(np.count_nonzero(shares > _TWICE))
+        if rank < len(owners):
+            found.append(Redundancy(phase, len(owners), len(owners) - rank, _among(left[:, rank:], owners)))
     return found
 
 
 def check_redundancy(scene: Scene, problems: Problems) -> None:
     """Joints that hold nearly the same direction: neither one joint nor two, so nothing a motion could be computed for."""
+    for phase, owners, left, shares in _directions(scene):
+        weak = (shares > _TWICE) & (shares < _WEAKLY)
+        if weak.any():
+            joints = _among(left[:, : len(shares)][:, weak], owners)
+            share = shares[weak].min()
+            said = f"{', '.join(joints)} hold nearly the same (to {share:.1e}): make their points and axes agree, or differ clearly"
+            problems.add(f"phase.{phase}.joints", said)
+
+
+def _directions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
+    """Of every phase that holds something: its name, the joint of each row, and the rows' left singular vectors with their singular
+    values as shares of the largest."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
             rows, owners = _rows(scene, phase.joints)
-        if not len(rows) or not np.isfinite(rows).all():
-            continue
-        left, sizes, _ = np.linalg.svd(rows)
-        weak = (sizes > _TWICE * sizes[0]) & (sizes < _WEAKLY * sizes[0])
-        if weak.any():
-            joints = _among(left[:, : len(sizes)][:, weak], owners)
-            share = sizes[weak].min() / sizes[0]
-            said = f"{', '.join(joints)} hold nearly the same (to {share:.1e}): make their points and axes agree, or differ clearly"
-            problems.add(f"phase.{phase.name}.joints", said)
+        if len(rows) and np.isfinite(rows).all():
+            left, sizes, _ = np.linalg.svd(rows)
+            yield phase.name, owners, left, sizes / sizes[0]
 
 
 def _among(vectors: np.ndarray, owners: list[str]) -> list[str]:
