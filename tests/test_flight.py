@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import oracle
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
@@ -15,6 +14,7 @@ from sepmc.door import fly_block
 from sepmc.kernels.batch import max_threads
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status, audit_columns
+from sepmc.trust import lagrange
 
 LBF, FT = 4.4482216152605, 0.3048
 GUIDED, FREE = {"name": "guided", "joints": {"pins": "slider"}}, {"name": "free"}
@@ -170,7 +170,7 @@ def test_release_at_the_end_of_a_step(pair, ulps):
 
 def test_default_step_against_the_oracle(table2, sample, measure):
     """50 cases: every outcome to 1e-8, reactions just before release to 1e-8 of their magnitude. Measured: 5e-11 and 1e-12."""
-    expected = [oracle.fly(table2.case(i).to_dict()) for i in range(50)]
+    expected = [lagrange.fly(table2.case(i).to_dict()) for i in range(50)]
     by_name = {name: np.array([case[name] for case in expected]) for name in sample.outcomes}
     assert measure({name: sample.table[name][:50] for name in sample.outcomes}, by_name) <= 1e-8
     for i, case in enumerate(expected):

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import oracle
 import pytest
 from numpy.testing import assert_allclose
 
@@ -13,6 +12,8 @@ from sepmc.kernels.dynamics import _polynomials
 from sepmc.kernels.gravity import gravity
 from sepmc.kernels.propulsion import thrust_level
 from sepmc.kernels.wind import wind
+from sepmc.trust import lagrange
+from sepmc.trust.classical_loads import density
 
 FREE = {"phase": [{"name": "free"}]}
 PUSH = {"name": "push", "body": "fore", "thrust_N": 6.0, "station_m": 1.0, "cant_deg": 0.0}  # on the axis, forward: 2 m/s2
@@ -78,7 +79,7 @@ def test_atmosphere_in_geometric_height(z, t, p, rho):
 def test_atmosphere_agrees_with_the_oracle():
     """A second implementation, at 200 heights of every layer."""
     heights = np.linspace(1.0, 85_990.0, 200)
-    assert_allclose([us1976(z)[0] for z in heights], [oracle.density(z) for z in heights], rtol=EXACT)
+    assert_allclose([us1976(z)[0] for z in heights], [density(z) for z in heights], rtol=EXACT)
 
 
 @pytest.mark.parametrize("height", [-1e-6, 86_000.001, -math.inf, math.inf, math.nan])
@@ -153,7 +154,7 @@ def test_aerodynamics_in_flight_agree_with_the_oracle(table2):
     """Rich polynomials on both bodies, sideslip and wind, flown to the end (measure and bound of test_flight: 1e-8)."""
     rich = {f"body.{body}.aerodynamics.{k}": v for body in ("upper", "lower") for k, v in POLYNOMIALS.items()}
     campaign = table2.with_settings(rich | {"initial.yaw_deg": 3.0, "environment.wind.direction_deg": 60.0, "solver.step_s": 0.01})
-    outcomes, expected = campaign.simulate(step_s=0.1).attrs["outcomes"], oracle.fly(campaign.nominal().to_dict())
+    outcomes, expected = campaign.simulate(step_s=0.1).attrs["outcomes"], lagrange.fly(campaign.nominal().to_dict())
     names = [name for name in expected if name in outcomes]
     assert len(names) == 21
     assert_allclose([outcomes[n] for n in names], [expected[n] for n in names], rtol=1e-8)
