@@ -61,11 +61,16 @@ def one_at_a_time():
 
 def is_cached(function) -> bool:
     """Whether a door of this version, installed where it is, was compiled before."""
-    return config.DISABLE_JIT or any(Path(function.stats.cache_path).glob("*.nbi"))
+    if config.DISABLE_JIT:
+        return True
+    return any(Path(function.stats.cache_path).glob(f"{function.__module__.rpartition('.')[2]}.*.nbi"))
 
 
-# A formula on scalars and tuples: small, and callable from Python for tests.
-formula = numba.njit(fastmath=_FASTMATH, error_model="numpy")
+# A formula on scalars and tuples: callable from Python for tests, and always copied into its caller, since a loop over cases with a
+# call in it is not vectorised.
+formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", forceinline=True)
+# A formula too large for that.
+routine = numba.njit(fastmath=_FASTMATH, error_model="numpy")
 # A stage of the engine: called from compiled code only, so no Python wrapper is built (7 s of 40 s to compile the door).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)

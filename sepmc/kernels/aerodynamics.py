@@ -3,15 +3,20 @@
 import math
 
 from sepmc.kernels._jit import formula
+from sepmc.kernels.elementary import arctan2
 
 
 @formula
 def air_angles(u):
     """Airspeed (m/s), angle of attack and sideslip (rad) from the air-relative velocity in body axes; paper eqs (10), (11)."""
-    v = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    if v == 0.0:
-        return 0.0, 0.0, 0.0
-    return v, math.atan2(-u[1], u[0]), math.asin(u[2] / v)
+    alpha, beta = flow_angles(u)
+    return math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), alpha, beta
+
+
+@formula
+def flow_angles(u):
+    """Angle of attack and sideslip, rad, of `air_angles`: sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V."""
+    return arctan2(-u[1], u[0]), arctan2(u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
 
 
 @formula

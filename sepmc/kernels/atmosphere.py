@@ -2,7 +2,8 @@
 
 import math
 
-from sepmc.kernels._jit import formula
+from sepmc.kernels._jit import formula, stage
+from sepmc.kernels.elementary import exponential
 
 R0 = 6_356_766.0  # m, radius that ties geopotential to geometric height
 G0 = 9.80665  # m/s2
@@ -10,14 +11,14 @@ R_STAR = 8314.32  # J/(kmol K), the value of the 1976 standard
 M0 = 28.9644  # kg/kmol
 TOP = 86_000.0  # m
 
-_H = (0.0, 11_000.0, 20_000.0, 32_000.0, 47_000.0, 51_000.0, 71_000.0)  # m', base of each layer
+_H = (0.0, 11_000.0, 20_000.0, 32_000.0, 47_000.0, 51_000.0, 71_000.0, R0 * TOP / (R0 + TOP))  # m', base of each layer; the top
 _L = (-6.5e-3, 0.0, 1.0e-3, 2.8e-3, 0.0, -2.8e-3, -2.0e-3)  # K/m', lapse rate
 
 
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Temperature (K) and pressure (Pa) at the base of each layer, built up from the ground."""
     temperature, pressure = [288.15], [101_325.0]
-    for low, high, lapse in zip(_H, _H[1:], _L, strict=False):
+    for low, high, lapse in zip(_H, _H[1:-1], _L, strict=False):
         t0, p0 = temperature[-1], pressure[-1]
         t1 = t0 + lapse * (high - low)
         gmr = G0 * M0 / R_STAR
@@ -44,14 +45,56 @@ def us1976(height):
     """
     if not 0.0 <= height <= TOP:
         return math.nan, math.nan, math.nan
-    h = R0 * height / (R0 + height)
-    k = 0
+    base, _ = layer(height)
+    p, t = in_layer(height, base)
+    return density_in_layer(height, base), p, t
+
+
+@stage
+def layer(height):
+    """The layer of a geometric height, m, and its top, geopotential m'.
+
+    The layer: base, m', lapse rate over temperature at the base, 1/m', one over temperature, 1/K, and pressure, Pa, there.
+    """
+    h, k = geopotential(height), 0
     while k < 6 and h >= _H[k + 1]:
         k += 1
-    t = _T[k] + _L[k] * (h - _H[k])
-    gmr = G0 * M0 / R_STAR
-    if _L[k] == 0.0:
-        p = _P[k] * math.exp(-gmr * (h - _H[k]) / _T[k])
-    else:
-        p = _P[k] * math.exp(-gmr / _L[k] * math.log(t / _T[k]))
-    return p * M0 / (R_STAR * t), p, t
+    return (_H[k], _L[k] / _T[k], 1.0 / _T[k], _P[k]), _H[k + 1]
+
+
+@formula
+def geopotential(height):
+    """Geopotential height, m', of a geometric height, m; eq (18)."""
+    return height * (R0 / (R0 + height))
+
+
+@formula
+def in_layer(height, base):
+    """Pressure, Pa, and temperature, K, at a geometric height, m, in the layer that `layer` gave; eqs (23), (33)."""
+    share, z = _fall(height, base)
+    return base[3] * share, (1.0 + z) / base[2]
+
+
+@formula
+def density_in_layer(height, base):
+    """Density, kg/m3, as `in_layer`; eq (42)."""
+    share, z = _fall(height, base)
+    return M0 / R_STAR * base[3] * base[2] * (share / (1.0 + z))
+
+
+@formula
+def _fall(height, base):
+    """Pressure as a share of that at the base of the layer, and z = L h / T0, by which the temperature has changed.
+
+    ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a) and (33b) in one, because
+    ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a series that holds at z = 0 too. |s| <= 0.15 in every layer.
+    """
+    h = geopotential(height) - base[0]
+    z = base[1] * h
+    inverse = 1.0 / (2.0 + z)
+    s = z * inverse
+    s2 = s * s
+    series = 1.0 / 13.0 + s2 * (1.0 / 15.0 + s2 * (1.0 / 17.0 + s2 * (1.0 / 19.0)))
+    series = 1.0 / 7.0 + s2 * (1.0 / 9.0 + s2 * (1.0 / 11.0 + s2 * series))
+    series = 1.0 + s2 * (1.0 / 3.0 + s2 * (0.2 + s2 * series))
+    return exponential(-2.0 * G0 * M0 / R_STAR * h * base[2] * (inverse * series)), z

@@ -24,10 +24,10 @@ def pair_geometry(y, a, b, arm_a, arm_b, m, w):
     rho_a, rho_b = vec3.rotate(ra, arm_a), vec3.rotate(rb, arm_b)
     ya, yb = a * at.STATE, b * at.STATE
     omega_a, omega_b = vec3.rotate(ra, vec3.get(y, ya + at.RATE)), vec3.rotate(rb, vec3.get(y, yb + at.RATE))
-    d = vec3.sub(vec3.add(vec3.get(y, yb + at.POSITION), rho_b), vec3.add(vec3.get(y, ya + at.POSITION), rho_a))
-    rate_a = vec3.add(vec3.get(y, ya + at.VELOCITY), vec3.cross(omega_a, rho_a))
-    rate_b = vec3.add(vec3.get(y, yb + at.VELOCITY), vec3.cross(omega_b, rho_b))
-    return rho_a, rho_b, omega_a, omega_b, d, vec3.sub(rate_b, rate_a)
+    x_a, v_a = vec3.get(y, ya + at.POSITION), vec3.get(y, ya + at.VELOCITY)
+    x_b, v_b = vec3.get(y, yb + at.POSITION), vec3.get(y, yb + at.VELOCITY)
+    d, d_rate = joints.between(x_a, v_a, rho_a, omega_a, x_b, v_b, rho_b, omega_b)
+    return rho_a, rho_b, omega_a, omega_b, d, d_rate
 
 
 @stage

@@ -7,11 +7,11 @@ from sepmc.kernels import vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import joint_axes, joint_geometry, separation
 from sepmc.kernels.dynamics import height, motion, set_attitudes
+from sepmc.kernels.layout import GRAIN
 from sepmc.kernels.places import joint_params, joint_work, kind_of, kind_rows, leaf, leaf_work, motor_params, spring_work
 from sepmc.kernels.springs import spring_line
 
 _TOUCH = 1e-12  # of a threshold (or of 1 m, 1 rad, ...): a condition this close is met; the gap of a locked joint is round-off
-GRAIN = 1e-12  # s: two times closer than this are one
 
 
 @stage

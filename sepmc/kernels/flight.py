@@ -7,15 +7,16 @@ import numpy as np
 from sepmc.kernels import events
 from sepmc.kernels import layout as at
 from sepmc.kernels._jit import keep_apart, stage
-from sepmc.kernels.cfe import separation
 from sepmc.kernels.correct import hold, residuals
 from sepmc.kernels.dynamics import kinetic_energy, motion, rest_energy, set_attitudes
-from sepmc.kernels.observe import body_outcomes, follow_angles, full_row, joint_outcomes_at, reported_bodies, separation_row
+from sepmc.kernels.layout import GRAIN
+from sepmc.kernels.observe import follow_angles, full_row, joint_outcomes_at, report, separation_row
 from sepmc.kernels.outputs import GOLDEN, NODES, note_tip_off, row_size, start_watching, watch_step, watches
-from sepmc.kernels.places import joint_work, leaf_work, load_params, load_work, motor_params, motor_work
-from sepmc.kernels.prepare import set_centre, set_inertias, set_initial_state, set_joints, set_motors, set_springs
+from sepmc.kernels.places import joint_work, leaf_work
+from sepmc.kernels.prepare import prepare
 from sepmc.kernels.quat import normalise_all
 from sepmc.kernels.rk import extend, first_stage, interpolate, step
+from sepmc.kernels.stretches import next_break, set_stretch
 
 # Values of schema.Status.
 OK, NEVER_RELEASED, INVALID_INPUT, OUTSIDE_ATMOSPHERE, SINGULAR_JOINT, NOT_FINITE, NO_ROOT, UNRESOLVED = 0, 1, 2, 3, 4, 5, 6, 8
@@ -28,75 +29,6 @@ _UNRESOLVED = 1e-6  # drift of a quaternion in one step, or share of energy lost
 _MOST_TURNED = 2.0  # rad a body may turn in a step: beyond, its phase is lost though its length is kept
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the constraints may be violated by at the start
 _MOST_EVENTS = 10_000  # stretches without progress in time
-
-
-@stage
-def _starts(i, m, w):
-    """When motor i ignites, s."""
-    p = motor_params(i, m)
-    return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
-
-
-@stage
-def _later(earliest, time, t):
-    """The earlier of two times, of which the second counts only if it lies after t."""
-    return min(earliest, time) if time > t + events.GRAIN else earliest
-
-
-@stage
-def _next_break(t, m, w):
-    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads."""
-    keep_apart()
-    earliest = math.inf
-    for i in range(m.scene.n_motors):
-        start = _starts(i, m, w)
-        earliest = _later(earliest, start, t)
-        earliest = _later(earliest, start + w[motor_params(i, m) + at.BURN], t)
-        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
-        for k in range(rows):
-            earliest = _later(earliest, start + m.numbers[first + 2 * k], t)
-    for i in range(m.scene.n_loads):
-        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_START], t)
-        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_END], t)
-    return earliest
-
-
-@stage
-def set_stretch(middle, m, w):
-    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
-    keep_apart()
-    for i in range(m.scene.n_motors):
-        p, work = motor_params(i, m), motor_work(i, m)
-        since = middle - _starts(i, m, w)
-        w[work + at.BURNING], w[work + at.LEVEL], w[work + at.SLOPE] = at.OFF, 1.0, 0.0
-        if since >= 0.0 and since < w[p + at.BURN]:
-            w[work + at.BURNING] = at.ON
-        elif since >= 0.0 and w[p + at.TAIL_OFF] > 0.0:
-            w[work + at.BURNING] = at.TAILING
-        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
-        if rows > 0 and w[work + at.BURNING] == at.ON:
-            _set_profile(since, first, rows, work, m, w)
-        elif rows > 0 and w[work + at.BURNING] == at.TAILING:  # goes on from the end of the burn
-            burn = w[p + at.BURN]
-            _set_profile(burn - events.GRAIN, first, rows, work, m, w)
-            w[work + at.LEVEL], w[work + at.SLOPE] = w[work + at.LEVEL] + w[work + at.SLOPE] * burn, 0.0
-    for i in range(m.scene.n_loads):
-        p = load_params(i, m)
-        w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
-
-
-@stage
-def _set_profile(since, first, rows, work, m, w):
-    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value before, nothing after its rows."""
-    w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
-    if since < m.numbers[first]:
-        w[work + at.LEVEL] = m.numbers[first + 1]
-    for k in range(rows - 1):
-        t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]
-        t1, f1 = m.numbers[first + 2 * k + 2], m.numbers[first + 2 * k + 3]
-        if t0 <= since < t1:
-            w[work + at.SLOPE] = (f1 - f0) / (t1 - t0)
-            w[work + at.LEVEL] = f0 - w[work + at.SLOPE] * t0
 
 
 @stage
@@ -289,25 +221,6 @@ def _begin(y, outcomes, m, w):
 
 
 @stage
-def _prepare(nominal, slots, draws, w, y, m):
-    """Put the draws in place and set up the flight. Returns False if the case cannot be flown."""
-    keep_apart()
-    w[: nominal.shape[0]] = nominal
-    for i in range(slots.shape[0]):
-        if not math.isfinite(draws[i]):
-            return False
-        w[slots[i]] = draws[i]
-    if not set_inertias(m, w):
-        return False
-    set_centre(m, w)
-    set_motors(m, w)
-    set_joints(m, w)
-    set_springs(m, w)
-    set_initial_state(y, m, w)
-    return True
-
-
-@stage
 def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, level):
     """Fly one case and write its outcomes. Returns its status and the number of history rows."""
     outcomes[:] = math.nan
@@ -317,7 +230,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     y0, y1, scratch, sample = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     k, weights = np.empty((total_stages, size)), np.empty(rk.dense.shape[0])
     watched = np.empty((NODES + 1, row_size(m)))
-    if not _prepare(nominal, slots, draws, w, y0, m):
+    if not prepare(nominal, slots, draws, w, y0, m):
         return INVALID_INPUT, 0
 
     status, t, rows, after_row, next_sample, steps, phase = OK, 0.0, 0, 0, 0, 0, 0
@@ -332,17 +245,17 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
         return INCONSISTENT_START, 0
     energy0 = kinetic_energy(y0, m, w)
     energy_scale, energy_lost, idle = max(energy0, rest_energy(y0, m, w)), 0.0, 0
-    set_stretch(events.GRAIN, m, w)
+    set_stretch(GRAIN, m, w)
     phase, _ = events.settle(t, y0, phase, m, w)
     _note_releases(t, y0, outcomes, m, w)
     fresh = True  # what the joints hold has just changed
     while t < end and status == OK:
         if fresh and level == at.FULL_HISTORY:
-            set_stretch(t + events.GRAIN, m, w)
+            set_stretch(t + GRAIN, m, w)
             rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
         fresh_t = t if fresh else -1.0
         fresh = False
-        stretch_end = min(end, _next_break(t, m, w), events.next_known_time(t, phase, m, w))
+        stretch_end = min(end, next_break(t, m, w), events.next_known_time(t, phase, m, w))
         set_stretch(0.5 * (t + stretch_end), m, w)
         stretch_start = t
         count = max(1, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
@@ -379,19 +292,19 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                     audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
                     w[leaf_work(found, m) + at.MET] = 1.0
             wants_history = level != at.NO_HISTORY and rk.history_step > 0.0
-            if length > 0.0 and (watches(m) or (wants_history and next_sample * rk.history_step <= t_next + events.GRAIN)):
+            if length > 0.0 and (watches(m) or (wants_history and next_sample * rk.history_step <= t_next + GRAIN)):
                 if cut or not stages_kept:
                     step(t, length, y0, sample, scratch, k, rk, m, w)
                 extend(t, length, y0, scratch, k, rk, m, w)
                 if watches(m):
                     watch_step(t, length, y0, sample, weights, k, rk, watched, outcomes, m, w)
-                while wants_history and next_sample * rk.history_step <= t_next + events.GRAIN:
+                while wants_history and next_sample * rk.history_step <= t_next + GRAIN:
                     ts = next_sample * rk.history_step
-                    closing = ts >= t_next - events.GRAIN and (cut or last)
+                    closing = ts >= t_next - GRAIN and (cut or last)
                     if closing and level == at.FULL_HISTORY:  # told below, or at the start of what comes next
                         break
                     next_sample += 1
-                    if level == at.FULL_HISTORY and ts <= fresh_t + events.GRAIN:
+                    if level == at.FULL_HISTORY and ts <= fresh_t + GRAIN:
                         continue
                     interpolate(min(1.0, max(0.0, (ts - t) / length)), length, y0, sample, weights, k, rk)
                     normalise_all(sample, m.scene.n_bodies)
@@ -426,7 +339,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             break
         if level == at.FULL_HISTORY:  # as the joints still hold; kept if they change now
             after_row = _record(t, y0, phase, times, phases, history, rows, level, m, w)
-        set_stretch(t + events.GRAIN, m, w)  # a load that has just switched counts as it is from now on
+        set_stretch(t + GRAIN, m, w)  # a load that has just switched counts as it is from now on
         phase, fresh = events.settle(t, y0, phase, m, w)
         if level == at.FULL_HISTORY and (fresh or t >= end):
             rows = after_row
@@ -442,10 +355,5 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
         o = joint_outcomes_at(j, m) + 2
         outcomes[o] = outcomes[o] if math.isfinite(outcomes[o]) else math.nan
     if status in (OK, NEVER_RELEASED):
-        set_attitudes(y0, m, w)
-        for b in range(reported_bodies(m)):
-            body_outcomes(t, y0, b, outcomes, b * at.BODY_OUTCOMES, m, w)
-        for j in range(m.scene.n_joints):
-            distance, speed = separation(y0, j, m, w)
-            outcomes[joint_outcomes_at(j, m)], outcomes[joint_outcomes_at(j, m) + 1] = speed, distance
+        report(t, y0, outcomes, m, w)
     return status, rows

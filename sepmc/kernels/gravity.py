@@ -14,6 +14,12 @@ def gravity(kind, surface, height):
     if kind == NO_GRAVITY:
         return 0.0
     if kind == INVERSE_SQUARE:
-        ratio = R0 / (R0 + height)
-        return surface * ratio * ratio
+        return inverse_square(surface, height)
     return surface
+
+
+@formula
+def inverse_square(surface, height):
+    """``surface`` times (R0 / (R0 + height))^2, m/s2."""
+    ratio = R0 / (R0 + height)
+    return surface * ratio * ratio

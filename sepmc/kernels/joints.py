@@ -18,6 +18,13 @@ def centripetal(omega, rho):
 
 
 @formula
+def between(x_a, v_a, rho_a, omega_a, x_b, v_b, rho_b, omega_b):
+    """d = r_B - r_A of a point of body A and one of body B, and d'; all in ground axes, rho from the mass centre to the point."""
+    d = vec3.sub(vec3.add(x_b, rho_b), vec3.add(x_a, rho_a))
+    return d, vec3.sub(vec3.add(v_b, vec3.cross(omega_b, rho_b)), vec3.add(v_a, vec3.cross(omega_a, rho_a)))
+
+
+@formula
 def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     """Row of a translation constraint: its lever arms on A and B and the right-hand side gamma.
 

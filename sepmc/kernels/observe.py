@@ -8,6 +8,7 @@ from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.aerodynamics import air_angles
 from sepmc.kernels.cfe import attitude, separation
 from sepmc.kernels.dynamics import air_velocity, motion, set_attitudes
+from sepmc.kernels.lanes import nearest_turn
 from sepmc.kernels.places import body_work, first_body, joint_work
 
 
@@ -24,17 +25,11 @@ def joint_outcomes_at(j, m):
 
 
 @stage
-def _nearest_turn(angle, last):
-    """``angle`` with full turns added so that it lies within half a turn of ``last``, rad."""
-    return angle + 2.0 * math.pi * math.floor((last - angle) / (2.0 * math.pi) + 0.5)
-
-
-@stage
 def body_angles(b, m, w):
     """Pitch, yaw, roll of body b, rad; pitch and roll go on from their last values, beyond half a turn too. Needs attitudes."""
     pitch, yaw, roll = quat.angles(attitude(b, m, w))
     work = body_work(b, m)
-    return _nearest_turn(pitch, w[work + at.LAST_PITCH]), yaw, _nearest_turn(roll, w[work + at.LAST_ROLL])
+    return nearest_turn(pitch, w[work + at.LAST_PITCH]), yaw, nearest_turn(roll, w[work + at.LAST_ROLL])
 
 
 @stage
@@ -51,13 +46,14 @@ def follow_angles(y, h, m, w):
         work, omega = body_work(b, m), vec3.get(y, b * at.STATE + at.RATE)
         turned = math.sqrt(vec3.dot(omega, omega)) * h
         change = max(abs(pitch - w[work + at.LAST_PITCH]), abs(roll - w[work + at.LAST_ROLL]), turned)
-        lost = lost or abs(yaw) > _SINGULAR_YAW or change > 0.5 * math.pi
+        lost = lost or abs(yaw) > SINGULAR_YAW or change > 0.5 * math.pi
         largest = max(largest, turned)
         w[work + at.LAST_PITCH], w[work + at.LAST_ROLL] = pitch, roll
     return lost, largest
 
 
-_SINGULAR_YAW = math.radians(89.0)
+SINGULAR_YAW = math.radians(89.0)
+SINE_SINGULAR = math.sin(SINGULAR_YAW)
 
 
 @stage
@@ -69,6 +65,17 @@ def body_outcomes(t, y, b, out, k, m, w):
     vec3.put(out, k, (alpha, beta, pitch - w[at.PATH_REFERENCE]))
     vec3.put(out, k + 3, vec3.get(y, b * at.STATE + at.RATE))
     vec3.put(out, k + 6, (roll, yaw, pitch))
+
+
+@stage
+def report(t, y, outcomes, m, w):
+    """Outcomes of a state: of every body, and speed and distance of every joint."""
+    set_attitudes(y, m, w)
+    for b in range(reported_bodies(m)):
+        body_outcomes(t, y, b, outcomes, b * at.BODY_OUTCOMES, m, w)
+    for j in range(m.scene.n_joints):
+        distance, speed = separation(y, j, m, w)
+        outcomes[joint_outcomes_at(j, m)], outcomes[joint_outcomes_at(j, m) + 1] = speed, distance
 
 
 @stage

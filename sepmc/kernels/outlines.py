@@ -10,7 +10,7 @@ distance is that of the origin from it. Only the point furthest in a given direc
 
 import math
 
-from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels._jit import formula, keep_apart, routine, stage
 from sepmc.kernels.vec3 import add, cross, dot, scale, sub
 
 # Stop once the distance is known to this share of itself, plus this share of the coordinates (their round-off).
@@ -24,7 +24,7 @@ _THROUGH = 0.1  # share of a shell's radius within which a point outside has gon
 _ROUNDS = 150  # 13 on average over random parts, 50 near contact; the best so far counts if this is met
 
 
-@formula
+@routine
 def gap(a, b):
     """Distance between two parts, and the nearest points of each.
 
@@ -94,7 +94,7 @@ def _share(numerator, denominator, least):
     return 0.0 if ratio < 0.0 else (1.0 if ratio > 1.0 else ratio)
 
 
-@formula
+@routine
 def inside_gap(point, shell):
     """Distance of a point from the inner wall of a hollow frustum that it is in, and the nearest point of the wall.
 
@@ -111,7 +111,7 @@ def inside_gap(point, shell):
     return (-distance if 0.0 < out < _THROUGH * radius else distance), nearest
 
 
-@formula
+@routine
 def wall_gap(point, shell):
     """Distance of a point from the wall of a hollow frustum, from any side and beyond its ends too, and the nearest point of the wall."""
     start, axis, length, r0, r1 = shell

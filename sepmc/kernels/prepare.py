@@ -150,3 +150,22 @@ def set_initial_state(y, m, w):
         y[k + at.QUATERNION], y[k + at.QUATERNION + 1], y[k + at.QUATERNION + 2], y[k + at.QUATERNION + 3] = q
         w[body_work(b, m) + at.LAST_PITCH], w[body_work(b, m) + at.LAST_ROLL] = w[at.PITCH], w[at.ROLL]
     y[m.scene.n_bodies * at.STATE] = 0.0
+
+
+@stage
+def prepare(nominal, slots, draws, w, y, m):
+    """Put the draws in place and set up the flight. Returns False if the case cannot be flown."""
+    keep_apart()
+    w[: nominal.shape[0]] = nominal
+    for i in range(slots.shape[0]):
+        if not math.isfinite(draws[i]):
+            return False
+        w[slots[i]] = draws[i]
+    if not set_inertias(m, w):
+        return False
+    set_centre(m, w)
+    set_motors(m, w)
+    set_joints(m, w)
+    set_springs(m, w)
+    set_initial_state(y, m, w)
+    return True

@@ -3,6 +3,7 @@
 import math
 
 from sepmc.kernels._jit import formula
+from sepmc.kernels.elementary import exponential
 
 
 @formula
@@ -31,10 +32,16 @@ def thrust_level(thrust, build_up, since):
     """Thrust, N, ``since`` seconds after ignition: first-order build-up to ``thrust`` with time constant ``build_up``."""
     if build_up <= 0.0:
         return thrust
-    return thrust * (1.0 - math.exp(-since / build_up))
+    return building_up(thrust, 1.0 / build_up, since)
+
+
+@formula
+def building_up(thrust, rate, since):
+    """`thrust_level` for a rate, 1/s, that is the inverse of the time constant."""
+    return thrust * (1.0 - exponential(-since * rate))
 
 
 @formula
 def tail_off(since, time_constant):
     """Share of the thrust at burn-out that is left ``since`` seconds later: exp(-since / time_constant)."""
-    return math.exp(-since / time_constant)
+    return exponential(-since / time_constant)

@@ -3,6 +3,7 @@
 import math
 
 from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels.elementary import arctan2
 from sepmc.kernels.layout import QUATERNION, STATE
 
 
@@ -67,9 +68,22 @@ def from_angles(pitch, yaw, roll):
 @formula
 def angles(m):
     """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular at yaw = +-90 deg."""
-    s = m[6]
-    if s > 1.0:  # noqa: PLR1730  round-off; unlike min and max, this lets NaN through
-        s = 1.0
-    if s < -1.0:  # noqa: PLR1730
-        s = -1.0
-    return math.atan2(m[3], m[0]), -math.asin(s), math.atan2(m[7], m[8])
+    return pitch(m), yaw(m), roll(m)
+
+
+@formula
+def pitch(m):
+    """Pitch, rad, of an attitude matrix."""
+    return arctan2(m[3], m[0])
+
+
+@formula
+def yaw(m):
+    """Yaw, rad, of an attitude matrix."""
+    return arctan2(-m[6], math.sqrt(m[0] * m[0] + m[3] * m[3]))
+
+
+@formula
+def roll(m):
+    """Roll, rad, of an attitude matrix."""
+    return arctan2(m[7], m[8])

@@ -7,10 +7,10 @@ fastest, the functions side by side. An axis of one point has no span and one co
 
 import math
 
-from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels._jit import keep_apart, routine, stage
 
 
-@formula
+@routine
 def curve(numbers, at, function, x):
     """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the ends, NaN for NaN."""
     keep_apart()
@@ -29,7 +29,7 @@ def curve(numbers, at, function, x):
     return total
 
 
-@formula
+@routine
 def grid6(numbers, at, x, y, z):
     """Values of the six functions of a pack at ``numbers[at]``.
 

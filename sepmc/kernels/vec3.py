@@ -57,6 +57,11 @@ def unrotate(m, a):
 
 
 @formula
+def add_matrices(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8])
+
+
+@formula
 def symmetric_inverse(m):
     """Inverse of a symmetric matrix by cofactors; not finite if it is singular."""
     c00 = m[4] * m[8] - m[5] * m[5]

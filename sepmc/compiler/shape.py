@@ -1,0 +1,227 @@
+"""What a specialised kernel has to know of a scene: groups of bodies that turn as one, constraint rows, events; and why it cannot fly some.
+
+Only structure counts here, no numbers: scenes of the same shape share a kernel.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from sepmc.compiler.packing import aero_terms
+from sepmc.compiler.plan import Plan
+from sepmc.kernels import layout as at
+from sepmc.scene.kinds import joint_axes, rows_of
+from sepmc.scene.model import GROUND, Phase, Scene, Until
+from sepmc.scene.redundancy import redundancies
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A constraint row: its joint, its code (`sepmc.kernels.layout`), and the bodies and groups it acts on (None: the ground)."""
+
+    joint: str
+    code: int
+
+    @property
+    def turns(self) -> bool:
+        return at.ROTATION <= self.code < at.ROD
+
+
+@dataclass(frozen=True)
+class Event:
+    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where its threshold stands in w."""
+
+    what: int
+    which: str
+    threshold: int
+    ends_phase: bool
+
+
+@dataclass
+class Stage:
+    """A phase: its groups of bodies that turn as one (the first leads), its rows, what ends it, and what it does not hold any more."""
+
+    name: str
+    groups: list[tuple[str, ...]]
+    rows: list[Row]
+    events: list[Event] = field(default_factory=list)
+    end_time: int | None = None  # place in w of the time that ends it; None: the end of the run
+    released: list[str] = field(default_factory=list)  # joints that become free as it begins
+    stops: int = 1
+
+    def leader(self, body: str) -> str:
+        return next(group[0] for group in self.groups if body in group)
+
+    @cached_property
+    def leaders(self) -> list[str]:
+        return [group[0] for group in self.groups if GROUND not in group]
+
+    @property
+    def ends_by_state(self) -> bool:
+        return any(event.ends_phase for event in self.events)
+
+
+@dataclass
+class Shape:
+    """A scene as a specialised kernel sees it."""
+
+    plan: Plan
+    stages: list[Stage]
+    turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
+    switches: bool  # whether loads switch on or off within a flight
+
+    @property
+    def scene(self) -> Scene:
+        return self.plan.scene
+
+    @property
+    def bodies(self) -> list[str]:
+        return self.plan.bodies
+
+    def active(self, stage: Stage) -> int:
+        """Numbers of the state that are integrated in a phase."""
+        return 6 * len(self.bodies) + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+
+    def plain_axes(self, joint: str) -> bool:
+        """Whether a joint's axes are those of its first body."""
+        j = self.scene.joint[joint]
+        return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY
+
+
+def obstacles(scene: Scene) -> list[str]:
+    """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
+    found = []
+    aero = [body.aerodynamics for body in scene.body.values() if body.aerodynamics is not None]
+    joints = scene.joint.values()
+    if any(a.table is not None for a in aero):
+        found.append("aerodynamic tables")
+    if scene.proximity:
+        found.append("proximity increments")
+    if scene.environment.atmosphere == "table":
+        found.append("a table of the air")
+    if scene.environment.wind.profile is not None:
+        found.append("a wind profile")
+    if scene.clearance:
+        found.append("clearance outputs")
+    if scene.output.loads or scene.output.guide:
+        found.append("outputs of joint or pin loads")
+    if any(j.guide is not None and j.guide.friction > 0.0 for j in joints):
+        found.append("guide friction")
+    if scene.release:
+        found.append("releases apart from phases")
+    if scene.solver.formulation != "reduced":
+        found.append("the full formulation")
+    if scene.solver.drift == "baumgarte":
+        found.append("Baumgarte's stabilisation")
+    for phase in scene.phase:
+        if phase.until is not None and (why := _unfit(phase.until)):
+            found.append(f"the end of phase {phase.name} by {why}")
+    found += [f"redundant rows in phase {item.phase}" for item in redundancies(scene)]
+    return found
+
+
+def _unfit(until: Until) -> str:
+    """Why the end of a phase cannot be found by a specialised kernel."""
+    given = [key for key in ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude") if getattr(until, key) is not None]
+    if until.any or until.all or len(given) != 1:
+        return "several conditions"
+    return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
+
+
+def varying(plan: Plan, dispersed: set[str]) -> list[str]:
+    """What the dispersions add to `obstacles`."""
+    found = []
+    for name, joint in plan.scene.joint.items():
+        if joint.delay > 0.0 or joint.fails > 0.0 or dispersed & {f"joint.{name}.delay", f"joint.{name}.fails"}:
+            found.append(f"joint {name} that may be late or fail")
+    return found
+
+
+def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
+    """The shape of a scene that has no obstacles."""
+    scene = plan.scene
+    stages: list[Stage] = []
+    spent = [spring.name for spring in scene.spring if math.isfinite(spring.stroke)]
+    leaves = {leaf.path: place for leaf, place in _thresholds(plan)}
+    for number, phase in enumerate(scene.phase):
+        stage = _stage(scene, phase, plan.bodies)
+        path = f"phase.{phase.name}.until"
+        until = phase.until
+        if until is not None and until.time is not None:
+            stage.end_time = leaves[f"{path}.time"]
+        elif until is not None and until.joint is not None:
+            what, key = (at.AT_STROKE, "stroke") if until.stroke is not None else (at.AT_DISTANCE, "distance")
+            stage.events.append(Event(what, until.joint, leaves[f"{path}.{key}"], True))
+        stage.events += [
+            Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
+            for name in spent
+            if not _still(scene, stage, next(s for s in scene.spring if s.name == name).bodies)
+        ]
+        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + _breaks(scene, dispersed)
+        if number:
+            before = scene.phase[number - 1]
+            stage.released = [
+                j for j, kind in before.joints.items()
+                if rows_of(scene.joint[j], kind) and not rows_of(scene.joint[j], phase.joints.get(j, "free"))
+            ]  # fmt: skip
+        stages.append(stage)
+    turning: list[str] = []
+    for stage in stages:
+        turning += [b for b in stage.leaders if b not in turning]
+    turning += [b for b in plan.bodies if b not in turning]
+    return Shape(plan, stages, turning, _breaks(scene, dispersed) > 0)
+
+
+def _thresholds(plan: Plan):
+    """Leaves with a path of their own, and the place of their thresholds."""
+    from sepmc.compiler.conditions import make_conditions  # noqa: PLC0415
+
+    first = int(plan.model.scene[0].leaves_p)
+    for number, leaf in enumerate(make_conditions(plan.scene).leaves):
+        if leaf.path is not None:
+            yield leaf, first + number
+
+
+def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
+    """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
+    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies)]
+    return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
+
+
+def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
+    """Number of times within a flight at which a load switches, at most."""
+    count = 0
+    for motor in scene.motor:
+        path = f"motor.{motor.name}"
+        count += motor.ignition > 0.0 or motor.delay > 0.0 or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
+        count += math.isfinite(motor.burn) or motor.profile is not None
+        count += len(motor.profile.time) if motor.profile else 0
+    for load in scene.load:
+        count += (load.start > 0.0 or f"load.{load.name}.start" in dispersed) + math.isfinite(load.end)
+    return int(count)
+
+
+def _stage(scene: Scene, phase: Phase, bodies: list[str]) -> Stage:
+    """Groups and rows of a phase. Rotations within a group are left out: its bodies share one attitude."""
+    kinds = {name: rows_of(joint, phase.joints.get(name, "free")) for name, joint in scene.joint.items()}
+    group = {body: (body,) for body in bodies} | {GROUND: (GROUND,)}
+    order = [*bodies, GROUND]
+    for name, rows in kinds.items():
+        if sum(at.ROTATION <= row < at.ROD for row in rows) == 3:
+            first, second = scene.joint[name].bodies
+            merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
+            merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
+            for body in merged:
+                group[body] = merged
+    rows = []
+    for name, codes in kinds.items():
+        first, second = scene.joint[name].bodies
+        rows += [Row(name, code) for code in codes if not (at.ROTATION <= code < at.ROD and group[first] == group[second])]
+    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
+    found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
+    return Stage(phase.name, found, rows)
+
+
+__all__ = ["Event", "Row", "Shape", "Stage", "aero_terms", "make_shape", "obstacles", "varying"]

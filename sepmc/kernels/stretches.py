@@ -1,0 +1,77 @@
+"""Stretches of time between the switches of motors and loads: when the next switch comes, and what acts in between."""
+
+import math
+
+from sepmc.kernels import layout as at
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.layout import GRAIN
+from sepmc.kernels.places import load_params, load_work, motor_params, motor_work
+
+
+@stage
+def _starts(i, m, w):
+    """When motor i ignites, s."""
+    p = motor_params(i, m)
+    return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
+
+
+@stage
+def _later(earliest, time, t):
+    """The earlier of two times, of which the second counts only if it lies after t."""
+    return min(earliest, time) if time > t + GRAIN else earliest
+
+
+@stage
+def next_break(t, m, w):
+    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads."""
+    keep_apart()
+    earliest = math.inf
+    for i in range(m.scene.n_motors):
+        start = _starts(i, m, w)
+        earliest = _later(earliest, start, t)
+        earliest = _later(earliest, start + w[motor_params(i, m) + at.BURN], t)
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        for k in range(rows):
+            earliest = _later(earliest, start + m.numbers[first + 2 * k], t)
+    for i in range(m.scene.n_loads):
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_START], t)
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_END], t)
+    return earliest
+
+
+@stage
+def set_stretch(middle, m, w):
+    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
+    keep_apart()
+    for i in range(m.scene.n_motors):
+        p, work = motor_params(i, m), motor_work(i, m)
+        since = middle - _starts(i, m, w)
+        w[work + at.BURNING], w[work + at.LEVEL], w[work + at.SLOPE] = at.OFF, 1.0, 0.0
+        if since >= 0.0 and since < w[p + at.BURN]:
+            w[work + at.BURNING] = at.ON
+        elif since >= 0.0 and w[p + at.TAIL_OFF] > 0.0:
+            w[work + at.BURNING] = at.TAILING
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        if rows > 0 and w[work + at.BURNING] == at.ON:
+            _set_profile(since, first, rows, work, m, w)
+        elif rows > 0 and w[work + at.BURNING] == at.TAILING:  # goes on from the end of the burn
+            burn = w[p + at.BURN]
+            _set_profile(burn - GRAIN, first, rows, work, m, w)
+            w[work + at.LEVEL], w[work + at.SLOPE] = w[work + at.LEVEL] + w[work + at.SLOPE] * burn, 0.0
+    for i in range(m.scene.n_loads):
+        p = load_params(i, m)
+        w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
+
+
+@stage
+def _set_profile(since, first, rows, work, m, w):
+    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value before, nothing after its rows."""
+    w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
+    if since < m.numbers[first]:
+        w[work + at.LEVEL] = m.numbers[first + 1]
+    for k in range(rows - 1):
+        t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]
+        t1, f1 = m.numbers[first + 2 * k + 2], m.numbers[first + 2 * k + 3]
+        if t0 <= since < t1:
+            w[work + at.SLOPE] = (f1 - f0) / (t1 - t0)
+            w[work + at.LEVEL] = f0 - w[work + at.SLOPE] * t0
