@@ -48,7 +48,11 @@ class Rows:
 
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""
-        return of.histogram(of.column(self.cases, name)[of.ok_rows(self.cases)])
+        return of.histogram(of.column(self.cases, name)[self._ok])
+
+    @cached_property
+    def _ok(self) -> np.ndarray:
+        return of.ok_rows(self.cases)
 
 
 def summarise(cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]) -> Rows | Stream:
