@@ -11,7 +11,7 @@ from sepmc.analysis import statistics as of
 from sepmc.analysis.stream import NAMED, Stream
 from sepmc.schema import Status
 
-EXACT = 1_000_000  # cases whose columns are sorted whole, 8 MB each; of more the percentiles are those of a `Sketch`
+EXACT = 500_000  # cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
 
 
 class Rows:
