@@ -133,18 +133,21 @@ def _table(campaign: "Campaign", pieces: list[Piece]) -> dict[str, Any]:
 
 def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.ndarray]:
     """Separation over time of pieces, in long form: the rows that each case has."""
-    parts = []
-    for first, _, block in pieces:
+    found = {name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces)) for name in ("time_s", *(c.name for c in separation))}
+    numbers = np.concatenate([np.repeat(np.arange(first, first + len(drawn)), block.rows) for first, drawn, block in pieces])
+    start = 0
+    for _, _, block in pieces:
         n, room = block.times.shape
-        number = np.repeat(np.arange(first, first + n), block.rows)
-        history = block.history.reshape(n * room, -1)
-        times = block.times.ravel()
+        times, history = block.times.ravel(), block.history.reshape(n * room, -1)
         if not (block.rows == room).all():
             kept = np.flatnonzero((np.arange(room) < block.rows[:, None]).ravel())
-            history, times = history[kept], times[kept]
-        part = {"case": number, "time_s": times}
-        parts.append(part | {c.name: history[:, i] * c.scale for i, c in enumerate(separation)})
-    return _join(parts)
+            times, history = times[kept], history[kept]
+        part = slice(start, start + len(times))
+        found["time_s"][part] = times
+        for i, column in enumerate(separation):
+            np.multiply(history[:, i], column.scale, out=found[column.name][part])
+        start = part.stop
+    return {"case": numbers, **found}
 
 
 def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
