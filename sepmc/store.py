@@ -301,10 +301,8 @@ def write_statistics(
 ) -> None:
     """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit, ``failed`` names first cases by status.
     What is not a number is null."""
-    frame = stats.copy()
-    for name in {"case_min", "case_max"} & set(frame.columns):
-        frame[name] = frame[name].astype("Int64")
-    frame.insert(0, "unit", [of.get(str(name), "") for name in frame.index])
+    columns = {str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name] for name in stats}
+    frame = pd.DataFrame({"unit": [of.get(str(name), "") for name in stats.index], **columns}, index=stats.index)
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
     rows, audited = (
         {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in table.to_dict("index").items()}
