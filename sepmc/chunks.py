@@ -1,111 +1,155 @@
-"""The chunks of one run: each is drawn, flown, stored and counted; the manifest says how far the run got."""
+"""The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies; the manifest says how far the run got."""
 
 import os
 import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from sepmc import __version__, cases, schema, store
-from sepmc.door import Block, fly_block
+from sepmc import cases, schema, store
+from sepmc.door import fly_block
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
-from sepmc.result import Result
-from sepmc.schema import Column, Status
+from sepmc.schema import Status
+from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
 
+_FIRST = 256  # cases flown first, to see how long they take
+_CALL_S = 0.5  # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about so long
+_PART_S = 5.0  # what took longer to fly is handed over before its chunk is full, so that little is lost with the machine
+_ROOM = 2**26  # bytes of histories and rows that one part may take in memory
+
 
 class Chunks:
-    """The chunks of one run: draws, flies, stores and counts them."""
+    """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and raises what went wrong there."""
 
     def __init__(
         self,
         campaign: "Campaign",
         seed: int,
         total: int,
-        folder: Path | None,
         timing: dict[str, float],
+        folder: Path | None = None,
         earlier: dict[str, Any] | None = None,
+        stats_only: bool = False,
     ):
-        self.campaign, self.seed, self.total, self.folder, self.timing = campaign, seed, total, folder, timing
-        self.parts: list[dict[str, np.ndarray]] = []
-        self.history_parts: list[dict[str, np.ndarray]] = []
+        self.campaign, self.seed, self.total, self.timing, self.folder = campaign, seed, total, timing, folder
+        self.stats_only = stats_only
         self.flown, self.failures = 0, 0
+        self.held, self.failures_held = 0, 0  # those that the sink has taken
         self.earlier = earlier or {}  # the manifest of the run that is resumed
         self.implausible = self.earlier.get("implausible_inertias", 0)
         self.started = datetime.now(UTC)
-        joints = list(campaign.plan.joints)
-        self.separation = schema.separation_columns(joints) if campaign.scene.run.history_step > 0.0 and joints else []
-        self.about = {"campaign": campaign.name, "digest": campaign.digest, "seed": str(seed), "sepmc": __version__}
-        self.labels = np.array([status.label for status in Status])
+        run, joints = campaign.scene.run, list(campaign.plan.joints)
+        self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
+        self.room = int(run.end_time / run.history_step + 1e-9) + 1 if self.separation else 0
+        bytes_a_case = 8 * (self.room * (2 + len(self.separation)) + 2 * len(campaign.columns))
+        self.size = max(1, min(run.chunk, _ROOM // bytes_a_case))
+        self.sink: Sink = (
+            InStatistics(campaign)
+            if stats_only
+            else InFolder(campaign, self.separation, folder, seed)
+            if folder
+            else InMemory(campaign, self.separation)
+        )
+        self._call = _FIRST
+        self._beside = ThreadPoolExecutor(1)
+        self._taking: Future[None] | None = None
 
-    def fly(self, first: int, end: int) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self._wait()
+        finally:
+            self._beside.shutdown()
+
+    def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
+        """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each. What is flown is handed over even if
+        this is interrupted."""
+        pieces: list[Piece] = []
+        begun = time.perf_counter()
+        try:
+            while first < end:
+                now = time.perf_counter()
+                if now - begun > _PART_S:
+                    pieces, begun = self._hand_over(pieces), now
+                until = min(end, first + self._call)
+                piece = self._fly(first, until)
+                pieces.append(piece)
+                seconds = time.perf_counter() - now
+                self._call = max(1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9))))
+                first = until
+                self.flown += len(piece.drawn)
+                self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
+                if first == end:
+                    pieces = self._hand_over(pieces)
+                tell()
+        finally:
+            self._hand_over(pieces)
+
+    def _fly(self, first: int, end: int) -> Piece:
         campaign, clock = self.campaign, time.perf_counter
         t0 = clock()
         drawn = cases.draw(campaign.file.dispersions, self.seed, first, end - first)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
         level = SEPARATION_HISTORY if self.separation else NO_HISTORY
-        run = campaign.scene.run
-        room = int(run.end_time / run.history_step + 1e-9) + 1 if self.separation else 0
-        block = fly_block(campaign.plan, campaign.slots, drawn * campaign.factors, room, len(self.separation), level)
-        t2 = clock()
-        part = self._part(first, end, drawn, block)
-        history = self._history(first, end, block) if self.separation else None
-        if self.folder:
-            if history:  # before the cases, which say what is done
-                columns = [
-                    Column("case", "1", "number of the case"),
-                    Column("time_s", "s", "time since the start of the case"),
-                    *self.separation,
-                ]
-                store.write_parquet(store.part_path(self.folder, store.HISTORIES, first), columns, history, self.about)
-            store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, part, self.about)
-        t3 = clock()
-        for stage, seconds in (("sample", t1 - t0), ("kernel", t2 - t1), ("write", t3 - t2)):
-            self.timing[stage] += seconds
-        self.parts.append(part)
-        if history:
-            self.history_parts.append(history)
-        self.flown += end - first
-        self.failures += int(np.count_nonzero(block.status != Status.OK))
+        block = fly_block(campaign.plan, campaign.slots, drawn * campaign.factors, self.room, len(self.separation), level)
+        self.timing["sample"] += t1 - t0
+        self.timing["kernel"] += clock() - t1
+        return Piece(first, drawn, block)
 
-    def _part(self, first: int, end: int, drawn: np.ndarray, block: Block) -> dict[str, np.ndarray]:
-        campaign = self.campaign
-        part: dict[str, np.ndarray] = {"case": np.arange(first, end), "status": self.labels[block.status].astype(object)}
-        part |= {c.name: drawn[:, i] for i, c in enumerate(campaign.input_columns)}
-        found = schema.result_columns(campaign.plan.contents)
-        part |= {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(found)}
-        return part
+    def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
+        """Let the sink take the pieces, beside what is flown next. One list at a time waits, so memory is bounded. Returns a new list."""
+        if pieces:
+            self._wait()
+            self._taking = self._beside.submit(self._take, pieces)
+        return []
 
-    def _history(self, first: int, end: int, block: Block) -> dict[str, np.ndarray]:
-        keep = np.arange(block.times.shape[1])[None, :] < block.rows[:, None]
-        number = np.broadcast_to(np.arange(first, end)[:, None], keep.shape)
-        history = {"case": number[keep], "time_s": block.times[keep]}
-        return history | {c.name: block.history[:, :, i][keep] * c.scale for i, c in enumerate(self.separation)}
+    def _take(self, pieces: list[Piece]) -> None:
+        start = time.perf_counter()
+        self.sink.take(pieces)
+        self.held += sum(len(piece.drawn) for piece in pieces)
+        self.failures_held += sum(int(np.count_nonzero(piece.block.status != Status.OK)) for piece in pieces)
+        self.timing["write"] += time.perf_counter() - start
+
+    def _wait(self) -> None:
+        """Wait for what is being taken; raises what went wrong."""
+        taking, self._taking = self._taking, None
+        if taking:
+            taking.result()
 
     def write_manifest(self, threads: int | None, complete: bool) -> None:
+        """Say what the folder holds, in it."""
         assert self.folder is not None
         campaign = self.campaign
         tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed}}
-        store.write_text(self.folder / store.CAMPAIGN, replace(campaign.file, tree=tree).toml)
-        held, failed = store.cases_held(self.folder, Status.OK.label)
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
             "seed": self.seed,
             "cases": self.total,
             "complete": complete,
-            "cases_held": held,
-            "failures": failed,
+            "stats_only": self.stats_only,
+            "cases_held": self.earlier.get("cases_held", 0) + (0 if self.stats_only else self.held),
+            "failures": self.earlier.get("failures", 0) + self.failures_held,
             "implausible_inertias": self.implausible,
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
-        store.write_json(self.folder / store.MANIFEST, manifest)
+        try:
+            store.write_text(self.folder / store.CAMPAIGN, replace(campaign.file, tree=tree).toml)
+            store.write_json(self.folder / store.MANIFEST, manifest)
+        except OSError as error:
+            raise store.StoreError(f"{self.folder}: cannot be written: {error.strerror or error}") from None
 
     def _session(self, threads: int | None) -> dict[str, Any]:
         """What this command did, on what."""
@@ -123,24 +167,11 @@ class Chunks:
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
         return [note] if note else []
 
-    def result(self, resumed: bool) -> Result:
-        campaign = self.campaign
-        if resumed and self.folder:
-            frame = store.read_cases(self.folder)
-            frame = frame[frame["case"] < self.total]
-            histories = store.read_histories(self.folder)
-            table = {str(name): frame[name].to_numpy() for name in frame.columns}
-            history = None if histories is None else {str(name): histories[name].to_numpy() for name in histories.columns}
-        else:
-            table = _join(self.parts)
-            history = _join(self.history_parts) if self.history_parts else None
-        return Result(campaign, table, history, self.timing, self.seed, self.folder, self.notes)
+    def kept(self) -> Kept:
+        """What the run leaves, once all is flown."""
+        return self.sink.kept()
 
 
 def implausible_note(broken: int, drawn: int) -> str:
     """The sentence that counts inertias no solid body has; empty if there is none."""
     return f"{broken} of {drawn} drawn cases have an inertia that breaks the triangle inequality, which no solid body has" if broken else ""
-
-
-def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -4,8 +4,9 @@ Rows whose status is not ``ok`` never enter; they are counted. A NaN in an ``ok`
 time, say): it is left out of that outcome alone, and the column ``n`` says how many values stand behind every figure of the row.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,12 +18,26 @@ REFERENCED = ("mean", "sigma", "min", "max")
 _TAIL_CASES = 741  # 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two outermost values
 
 
-def statistics(cases: pd.DataFrame, outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None = None) -> pd.DataFrame:
+class Histogram(NamedTuple):
+    """How the n finite values of an outcome lie: cases between rising edges. Values that are all equal have no edges and no counts."""
+
+    n: int
+    mean: float
+    sigma: float
+    low: float
+    high: float
+    edges: np.ndarray
+    counts: np.ndarray
+
+
+def statistics(
+    cases: Mapping[str, Any], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None = None
+) -> pd.DataFrame:
     """Describe each outcome over the cases whose status is ``ok``.
 
     Parameters
     ----------
-    cases : DataFrame, shape (n_cases, ...)
+    cases : DataFrame or other mapping of name to column, shape (n_cases,)
         Columns ``case`` (number), ``status`` (string) and the outcomes, each in the unit its name ends with.
     outcomes : sequence of str
         Columns to describe.
@@ -46,13 +61,50 @@ def statistics(cases: pd.DataFrame, outcomes: Sequence[str], reference: Mapping[
     missing = [name for name in outcomes if name not in cases]
     if missing:
         raise KeyError(f"the case table has no column {', '.join(missing)}")
-    flown = cases[cases["status"] == OK]
-    numbers = flown["case"].to_numpy()
-    rows = [_describe(flown[name].to_numpy(dtype=float, na_value=np.nan), numbers) for name in outcomes]
+    ok = ok_rows(cases)
+    numbers = np.asarray(cases["case"])[ok]
+    return statistics_table([_describe(column(cases, name)[ok], numbers) for name in outcomes], outcomes, reference)
+
+
+def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
+    """Which cases count, shape (n_cases,), bool."""
+    return np.asarray(cases["status"] == OK)
+
+
+def column(cases: Any, name: str) -> np.ndarray:
+    """A column of a case table as floats; what a nullable column lacks is NaN."""
+    values = cases[name]
+    return values.to_numpy(dtype=float, na_value=np.nan) if isinstance(values, pd.Series) else np.asarray(values, dtype=float)
+
+
+def statistics_table(
+    rows: Sequence[Mapping[str, object]], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None
+) -> pd.DataFrame:
+    """The table of `statistics` from a row for each outcome."""
     columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES, "mean_se", "sigma_se", "case_min", "case_max"]
-    table = pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome", dtype="str"), columns=columns)
-    table = table.astype(dict.fromkeys(columns, float) | {"n": "int64"})  # a nullable column would turn the NaN of a row into pd.NA
-    return table if reference is None else _beside(table, reference)
+    # all float: a nullable column would turn the NaN of a row into pd.NA
+    data = {name: np.array([row.get(name, np.nan) for row in rows], dtype="int64" if name == "n" else float) for name in columns}
+    if reference is not None:
+        data |= _beside(data, outcomes, reference)
+    # all columns at once: the first insertion of one more name takes pandas 0.1 s
+    return pd.DataFrame(data, index=pd.Index(list(outcomes), name="outcome", dtype="str"))
+
+
+def histogram(x: np.ndarray) -> Histogram | None:
+    """Histogram of the finite values among x, shape (n,), or None if there are none."""
+    x = x[np.isfinite(x)]
+    if not x.size:
+        return None
+    mean, sigma = _moments(x)[:2]
+    return histogram_of(x.size, mean, sigma, float(x.min()), float(x.max()), lambda edges: np.histogram(x, edges)[0])
+
+
+def histogram_of(n: int, mean: float, sigma: float, low: float, high: float, count: Callable[[np.ndarray], np.ndarray]) -> Histogram:
+    """Histogram with as many bins as n values fill; ``count`` gives the cases between edges."""
+    if not high - low > 1e-12 * max(abs(low), abs(high)):  # below that it is round-off, and the edges of the bins would coincide
+        return Histogram(n, mean, 0.0 if n > 1 else np.nan, low, high, np.empty(0), np.empty(0))
+    edges = np.linspace(low, high, int(np.clip(2 * np.cbrt(n), 8, 60)) + 1)
+    return Histogram(n, mean, sigma, low, high, edges, count(edges))
 
 
 def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
@@ -78,31 +130,49 @@ def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
     with np.errstate(invalid="ignore"):  # an infinity in an ok row stays visible: mean inf, sigma NaN
         mean = x.mean()
         c = (x - mean) / span  # of order 1, so that the fourth power neither overflows nor underflows
-        variance, fourth = c @ c / (n - 1), np.mean(c**4)
+        c *= c
+        variance, fourth = c.sum() / (n - 1), np.mean(c * c)
         sigma = np.sqrt(variance)
-        # (n - 3) n^2 < (n - 1)^3 and fourth >= (c @ c / n)^2 keep the bracket positive
+        # (n - 3) n^2 < (n - 1)^3 and fourth >= mean(c)^2 keep the bracket positive
         sigma_se = np.sqrt((fourth - (n - 3) / (n - 1) * variance**2) / n) / (2.0 * sigma)
     return float(mean), float(sigma * span), float(sigma * span / np.sqrt(n)), float(sigma_se * span)
 
 
-def _beside(table: pd.DataFrame, reference: Mapping[str, Mapping[str, float]]) -> pd.DataFrame:
-    """Append the reference figures and the deviations from them; absent ones are NaN."""
-    table = table.copy()
-    for name in REFERENCED:
-        table[f"ref_{name}"] = [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in table.index]
-    scale = table["ref_sigma"].where(table["ref_sigma"] > 0.0)  # deviations in units of nothing do not exist
-    for name in REFERENCED:
-        table[f"dev_{name}"] = (table[name] - table[f"ref_{name}"]) / scale
-    return table
+def _beside(data: Mapping[str, np.ndarray], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]]) -> dict[str, np.ndarray]:
+    """The reference figures and the deviations from them; absent ones are NaN."""
+    given = {name: np.array([float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]) for name in REFERENCED}
+    scale = np.where(given["sigma"] > 0.0, given["sigma"], np.nan)  # deviations in units of nothing do not exist
+    deviations = {f"dev_{name}": (data[name] - given[name]) / scale for name in REFERENCED}
+    return {f"ref_{name}": values for name, values in given.items()} | deviations
 
 
-def status_counts(cases: pd.DataFrame) -> dict[str, int]:
+def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
     """Count the cases of each status: ``ok`` first (0 if there is none), then the failures, most frequent first. Sums to the rows."""
-    counts = {str(status): int(count) for status, count in cases["status"].value_counts(dropna=False).items() if count}
+    counts = {str(status): int(count) for status, count in pd.Series(cases["status"]).value_counts(dropna=False).items() if count}
     return {OK: counts.pop(OK, 0)} | counts
 
 
-def audit(cases: pd.DataFrame, bounds: Mapping[str, float], columns: Sequence[str]) -> pd.DataFrame:
+class Worst:
+    """The worst value of an audit column and the number of cases beyond its bound; NaN is worse than any number."""
+
+    def __init__(self, name: str, bounds: Mapping[str, float]):
+        self.bound, self._smallest = bounds.get(name, np.nan), name.startswith("smallest")
+        self.worst, self.case, self.beyond, self._rank = np.nan, -1, 0, -np.inf
+
+    def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
+        """Take values of ok cases, shape (n,), and the numbers of these cases, rising."""
+        if not x.size:
+            return
+        order = -x if self._smallest else x
+        at = int(order.argmax())  # of the first NaN, if there is one
+        rank = np.inf if np.isnan(x[at]) else float(order[at])
+        if self.case < 0 or rank > self._rank:
+            self.worst, self.case, self._rank = float(x[at]), int(numbers[at]), rank
+        if not np.isnan(self.bound) and not x[at] <= self.bound:
+            self.beyond += int(np.count_nonzero(~(x <= self.bound)))
+
+
+def audit(cases: Mapping[str, Any], bounds: Mapping[str, float], columns: Sequence[str]) -> pd.DataFrame:
     """How well the ok cases of a case table were integrated.
 
     Returns
@@ -111,22 +181,17 @@ def audit(cases: pd.DataFrame, bounds: Mapping[str, float], columns: Sequence[st
         worst (the largest value; of smallest_pivot the smallest), case (the first that has it), bound (NaN: none), beyond (number of
         ok cases whose value is above it or NaN).
     """
-    flown = cases[cases["status"] == OK]
-    rows = {}
-    for name in columns:
-        if name not in flown:
-            continue
-        values = flown[name].to_numpy(dtype=float)
-        bound = bounds.get(name, np.nan)
-        smallest = name.startswith("smallest")
-        order = np.where(np.isnan(values), np.inf, -values if smallest else values)
-        at = int(np.argmax(order)) if len(order) else -1
-        rows[name] = {
-            "worst": values[at] if at >= 0 else np.nan,
-            "case": int(flown["case"].iloc[at]) if at >= 0 else -1,
-            "bound": bound,
-            "beyond": 0 if np.isnan(bound) else int(np.count_nonzero(~(values <= bound))),
-        }
+    ok = ok_rows(cases)
+    numbers = np.asarray(cases["case"])[ok]
+    found = {name: Worst(name, bounds) for name in columns if name in cases}
+    for name, worst in found.items():
+        worst.add(column(cases, name)[ok], numbers)
+    return audit_table(found)
+
+
+def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
+    """The table of `audit`."""
+    rows = {name: [w.worst, w.case, w.bound, w.beyond] for name, w in found.items()}
     return pd.DataFrame.from_dict(rows, orient="index", columns=["worst", "case", "bound", "beyond"])
 
 

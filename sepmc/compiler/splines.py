@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from math import factorial
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 AXES = 3
 _BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
@@ -43,6 +42,8 @@ def pack(axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a
 
 def _axis(points, ends):
     """Numbers of one axis, and the matrix (coefficients, points) that takes tabulated values to spline coefficients."""
+    from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
+
     assert np.all(np.diff(points) > 0.0)
     count = len(points)
     if count == 1:
@@ -70,6 +71,8 @@ def _raised(degree):
 
 def _pieces(knots, starts):
     """Basis functions i to i + 3 on span i as polynomials in x - start: ndarray, shape (spans, 4 functions, 4 powers)."""
+    from scipy.interpolate import BSpline  # noqa: PLC0415
+
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)
     powers = [basis(starts, nu=power) / factorial(power) for power in range(4)]  # each (spans, functions)
     rows = np.arange(len(starts))[:, None]

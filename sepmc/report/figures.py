@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sepmc.analysis.statistics import OK, percentile_curves, rounded
+from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 BANDS = (("min", "max", "#dce9f5", "min to max"), ("p1", "p99", "#a9cdea", "1 to 99 %"), ("p5", "p95", "#6aa7d6", "5 to 95 %"))
@@ -82,19 +82,35 @@ def campaign_figures(
         The files written: ``separation_speed.png``, ``separation_distance.png``, ``hist_<outcome>.png`` each, ``histograms.png`` (the
         outcomes of ``reference``, or the first nine).
     """
-    folder, reference, labels = _made(folder), reference or {}, labels or {}
     flown = cases[cases["status"] == OK]
-    written = []
-    if histories is not None:
-        histories = histories[histories["case"].isin(flown["case"])]
-        for column, joint, words, unit in _curves(histories):
-            if histories[column].notna().any():
-                label = f"{labels.get(column, _words(joint) + words)} ({units.get(column, unit)})"
-                file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}.png"
-                written.append(_bands(histories, column, label, folder / file))
+    written = band_figures(histories[histories["case"].isin(flown["case"])], folder, units, labels) if histories is not None else []
     chosen = list(outcomes if outcomes is not None else reference or units)
-    values = {name: flown[name].to_numpy(dtype=float, na_value=np.nan) for name in chosen if name in flown}
-    values = {name: x[np.isfinite(x)] for name, x in values.items() if np.isfinite(x).any()}
+    histograms = {name: histogram(column(flown, name)) for name in chosen if name in flown}
+    return written + histogram_figures(histograms, folder, units, reference, labels, source)
+
+
+def band_figures(histories: pd.DataFrame, folder: Path, units: Mapping[str, str], labels: Mapping[str, str] | None = None) -> list[Path]:
+    """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are the caller's to leave out."""
+    folder, labels, written = _made(folder), labels or {}, []
+    for name, joint, words, unit in _curves(histories):
+        if histories[name].notna().any():
+            label = f"{labels.get(name, _words(joint) + words)} ({units.get(name, unit)})"
+            file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}.png"
+            written.append(_bands(histories, name, label, folder / file))
+    return written
+
+
+def histogram_figures(
+    histograms: Mapping[str, Histogram | None],
+    folder: Path,
+    units: Mapping[str, str],
+    reference: Mapping[str, Mapping[str, float]] | None = None,
+    labels: Mapping[str, str] | None = None,
+    source: str = "reference",
+) -> list[Path]:
+    """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome without values (None) is left out."""
+    folder, reference, labels, written = _made(folder), reference or {}, labels or {}, []
+    values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, _words(name, units.get(name, ""))) for name in values}
     overview = [name for name in values if name in reference] or list(values)[:OVERVIEW]
     sheets = [(f"hist_{name}.png", [name]) for name in values] + ([("histograms.png", overview)] if overview else [])
@@ -219,24 +235,25 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     return _save(figure, path)
 
 
-def _histogram(ax: Axes, x: np.ndarray, words: str, unit: str, reference: Mapping[str, float], source: str) -> None:
-    """Density histogram of finite values x, shape (n,), n >= 1, with the normal density of equal mean and sigma, and the reference."""
-    spread = np.ptp(x) > 1e-12 * np.abs(x).max()  # below that it is round-off, and the edges of the bins would coincide
-    mean, sigma = x.mean(), x.std(ddof=1) if spread else 0.0 if x.size > 1 else np.nan
+def _histogram(ax: Axes, found: Histogram, words: str, unit: str, reference: Mapping[str, float], source: str) -> None:
+    """Density histogram of an outcome, with the normal density of equal mean and sigma, and the reference."""
+    mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
     if spread:
-        bins = int(np.clip(2 * np.cbrt(x.size), 8, 60))
-        ax.hist(x, bins=bins, density=True, color="#a9cdea", edgecolor="white", linewidth=0.4, label="cases")
-        grid = np.linspace(min(x.min(), mean - 3.5 * sigma), max(x.max(), mean + 3.5 * sigma), 300)
+        ax.hist(
+            found.edges[:-1], bins=list(found.edges), weights=found.counts, density=True,
+            color="#a9cdea", edgecolor="white", linewidth=0.4, label="cases",
+        )  # fmt: skip
+        grid = np.linspace(min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300)
         normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
         ax.plot(grid, normal, color=BLACK, linewidth=1.4, label="normal, same mean and sigma")
     else:  # a density of equal values does not exist
-        ax.axvline(x[0], color=BLUE, linewidth=4, label="all cases")
+        ax.axvline(found.low, color=BLUE, linewidth=4, label="all cases")
         ax.set_yticks([])
     for names, style, text in ((("mean",), "--", f"{source} mean"), (("min", "max"), ":", f"{source} min and max")):
         for name in names:
             if np.isfinite(reference.get(name, np.nan)):
                 ax.axvline(reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text)
-    ax.set_title(f"n {x.size}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(), fontsize=9)
+    ax.set_title(f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(), fontsize=9)
     if len(rounded(mean, sigma, 2)) > 6:  # ticks so long would run into each other
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))  # wider, it would run into its neighbour in the overview

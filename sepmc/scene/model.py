@@ -289,7 +289,7 @@ class Run(_Table, frozen=True, kw_only=True):
     cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
     seed: Annotated[int, NotNegative] = 0
     history_step: Time = 0.0  # 0: no histories
-    chunk: Annotated[int, Meta(ge=1)] = 2048
+    chunk: Annotated[int, Meta(ge=1)] = 16384
 
 
 class Solver(_Table, frozen=True, kw_only=True):

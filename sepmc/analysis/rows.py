@@ -1,0 +1,66 @@
+"""Statistics of cases whose rows are there, column by column."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis import statistics as of
+from sepmc.analysis.stream import NAMED, Stream
+from sepmc.schema import Status
+
+EXACT = 500_000  # cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
+
+
+class Rows:
+    """Statistics, audit and histograms of a case table; one column is looked at at a time.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+    outcomes, audits : names of its columns
+    bounds : bound of each audit column that has one
+    """
+
+    def __init__(self, cases: Mapping[str, Any], outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]):
+        self.cases, self.outcomes, self.audits, self.bounds = cases, outcomes, audits, bounds
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Cases of each status: ok first, then the failures, most frequent first."""
+        return of.status_counts(self.cases)
+
+    @cached_property
+    def failed(self) -> dict[str, list[int]]:
+        """Numbers of the first cases of each status but ok."""
+        statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
+        return {label: numbers[statuses == label][:NAMED].tolist() for label in self.counts if label != of.OK}
+
+    def statistics(self, reference: Mapping[str, Mapping[str, float]] | None = None) -> pd.DataFrame:
+        """See `sepmc.analysis.statistics.statistics`."""
+        return of.statistics(self.cases, self.outcomes, reference)
+
+    def audit(self) -> pd.DataFrame:
+        """See `sepmc.analysis.statistics.audit`."""
+        return of.audit(self.cases, self.bounds, self.audits)
+
+    def histogram(self, name: str) -> of.Histogram | None:
+        """Histogram of the finite values of an outcome, or None if it has none."""
+        return of.histogram(of.column(self.cases, name)[self._ok])
+
+    @cached_property
+    def _ok(self) -> np.ndarray:
+        return of.ok_rows(self.cases)
+
+
+def summarise(cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]) -> Rows | Stream:
+    """Statistics of a stored case table (`sepmc.store.CaseColumns`): exact up to `EXACT` cases, from then on by a `Stream`."""
+    if cases.rows <= EXACT:
+        return Rows(cases, outcomes, audits, bounds)
+    stream = Stream(outcomes, audits, bounds)
+    code_of = {status.label: int(status) for status in Status}
+    for numbers, statuses, columns in cases.batches([*outcomes, *audits]):
+        stream.add(numbers, np.array([code_of[label] for label in statuses.categories])[statuses.codes], columns)
+    return stream

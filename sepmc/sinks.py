@@ -1,0 +1,154 @@
+"""Where flown cases go: kept in memory, written to a run folder, or counted and let go."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+import pandas as pd
+
+from sepmc import __version__, store
+from sepmc.analysis.rows import Rows, summarise
+from sepmc.analysis.stream import Stream
+from sepmc.door import Block
+from sepmc.schema import Column, Status
+
+if TYPE_CHECKING:
+    from sepmc.campaign import Campaign
+
+_LABELS = [status.label for status in Status]
+
+
+class Piece(NamedTuple):
+    """Cases flown together: the number of the first, their draws (n, d) in the units of the file, and what the kernel gave."""
+
+    first: int
+    drawn: np.ndarray
+    block: Block
+
+
+@dataclass
+class Kept:
+    """What a run leaves: its statistics, and its rows and histories where they are kept."""
+
+    summary: Rows | Stream
+    rows: Mapping[str, np.ndarray] | None = None
+    histories: Mapping[str, np.ndarray] | None = None
+
+
+class Sink(Protocol):
+    """Takes pieces that follow each other without a gap, one list after the other, from one thread."""
+
+    def take(self, pieces: list[Piece]) -> None: ...
+
+    def kept(self) -> Kept: ...
+
+
+@dataclass
+class InMemory:
+    """Keeps all rows."""
+
+    campaign: "Campaign"
+    separation: list[Column]
+    parts: list[dict[str, np.ndarray]] = field(default_factory=list)
+    histories: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+    def take(self, pieces: list[Piece]) -> None:
+        self.parts.append(_table(self.campaign, pieces) | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]})
+        if self.separation:
+            self.histories.append(_histories(pieces, self.separation))
+
+    def kept(self) -> Kept:
+        rows = _join(self.parts)
+        return Kept(Rows(rows, *self.campaign.summarised), rows, _join(self.histories) if self.histories else None)
+
+
+@dataclass
+class InFolder:
+    """Writes a part of cases, and one of histories, for every list of pieces."""
+
+    campaign: "Campaign"
+    separation: list[Column]
+    folder: Path
+    seed: int
+
+    def take(self, pieces: list[Piece]) -> None:
+        campaign, first = self.campaign, pieces[0].first
+        about = {"campaign": campaign.name, "digest": campaign.digest, "seed": str(self.seed), "sepmc": __version__}
+        if self.separation:  # before the cases, which say what is done
+            columns = [
+                Column("case", "1", "number of the case"),
+                Column("time_s", "s", "time since the start of the case"),
+                *self.separation,
+            ]
+            path = store.part_path(self.folder, store.HISTORIES, first)
+            store.write_parquet(path, columns, _histories(pieces, self.separation), about)
+        table: dict[str, Any] = _table(campaign, pieces) | {"status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))}
+        store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, table, about)
+
+    def kept(self) -> Kept:
+        columns = store.CaseColumns(self.folder)
+        return Kept(summarise(columns, *self.campaign.summarised), columns)
+
+
+class InStatistics:
+    """Counts cases and lets them go."""
+
+    def __init__(self, campaign: "Campaign"):
+        self.campaign = campaign
+        self.stream = Stream(*campaign.summarised)
+
+    def take(self, pieces: list[Piece]) -> None:
+        first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
+        self.stream.add(np.arange(first, first + count), _codes(pieces), _results(self.campaign, pieces))
+
+    def kept(self) -> Kept:
+        return Kept(self.stream)
+
+
+def _codes(pieces: list[Piece]) -> np.ndarray:
+    return np.concatenate([piece.block.status for piece in pieces])
+
+
+def _results(campaign: "Campaign", pieces: list[Piece]) -> np.ndarray:
+    """Outcomes and audit columns in their units, shape (columns, cases), each column contiguous."""
+    scale = np.array([[column.scale] for column in campaign.result_columns])
+    results = np.empty((len(scale), sum(len(piece.drawn) for piece in pieces)))
+    start = 0
+    for piece in pieces:
+        end = start + len(piece.drawn)
+        np.multiply(piece.block.outcomes.T, scale, out=results[:, start:end])
+        start = end
+    return results
+
+
+def _table(campaign: "Campaign", pieces: list[Piece]) -> dict[str, Any]:
+    """The case table of pieces, its status still to be put in."""
+    first, results = pieces[0].first, _results(campaign, pieces)
+    table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
+    table |= {c.name: np.concatenate([piece.drawn[:, i] for piece in pieces]) for i, c in enumerate(campaign.input_columns)}
+    return table | dict(zip((c.name for c in campaign.result_columns), results, strict=True))
+
+
+def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.ndarray]:
+    """Separation over time of pieces, in long form: the rows that each case has."""
+    found = {name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces)) for name in ("time_s", *(c.name for c in separation))}
+    numbers = np.concatenate([np.repeat(np.arange(first, first + len(drawn)), block.rows) for first, drawn, block in pieces])
+    start = 0
+    for _, _, block in pieces:
+        n, room = block.times.shape
+        times, history = block.times.ravel(), block.history.reshape(n * room, -1)
+        if not (block.rows == room).all():
+            kept = np.flatnonzero((np.arange(room) < block.rows[:, None]).ravel())
+            times, history = times[kept], history[kept]
+        part = slice(start, start + len(times))
+        found["time_s"][part] = times
+        for i, column in enumerate(separation):
+            np.multiply(history[:, i], column.scale, out=found[column.name][part])
+        start = part.stop
+    return {"case": numbers, **found}
+
+
+def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return parts[0] if len(parts) == 1 else {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

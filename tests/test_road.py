@@ -1,0 +1,192 @@
+"""The road around the kernel: calls, parts and the writer beside the flight never change a row; --stats-only keeps no rows."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc import chunks, cli, store
+from sepmc.analysis import rows
+from sepmc.store import StoreError
+
+FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """Never released in some cases, so that there are failures to count."""
+    return sepmc.load("table2", {"run.chunk": 20, "run.history_step_s": 0.1, "run.end_time_s": 0.26})
+
+
+@pytest.fixture(scope="module")
+def result(campaign):
+    found = campaign.run(cases=50, seed=7)
+    assert 0 < found.status_counts["never-released"] < 50
+    return found
+
+
+def same(one, other):
+    pd.testing.assert_frame_equal(one.to_pandas(), other.to_pandas(), check_exact=True)
+    pd.testing.assert_frame_equal(one.histories(), other.histories(), check_exact=True)
+    pd.testing.assert_frame_equal(one.statistics(), other.statistics(), check_exact=True)
+
+
+def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch):
+    """A slow scene: one case a call, and a part as soon as something is flown."""
+    monkeypatch.setattr(chunks, "_FIRST", 3)
+    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    monkeypatch.setattr(chunks, "_PART_S", 0.0)
+    same(campaign.run(cases=50, seed=7), result)
+    slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
+    same(slow, result)
+    assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
+    monkeypatch.setattr(store.CaseColumns, "KEPT", 10)  # column by column
+    same(slow, result)
+
+
+def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
+    monkeypatch.setattr(chunks, "_ROOM", 10_000)
+    same(campaign.run(cases=50, seed=7, out=tmp_path / "run"), result)
+    assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
+
+
+def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    monkeypatch.setattr(rows, "EXACT", 10)
+    found = campaign.run(cases=50, seed=7, out=folder)
+    pd.testing.assert_frame_equal(found.statistics(), result.statistics(), rtol=1e-9)
+    before = campaign.run(cases=50, seed=7, out=tmp_path / "again").statistics()
+    pd.testing.assert_frame_equal(before, found.statistics(), check_exact=True)
+    assert call("stats", folder).exit_code == 0
+    assert call("plot", folder).exit_code == 0
+    assert (folder / "histograms.png").exists()
+
+
+def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
+    """A full disk in the second part: a sentence, no traceback, and the finished part goes on from there."""
+    folder, write, written = tmp_path / "run", store.pq.write_table, []
+
+    def full(table, path, **options):
+        if "cases" in str(path) and "0000000020" in str(path):
+            raise OSError(28, "No space left on device")
+        written.append(path)
+        write(table, path, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(store.pq, "write_table", full)
+        with pytest.raises(StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"):
+            campaign.run(cases=50, seed=7, out=folder)
+        assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["complete"] is False
+        failed = call("campaign", folder, "--out", folder, "--resume", "--quiet")
+        assert (failed.exit_code, "No space left" in failed.stderr, "Traceback" in failed.output) == (2, True, False)
+    same(campaign.run(cases=50, seed=7, out=folder, resume=True), result)
+    told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert (told["complete"], told["cases_held"], told["failures"]) == (True, 50, result.status_counts["never-released"])
+
+
+def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):
+    def told(done, left, failures):
+        if done >= 25:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(chunks, "_FIRST", 3)
+    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
+    assert store.cases_done(tmp_path).tolist() == list(range(25))
+    assert store.read_manifest(tmp_path)["cases_held"] == 25
+    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
+
+
+def test_statistics_only(campaign, result, tmp_path):
+    """Those of the rows, without the rows, in memory and in a folder."""
+    found = campaign.run(cases=50, seed=7, stats_only=True, out=tmp_path / "run")
+    table, expected = found.statistics(), result.statistics()
+    pd.testing.assert_frame_equal(table[FIGURES], expected[FIGURES], rtol=1e-9)
+    assert (table["n"] == expected["n"]).all()
+    assert found.status_counts == result.status_counts
+    assert list(found.timing) == ["compile", "sample", "kernel", "write"]
+    for rows_of in (found.to_pandas, found.histories, lambda: found.table):
+        with pytest.raises(ValueError, match="statistics only"):
+            rows_of()
+    assert found.case(3).inputs == result.case(3).inputs
+    other = campaign.with_settings({"run.chunk": 7}).run(cases=50, seed=7, stats_only=True, threads=1)
+    pd.testing.assert_frame_equal(other.statistics(), table, check_exact=True)
+    with pytest.raises(ValueError, match="stats_only keeps no cases"):
+        campaign.run(cases=50, stats_only=True, resume=True, out=tmp_path / "run")
+    with pytest.raises(StoreError, match="statistics only"):
+        campaign.run(cases=50, seed=7, resume=True, out=tmp_path / "run")
+
+
+def test_statistics_only_on_the_command_line(result, tmp_path):
+    options = ["--set", "run.end_time_s=0.26", "--set", "run.history_step_s=0.1", "--cases", 50, "--seed", 7]
+    folder = tmp_path / "run"
+    told = call("campaign", "table2.toml", *options, "--stats-only", "--out", folder)
+    assert told.exit_code == 0, told.output
+    failures = result.status_counts["never-released"]
+    first = result.to_pandas().query("status == 'never-released'")["case"].iloc[0]
+    assert f"{failures} cases never-released" in told.stdout
+    assert f"(case {first}" in told.stdout
+    names = {path.name for path in folder.iterdir()}
+    assert {"campaign.toml", "manifest.json", "statistics.csv", "statistics.json", "histograms.png"} <= names
+    assert not names & {"cases", "histories", "separation_speed.png"}
+    manifest = store.read_manifest(folder)
+    assert (manifest["complete"], manifest["stats_only"], manifest["cases"], manifest["cases_held"]) == (True, True, 50, 0)
+    data = json.loads((folder / "statistics.json").read_text(encoding="utf-8"))
+    assert data["cases"] == {"ok": 50 - failures, "never-released": failures}
+    assert data["failed_cases"]["never-released"][0] == first
+    whole = tmp_path / "whole"
+    assert call("campaign", "table2.toml", *options, "--no-plots", "--quiet", "--out", whole).exit_code == 0
+    one, other = (pd.read_csv(at / "statistics.csv", index_col="outcome") for at in (folder, whole))
+    pd.testing.assert_frame_equal(one[FIGURES], other[FIGURES], rtol=1e-9)
+    assert json.loads((whole / "statistics.json").read_text(encoding="utf-8"))["audit"] == data["audit"]
+
+
+def test_a_folder_of_statistics_only(tmp_path):
+    """What needs rows says that there are none; a case is flown again from it, and it is replaced when asked."""
+    folder = tmp_path / "run"
+    options = ["table2.toml", "--cases", 5, "--no-plots", "--quiet", "--out", folder]
+    assert call("campaign", *options, "--stats-only").exit_code == 0
+    for refused in (["stats", folder], ["plot", folder], ["campaign", *options, "--resume"]):
+        said = call(*refused)
+        assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
+    assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
+    assert call("run", folder, "--case", 3, "--no-plots", "--quiet", "--out", tmp_path / "one").exit_code == 0
+    assert call("campaign", *options, "--overwrite").exit_code == 0
+    assert len(pd.read_parquet(folder / "cases")) == 5
+    assert call("campaign", *options, "--overwrite", "--stats-only").exit_code == 0
+    assert not (folder / "cases").exists()
+
+
+def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(chunks.Chunks, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    said = call("campaign", "table2.toml", "--cases", 5, "--stats-only", "--quiet", "--out", tmp_path / "run")
+    assert (said.exit_code, "nothing is kept" in said.stderr, "--resume" in said.stderr) == (130, True, False)
+
+
+def test_status_of_a_part_is_a_dictionary_of_what_occurs(result, campaign, tmp_path):
+    campaign.run(cases=50, seed=7, out=tmp_path)
+    frame = pd.read_parquet(tmp_path / "cases")
+    assert set(frame["status"].cat.categories) == {"ok", "never-released"}
+    assert (frame["status"].to_numpy() == result.to_pandas()["status"].to_numpy()).all()
+    metadata = store.pq.read_metadata(tmp_path / "cases" / "part-0000000000.parquet").row_group(0)
+    coded = {metadata.column(i).path_in_schema for i in range(metadata.num_columns) if metadata.column(i).has_dictionary_page}
+    assert coded == {"status"}
+    assert np.isfinite(frame["upper_roll_deg"]).any()
+
+
+def test_scipy_is_left_alone_where_nothing_needs_it():
+    """It takes longer to import than all else but pandas."""
+    import subprocess
+    import sys
+
+    program = "import sys, sepmc; sepmc.load('table2'); import sepmc.store, sepmc.analysis.stream; print('scipy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

@@ -1,0 +1,179 @@
+"""Statistics of cases that pass by once are those of the whole table, whatever the chunks, in constant memory."""
+
+import tracemalloc
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sepmc.analysis import rows
+from sepmc.analysis.rows import Rows
+from sepmc.analysis.sketch import ROOM, Sketch
+from sepmc.analysis.statistics import PERCENTILES
+from sepmc.analysis.stream import GRAIN, NAMED, Stream
+from sepmc.schema import Status
+
+PERCENTS = list(PERCENTILES.values())
+COLUMNS = (["speed_m_s", "release_s"], ["gap", "smallest_pivot"], {"gap": 1.0})
+LABELS = np.array([status.label for status in Status], dtype=object)
+
+
+def table(codes, data):
+    return {"case": np.arange(len(codes)), "status": LABELS[codes], **dict(zip(COLUMNS[0] + COLUMNS[1], data, strict=True))}
+
+
+def streamed(codes, data, sizes):
+    """A stream that was given the cases in chunks of these sizes, over and over."""
+    stream, first, turn = Stream(*COLUMNS), 0, 0
+    while first < len(codes):
+        end = min(first + sizes[turn % len(sizes)], len(codes))
+        stream.add(np.arange(first, end), codes[first:end], np.ascontiguousarray(data[:, first:end]))
+        first, turn = end, turn + 1
+    return stream
+
+
+NUMBER = st.one_of(st.floats(-1e3, 1e3, allow_subnormal=False), st.just(np.nan), st.just(7.0))
+CASE = st.tuples(st.sampled_from([0, 0, 0, 1, 5]), *[NUMBER] * 4)
+
+
+@given(cases=st.lists(CASE, min_size=1, max_size=60), sizes=st.lists(st.integers(1, 20), min_size=1, max_size=4))
+@settings(deadline=None, max_examples=150)
+def test_a_stream_knows_what_the_table_says(cases, sizes):
+    """Everything a table of rows gives, from any data with NaN and failed cases."""
+    codes, data = np.array([case[0] for case in cases]), np.array([case[1:] for case in cases]).T
+    stream, whole = streamed(codes, data, sizes), Rows(table(codes, data), *COLUMNS)
+    reference = {"speed_m_s": {"mean": 1.0, "sigma": 2.0}}
+    found, expected = stream.statistics(reference), whole.statistics(reference)
+    pd.testing.assert_frame_equal(found, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0)))
+    exact = ["n", "min", "max", "case_min", "case_max", *PERCENTILES]
+    pd.testing.assert_frame_equal(found[exact], expected[exact], check_exact=True)
+    pd.testing.assert_frame_equal(stream.audit(), whole.audit(), check_exact=True)
+    assert stream.counts == whole.counts
+    assert stream.failed == whole.failed
+    for name in COLUMNS[0]:
+        one, other = stream.histogram(name), whole.histogram(name)
+        assert (one is None) == (other is None)
+        if one and other:
+            assert_array_equal(one.counts, other.counts)
+            assert_array_equal(one.edges, other.edges)
+
+
+LAWS = {
+    "normal": lambda rng, n: rng.normal(1e3, 2.0, n),
+    "uniform": lambda rng, n: rng.uniform(-1.0, 1.0, n),
+    "skew": lambda rng, n: rng.gamma(0.5, 1.0, n),
+    "heavy": lambda rng, n: np.exp(2.0 * rng.normal(size=n)),
+    "student": lambda rng, n: rng.standard_t(3, n),
+    "atom": lambda rng, n: np.where(rng.random(n) < 0.6, 0.0, rng.normal(size=n)),
+    "two": lambda rng, n: np.where(rng.random(n) < 1e-3, 1e3, 0.0) + rng.normal(size=n),
+    "late": lambda rng, n: np.concatenate([rng.normal(size=ROOM), rng.normal(50.0, 5.0, n - ROOM)]),  # beyond the grid that was laid out
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_percentiles_of_many(law):
+    """Within 0.5 % of sigma of the exact ones, in the tails too."""
+    x = LAWS[law](np.random.default_rng(2019), 100_000)
+    sketch = Sketch()
+    sketch.add(x)
+    error = np.abs(sketch.percentiles(PERCENTS) - np.percentile(x, PERCENTS)) / x.std()
+    assert error.max() <= (0.02 if law == "late" else 0.005)
+    edges = np.histogram_bin_edges(x, 40)
+    counts = sketch.histogram(edges)
+    assert counts.sum() == pytest.approx(x.size)
+    assert np.abs(counts - np.histogram(x, edges)[0]).max() <= (0.01 if law == "late" else 0.001) * x.size
+
+
+@pytest.mark.parametrize("values", [(0.0, 1.0), (-3.0,), (5.0, 6.0, 7.0), (1e300, -1e300), (1e-300, 0.0)])
+def test_a_few_values_are_answered_as_they_are(values):
+    """Flags and counts are no continuum."""
+    x = np.random.default_rng(1).choice(values, 2 * ROOM)
+    sketch = Sketch()
+    sketch.add(x)
+    assert set(sketch.percentiles(PERCENTS)) <= set(values)
+
+
+def test_infinities_of_many():
+    x = np.random.default_rng(1).normal(size=3 * ROOM)
+    x[::100], x[1::300] = np.inf, -np.inf
+    sketch = Sketch()
+    sketch.add(x)
+    found = sketch.percentiles([0.1, 1.0, 50.0, 98.0, 99.9])
+    assert (found[0], found[-1]) == (-np.inf, np.inf)
+    assert_allclose(found[1:-1], np.percentile(x, [1.0, 50.0, 98.0]), atol=1e-3)
+    stream = streamed(np.zeros(x.size, dtype=int), np.tile(np.abs(x), (4, 1)), [GRAIN])
+    row = stream.statistics().loc["speed_m_s"]
+    assert row["mean"] == row["max"] == np.inf
+    assert np.isnan(row["sigma"])
+    assert stream.histogram("speed_m_s") is None
+
+
+def test_the_same_bits_whatever_the_chunks():
+    """Past the layout of the grid, with failed cases and values that are none."""
+    rng = np.random.default_rng(3)
+    n = ROOM + 3 * GRAIN + 17
+    codes, data = (rng.random(n) < 0.01).astype(int) * 5, rng.normal(1e6, 1.0, (4, n))
+    data[1, ::7] = np.nan
+    first = streamed(codes, data, [n])
+    for sizes in ([GRAIN], [1000], [GRAIN - 1, 3, 5000], [3 * GRAIN + 1]):
+        other = streamed(codes, data, sizes)
+        pd.testing.assert_frame_equal(other.statistics(), first.statistics(), check_exact=True)
+        pd.testing.assert_frame_equal(other.audit(), first.audit(), check_exact=True)
+        assert_array_equal(other.histogram("speed_m_s").counts, first.histogram("speed_m_s").counts)
+        assert other.failed == first.failed
+    assert len(first.failed["not-finite"]) == NAMED
+    whole = Rows(table(codes, data), *COLUMNS)
+    assert first.counts == whole.counts
+    found, expected = first.statistics().loc["release_s"], whole.statistics().loc["release_s"]
+    for name in ("mean", "sigma", "mean_se", "sigma_se"):  # a mean of a million sigmas costs no digits
+        assert found[name] == pytest.approx(expected[name], rel=1e-10)
+    assert (found["n"], found["case_min"], found["case_max"]) == (expected["n"], expected["case_min"], expected["case_max"])
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_neither_underflow_nor_overflow(size):
+    data = np.tile(np.array([30.0, 10.0, 50.0, 20.0, 40.0]) * size, (4, 1))
+    row = streamed(np.zeros(5, dtype=int), data, [2]).statistics().loc["speed_m_s"]
+    assert row["sigma_se"] / size == pytest.approx(np.sqrt(7350.0) / (2 * np.sqrt(250.0)))
+
+
+def test_memory_does_not_grow():
+    def peak(turns):
+        rng, codes = np.random.default_rng(1), np.zeros(GRAIN, dtype=int)
+        tracemalloc.start()
+        stream = Stream(*COLUMNS)
+        for turn in range(turns):
+            stream.add(np.arange(turn * GRAIN, (turn + 1) * GRAIN), codes, rng.standard_t(3, (4, GRAIN)))
+        stream.statistics()
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    assert peak(60) <= 1.05 * peak(6)
+
+
+def test_a_table_too_long_to_be_sorted_is_streamed(monkeypatch):
+    """The same figures, a part at a time."""
+    rng = np.random.default_rng(5)
+    codes, data = rng.choice([0, 0, 0, 2], 500), rng.normal(size=(4, 500))
+
+    class Stored(dict):
+        rows = 500
+
+        def batches(self, names):
+            assert names == [*COLUMNS[0], *COLUMNS[1]]
+            for first in range(0, 500, 120):
+                part = slice(first, first + 120)
+                yield self["case"][part], pd.Categorical(self["status"][part]), np.array([self[name][part] for name in names])
+
+    stored = Stored(table(codes, data))
+    whole = rows.summarise(stored, *COLUMNS)
+    monkeypatch.setattr(rows, "EXACT", 499)
+    other = rows.summarise(stored, *COLUMNS)
+    assert isinstance(whole, Rows)
+    assert isinstance(other, Stream)
+    pd.testing.assert_frame_equal(other.statistics(), whole.statistics(), rtol=1e-12)
+    assert other.counts == whole.counts
