@@ -1,8 +1,9 @@
 """A campaign: a scene, what varies in it and how it is run. The Python interface."""
 
 import hashlib
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ import pandas as pd
 from sepmc import cases, schema, store
 from sepmc.chunks import Chunks
 from sepmc.compiler.plan import Plan, apart, make_plan
+from sepmc.compiler.shape import obstacles, varying
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
+from sepmc.pilot import Flight, plan_flight
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -83,7 +86,10 @@ class Campaign:
 
     @cached_property
     def plan(self) -> Plan:
-        return make_plan(self.scene)
+        plan = make_plan(self.scene)
+        specialised = self.scene.solver.step is None and not obstacles(self.scene)
+        specialised = specialised and not varying(plan, frozenset(d.parameter.path for d in self.file.dispersions))
+        return replace(plan, contents=replace(plan.contents, specialised=specialised))
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""
@@ -119,7 +125,7 @@ class Campaign:
     @property
     def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
         """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
-        return [c.name for c in self.outcome_columns], [c.name for c in schema.audit_columns()], schema.AUDIT_BOUNDS
+        return [c.name for c in self.outcome_columns], [c.name for c in schema.audit_columns(self.plan.contents.specialised)], schema.AUDIT_BOUNDS
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -257,14 +263,16 @@ class Campaign:
         done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
         if announce:
             announce(f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}" + (f", into {folder}" if folder else ""))
-        timing = {"compile": warm_up(announce), "sample": 0.0, "kernel": 0.0, "write": 0.0}
+        use_threads(threads)
+        begun = time.perf_counter()
+        flight = plan_flight(self, history=settings.history_step > 0.0 and not stats_only, announce=announce)
+        timing = {"compile": time.perf_counter() - begun, "sample": 0.0, "kernel": 0.0, "write": 0.0}
         earlier = None
         if folder and len(done):
             held, failed = store.cases_held(folder, Status.OK.label)
             earlier = store.read_manifest(folder) | {"cases_held": held, "failures": failed}
-        use_threads(threads)
         left = total - len(done)
-        chunks = Chunks(self, seed, total, timing, folder, earlier, stats_only)
+        chunks = Chunks(self, flight, seed, total, timing, folder, earlier, stats_only)
         if folder:
             chunks.write_manifest(threads, complete=False)
         try:
@@ -276,7 +284,7 @@ class Campaign:
         finally:
             if folder:
                 chunks.write_manifest(threads, complete=chunks.held == left)
-        return Result(self, chunks.kept(), timing, seed, folder, chunks.notes)
+        return Result(self, chunks.kept(), timing, seed, folder, chunks.notes, flight, chunks.accuracy)
 
     def _resumed(self, folder: Path, seed: int, total: int) -> np.ndarray:
         """Cases a folder already holds, if it is the same campaign."""

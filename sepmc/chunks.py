@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -13,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sepmc import cases, schema, store
-from sepmc.door import fly_block
-from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.pilot import SAMPLE, Achieved, Flight, achieved, fly
 from sepmc.schema import Status
 from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 
@@ -33,6 +33,7 @@ class Chunks:
     def __init__(
         self,
         campaign: "Campaign",
+        flight: Flight,
         seed: int,
         total: int,
         timing: dict[str, float],
@@ -40,7 +41,7 @@ class Chunks:
         earlier: dict[str, Any] | None = None,
         stats_only: bool = False,
     ):
-        self.campaign, self.seed, self.total, self.timing, self.folder = campaign, seed, total, timing, folder
+        self.campaign, self.flight, self.seed, self.total, self.timing, self.folder = campaign, flight, seed, total, timing, folder
         self.stats_only = stats_only
         self.flown, self.failures = 0, 0
         self.held, self.failures_held = 0, 0  # those that the sink has taken
@@ -102,8 +103,7 @@ class Chunks:
         drawn = cases.draw(campaign.file.dispersions, self.seed, first, end - first)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
-        level = SEPARATION_HISTORY if self.separation else NO_HISTORY
-        block = fly_block(campaign.plan, campaign.slots, drawn * campaign.factors, self.room, len(self.separation), level)
+        block = fly(campaign, self.flight, drawn * campaign.factors, self.room)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
         return Piece(first, drawn, block)
@@ -143,6 +143,7 @@ class Chunks:
             "cases_held": self.earlier.get("cases_held", 0) + (0 if self.stats_only else self.held),
             "failures": self.earlier.get("failures", 0) + self.failures_held,
             "implausible_inertias": self.implausible,
+            "accuracy": self._accuracy(),
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
         try:
@@ -161,6 +162,22 @@ class Chunks:
             "threads": threads or os.cpu_count(),
             **store.versions(),
         }
+
+    @cached_property
+    def accuracy(self) -> Achieved:
+        """What the run's first cases show of its error."""
+        drawn = cases.draw(self.campaign.file.dispersions, self.seed, 0, min(SAMPLE, self.total))
+        return achieved(self.campaign, self.flight, drawn * self.campaign.factors)
+
+    def _accuracy(self) -> dict[str, Any]:
+        flight = self.flight
+        how = {"kernel": "general" if flight.kernel is None else "specialised", "method": self.campaign.scene.solver.method}
+        how |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
+        if not self.flown:
+            return how
+        worst, error = self.accuracy.worst
+        said = {"asked": self.accuracy.asked, "achieved": error, "worst_outcome": worst, "cases": self.accuracy.cases}
+        return {**how, **said, "errors": self.accuracy.errors}
 
     @property
     def notes(self) -> list[str]:

@@ -5,6 +5,7 @@ the audit failed, 130 interrupted.
 """
 
 import gc
+import math
 import sys
 import time
 import warnings
@@ -445,6 +446,9 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
+    accuracy = store.read_manifest(folder).get("accuracy") or {}
+    if "errors" in accuracy:
+        table["error"] = [accuracy["errors"].get(str(name), math.nan) for name in table.index]
     store.write_statistics(folder, table, counts, units, audited, summary.failed)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     say(summary_text(table, counts, units, source))
@@ -457,10 +461,20 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
     if 0 < ok < 0.9 * total:
         click.echo(f"warning: {total - ok} of {total} cases are left out: these statistics are of the others", err=True)
     say(audit_text(audited))
+    if "errors" in accuracy:
+        say(_accuracy_text(accuracy, [phase.name for phase in loaded.scene.phase]))
     if plots:
         _figures(folder, loaded, summary, table)
     say(f"wrote {folder}")
     return ok, not (audited["beyond"] > 0).any()
+
+
+def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
+    """How a campaign was flown and how exact that was, in a sentence."""
+    steps = ", ".join(f"{phase} {n}" for phase, n in zip(phases, accuracy.get("steps", ()), strict=False))
+    how = f"specialised kernel, {accuracy['method']}, steps: {steps}" if steps else f"general kernel, {accuracy['method']}, step {accuracy['step_s']:g} s"
+    said = f"numerical error at most {accuracy['achieved']:.1e} ({accuracy['worst_outcome']}) of size or sigma, asked {accuracy['asked']:g}"
+    return f"{said}; from {accuracy['cases']} cases flown again at twice the resolution; {how}"
 
 
 _BANDED = 20_000  # cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit into memory

@@ -3,7 +3,8 @@
 import operator
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ class Block:
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
-    """One call of the door; draws (n, d) in SI."""
+    """One call of the general kernel's door; draws (n, d) in SI."""
     from sepmc.kernels.batch import fly  # noqa: PLC0415
 
     n = len(draws)
@@ -47,6 +48,27 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
         block.outcomes, block.status, block.times, block.phases, block.history, block.rows, level,
     )  # fmt: skip
     return block
+
+
+def fly_specialised(
+    kernel: ModuleType, plan: Plan, steps: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
+) -> tuple[Block, np.ndarray]:
+    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
+
+    Returns the block, whose status is -1 where another kernel has to fly a case, and the times (phases, n) at which phases end.
+    """
+    n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
+    outcomes, status, ends = np.full((len(columns), n), np.nan), np.zeros(n, dtype=np.int64), np.zeros((len(plan.phases), n))
+    width = 2 * len(plan.joints) if room else 0
+    history = np.full((n, room, width), np.nan)
+    every = plan.tableau.history_step
+    kernel.fly(
+        plan.model.scene, plan.model.table, plan.model.numbers, np.ascontiguousarray(plan.nominal), slots, np.ascontiguousarray(draws.T),
+        steps, every, outcomes, ends, history, status,
+    )  # fmt: skip
+    times = np.broadcast_to(np.arange(room) * every, (n, room))
+    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
+    return Block(outcomes.T, status, times, phases, history, np.full(n, room)), ends
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
@@ -88,13 +110,26 @@ def use_threads(threads: int | None) -> None:
 
 
 def warm_up(announce: Callable[[str], None] | None = None) -> float:
-    """Make the kernels ready: load them from the disk cache, after compiling them there if need be. Returns the seconds it took."""
+    """Make the general kernel ready: load it from the disk cache, after compiling it there if need be. Returns the seconds it took."""
     start = time.perf_counter()
     from sepmc.kernels import batch  # noqa: PLC0415
 
     if not batch.is_compiled():
         if announce:
-            announce("compiling the kernels, once per installation (two to five minutes) ...")
+            announce("compiling the general kernel, once per installation (two to five minutes) ...")
         batch.compile_apart()
     batch.compile_door()
     return time.perf_counter() - start
+
+
+def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> ModuleType:
+    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling it there if need be."""
+    from sepmc.kernels import specialised  # noqa: PLC0415
+
+    module = specialised.load(text)
+    if not specialised.is_compiled(module):
+        if announce:
+            announce("compiling a kernel for scenes of this shape, once (some twenty seconds) ...")
+        specialised.compile_apart(module)
+    specialised.compile_door(module)
+    return module

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc import store
+from sepmc.pilot import Achieved, Flight
 from sepmc.sinks import Kept
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ class Result:
 
     Rows of a run into a folder are read from there when they are asked for; a run without one keeps them in memory. ``timing`` is in
     seconds by stage: compile, sample, kernel, write; the last goes on while the kernel flies, so the sum can exceed the time taken.
+    ``flight`` is how it was flown, ``accuracy`` its numerical error, from a sample flown again at twice the resolution.
     """
 
     campaign: "Campaign"
@@ -29,6 +31,8 @@ class Result:
     seed: int
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
+    flight: Flight | None = None
+    accuracy: Achieved | None = None
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {label}" for label, count in self.status_counts.items() if count)

@@ -4,7 +4,7 @@ import numpy as np
 
 from sepmc.compiler.plan import Plan
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Motor, Until
+from sepmc.scene.model import Motor, Scene, Until
 
 
 def lines(plan: Plan) -> list[str]:
@@ -22,7 +22,7 @@ def lines(plan: Plan) -> list[str]:
     found += [
         f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} tables, {m.n_proximity} increments",
         f"gravity      {scene.environment.gravity}",
-        f"solver       {scene.solver.formulation}, {scene.solver.method}, step {scene.solver.step:g} s, drift {scene.solver.drift}",
+        f"solver       {scene.solver.formulation}, {scene.solver.method}, {_resolution(scene)}, drift {scene.solver.drift}",
     ]
     for phase in scene.phase:
         rows = sum(len(rows_of(scene.joint[j], kind)) for j, kind in phase.joints.items())
@@ -31,6 +31,11 @@ def lines(plan: Plan) -> list[str]:
     for release in scene.release:
         found.append(f"release      {release.name}: {release.joint} becomes {release.to} when {condition(release.when)}")
     return found
+
+
+def _resolution(scene: Scene) -> str:
+    """What steps follow from."""
+    return f"accuracy {scene.solver.accuracy:g}" if scene.solver.step is None else f"step {scene.solver.step:g} s"
 
 
 def _push(motor: Motor) -> str:

@@ -524,33 +524,33 @@ class _Writer:
         says = "Fly the cases of a block, LANES from number ``first`` on; the last block is filled up with the last case."
         text = self._function(out, "fly_block(first, nominal, slots, draws, steps, every, outcomes, ends, history, status, m)", says)
         text("w = np.empty(SIZE_W)", f"p, y = np.zeros((LANES, {size_p})), np.zeros((LANES, {states}))", "good = np.empty(LANES, dtype=np.bool_)")
-        text("count = draws.shape[0]", "for l in range(LANES):", "    i = min(first + l, count - 1)")
-        text("    good[l] = prepare(nominal, slots, draws[i], p[l], y[l], m)", "    set_lane(w, l, p[l], y[l], m.numbers)")
+        text("count = draws.shape[1]", "for l in range(LANES):", "    i = min(first + l, count - 1)")
+        text("    good[l] = prepare(nominal, slots, draws[:, i], p[l], y[l], m)", "    set_lane(w, l, p[l], y[l], m.numbers)")
         for number, stage in enumerate(shape.stages):
             self._phase(text, number, stage)
         text("# outcomes", "report(w)", "for l in range(min(LANES, count - first)):", "    i = first + l")
         text = text.indented(1)
         o = n * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
-        text("sound = good[l] and w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6", f"for k in range({o}):", "    outcomes[i, k] = w[OUT + k * LANES + l]")
-        text(f"    sound = sound and (k >= {n * at.BODY_OUTCOMES} or math.isfinite(outcomes[i, k]))")
+        text("sound = good[l] and w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6", f"for k in range({o}):", "    outcomes[k, i] = w[OUT + k * LANES + l]")
+        text(f"    sound = sound and (k >= {n * at.BODY_OUTCOMES} or math.isfinite(outcomes[k, i]))")
         for joint in shape.scene.output.tip_off:
             for body in shape.scene.joint[joint].bodies:
                 if body != GROUND:
                     if self.slabs.has(f"TIP_OFF_{joint}_{body}"):
-                        text(f"vec3.put(outcomes[i], {o}, get3(w, TIP_OFF_{joint}_{body} + l))")
+                        text(f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, TIP_OFF_{joint}_{body} + l)")
                     o += 3
-        text("for k in range(4):", f"    outcomes[i, {o} + k] = w[RESIDUAL + k * LANES + l]")
+        text("for k in range(4):", f"    outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
         for k, name in enumerate(("DRIFT", "EVENT_ERROR", "TURNED_FAR", "STEPS")):
-            text(f"outcomes[i, {o + 4 + k}] = w[{name} + l]")
+            text(f"outcomes[{o + 4 + k}, i] = w[{name} + l]")
         for number, stage in enumerate(shape.stages):
-            text(f"ends[i, {number}] = w[ENDED_{stage.name} + l]")
+            text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
         text("status[i] = 0 if sound else -1")
         out("", "", "@door", "def fly(scene, table, numbers, nominal, slots, draws, steps, every, outcomes, ends, history, status):")
-        out('    """Fly every row of ``draws`` (n, d) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (phases,) steps a phase.', "")
-        out("    Writes outcomes (n, o), the times ``ends`` (n, phases) at which phases end, and status (n,): 0, or -1 if this kernel cannot")
+        out('    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (phases,) steps a phase.', "")
+        out("    Writes outcomes (o, n), the times ``ends`` (phases, n) at which phases end, and status (n,): 0, or -1 if this kernel cannot")
         out("    vouch for a case. If it was written for histories, also speed and distance of every joint ``every`` so many seconds, into")
         out('    history (n, rows, 2 joints).', '    """')
-        out("    for block in prange((draws.shape[0] + LANES - 1) // LANES):", "        m = Model(scene[0], table, numbers)")
+        out("    for block in prange((draws.shape[1] + LANES - 1) // LANES):", "        m = Model(scene[0], table, numbers)")
         out("        fly_block(block * LANES, nominal, slots, draws, steps, every, outcomes, ends, history, status, m)")
 
 

@@ -112,8 +112,11 @@ class Plan:
     contents: Contents
 
 
-def make_plan(scene: Scene, history_step: float | None = None) -> Plan:
-    """Pack a scene. ``history_step`` (s) overrides the one of ``run``."""
+_USUAL_STEP = 0.05  # s, where neither the scene nor its caller says
+
+
+def make_plan(scene: Scene, history_step: float | None = None, step: float | None = None) -> Plan:
+    """Pack a scene. ``history_step`` (s) overrides the one of ``run``, ``step`` (s) that of ``solver``."""
     kinds = make_kinds(scene)
     conditions = make_conditions(scene)
     order = body_order(scene)
@@ -128,7 +131,7 @@ def make_plan(scene: Scene, history_step: float | None = None) -> Plan:
     model = _model(scene, order, kinds, conditions, starts, len(nominal))
     rk = method(scene.solver.method)
     history = scene.run.history_step if history_step is None else history_step
-    tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, scene.solver.step, history)
+    tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, step or scene.solver.step or _USUAL_STEP, history)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
     return Plan(scene, model, tableau, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
 

@@ -103,6 +103,6 @@ def door(function):
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_FOLDER)
     try:
-        return numba.njit(parallel=True, cache=True, fastmath=_FASTMATH, error_model="numpy")(function)
+        return numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = previous

@@ -71,7 +71,28 @@ def _dop853() -> Method:
     return Method("dop853", 8, a, b, np.array(dop.C), dense, 7)
 
 
-METHODS = {"rk4": _rk4, "dop853": _dop853}
+def _dopri5() -> Method:
+    """Dormand and Prince, order 5, with its seventh stage for the extension of order 4 (Hairer, Norsett, Wanner, II.5, table 5.2, II.6)."""
+    a = np.zeros((7, 7))
+    a[1, :1] = [1 / 5]
+    a[2, :2] = [3 / 40, 9 / 40]
+    a[3, :3] = [44 / 45, -56 / 15, 32 / 9]
+    a[4, :4] = [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729]
+    a[5, :5] = [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656]
+    a[6, :6] = b = np.array([35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84])
+    d = [-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799, -10690763975 / 1880347072,
+         701980252875 / 199316789632, -1453857185 / 822651844, 69997945 / 29380423]  # fmt: skip
+    # The extension is y0 + t (F0 + u (F1 + t (F2 + u F3))), u = 1 - t
+    unit = np.eye(7)
+    f0 = np.append(b, 0.0)
+    f1 = unit[0] - f0
+    f2 = 2.0 * f0 - unit[6] - unit[0]
+    f3 = np.array(d)
+    dense = np.stack([np.zeros(7), f0 + f1, -f1 + f2 + f3, -f2 - 2.0 * f3, f3], axis=1)
+    return Method("dopri5", 5, a, b, np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0]), dense, 4)
+
+
+METHODS = {"rk4": _rk4, "dopri5": _dopri5, "dop853": _dop853}
 
 
 def method(name: str) -> Method:

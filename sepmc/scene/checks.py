@@ -100,7 +100,7 @@ def _check_histories(scene: Scene, problems: Problems) -> None:
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
         problems.add("run.history_step_s", f"gives more than {MOST_ROWS} rows a case up to {scene.run.end_time:g} s; 0 keeps none", step)
-    if scene.run.end_time / scene.solver.step > MOST_STEPS:
+    if scene.solver.step is not None and scene.run.end_time / scene.solver.step > MOST_STEPS:
         problems.add("solver.step_s", f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s", scene.solver.step)
 
 

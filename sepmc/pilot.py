@@ -1,0 +1,228 @@
+"""How a campaign is flown: by which kernel, in how many steps; found by flying a few cases at the corners of the dispersions first."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sepmc import cases, schema
+from sepmc.compiler.emit import emit
+from sepmc.compiler.plan import make_plan
+from sepmc.compiler.shape import make_shape, obstacles, varying
+from sepmc.door import Block, fly_block, fly_specialised, specialised_kernel, warm_up
+from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.schema import Status
+
+if TYPE_CHECKING:
+    from sepmc.campaign import Campaign
+
+CORNERS = 24  # cases flown besides the nominal one
+_EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
+_SAFE = 0.2  # share of the accuracy asked for that the pilot's cases may use: a campaign's worst case lies beyond them
+_MOST_STEPS = 4096  # of a phase
+_HALVINGS = 12
+_SMALL = 1e-6  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
+SAMPLE = 64  # cases of a campaign that are flown again at twice the resolution
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How a campaign is flown.
+
+    ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, ``step`` (s) that of the
+    general one; ``error`` is what the pilot found: largest difference of an outcome to a reference, see `relative_error`.
+    """
+
+    why: list[str] = field(default_factory=list)
+    kernel: ModuleType | None = None
+    steps: np.ndarray | None = None
+    step: float | None = None
+    error: float = np.nan
+
+    def sharper(self) -> "Flight":
+        """The same at twice the resolution."""
+        if self.steps is not None:
+            return replace(self, steps=2 * self.steps)
+        return replace(self, step=0.5 * self.step) if self.step else self
+
+
+def reasons(campaign: "Campaign") -> list[str]:
+    """Why a campaign is flown by the general kernel; empty if a kernel of its own flies it."""
+    if campaign.scene.solver.step is not None:
+        return ["a fixed solver.step_s"]
+    return obstacles(campaign.scene) + varying(campaign.plan, _dispersed(campaign))
+
+
+def _dispersed(campaign: "Campaign") -> frozenset[str]:
+    return frozenset(d.parameter.path for d in campaign.file.dispersions)
+
+
+def kernel_text(campaign: "Campaign", method: str | None = None, history: bool = False) -> str:
+    """The kernel written for a campaign, as a Python module."""
+    shape = make_shape(campaign.plan, _dispersed(campaign))
+    return emit(shape, method or campaign.scene.solver.method, history)
+
+
+def corners(campaign: "Campaign") -> np.ndarray:
+    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses. They do not depend on the seed."""
+    dispersions = campaign.file.dispersions
+    tosses = np.random.Generator(np.random.Philox(key=20)).integers(0, 2, (CORNERS, max(1, len(dispersions))))
+    table = np.empty((CORNERS + 1, len(dispersions)), order="F")
+    for i, dispersion in enumerate(dispersions):
+        u = np.concatenate([[0.5], np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)])
+        table[:, i] = cases.quantile(dispersion, u) * campaign.factors[i]
+    return table
+
+
+def relative_error(found: np.ndarray, reference: np.ndarray, units: list[str]) -> np.ndarray:
+    """Largest difference of every outcome, (n, o) each, over its own size or, if that is larger, its standard deviation; (o,).
+
+    Outcomes that are zero but for round-off count as 1e-6 of the largest of the same unit. NaN at the same place agrees.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        difference = np.where(np.isnan(found) & np.isnan(reference), 0.0, np.abs(found - reference))
+        size = np.abs(np.where(np.isnan(reference), 0.0, reference))
+        largest = size.max(axis=0, initial=0.0)
+        floor = np.array([_SMALL * max(x for x, other in zip(largest, units, strict=True) if other == unit) for unit in units])
+        spread = np.std(np.where(np.isnan(reference), 0.0, reference), axis=0)
+        scale = np.maximum(size, np.maximum(spread, floor))
+        share = np.where(difference == 0.0, 0.0, difference / scale)
+    return np.where(np.isnan(share), np.inf, share).max(axis=0, initial=0.0)
+
+
+def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | None = None) -> Flight:
+    """Choose how to fly a campaign to the accuracy it asks for."""
+    why = reasons(campaign)
+    step = campaign.scene.solver.step
+    if not why:
+        kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
+        found = _choose_steps(campaign, kernel)
+        if found is not None:
+            return found
+        why = ["the pilot: most of its cases need the general kernel, see README, Limits"]
+    warm_up(announce)
+    return Flight(why, step=step) if step is not None else _choose_step(campaign, why)
+
+
+def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
+    """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
+    width = 2 * len(campaign.plan.joints) if room else 0
+    if flight.kernel is None or flight.steps is None:
+        plan = campaign.plan if flight.step is None else make_plan(campaign.scene, step=flight.step)
+        return fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
+    block, ends = fly_specialised(flight.kernel, campaign.plan, flight.steps, campaign.slots, draws, room)
+    lost = np.flatnonzero(block.status < 0)
+    if len(lost):
+        _fly_lost(campaign, flight, draws, room, block, ends, lost, announce)
+    return block
+
+
+def _fly_lost(
+    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, ends: np.ndarray, lost: np.ndarray, announce: Say | None
+) -> None:
+    warm_up(announce)
+    assert flight.steps is not None
+    fair = np.flatnonzero(block.status == Status.OK)
+    typical = np.diff(np.median(ends[:, fair], axis=1), prepend=0.0) if len(fair) else np.full(len(ends), campaign.scene.run.end_time)
+    step = float(np.min(typical[typical > 0.0] / flight.steps[typical > 0.0], initial=campaign.scene.run.end_time))
+    full = replace(campaign.plan.contents, specialised=False)
+    plan = replace(make_plan(campaign.scene, step=step), contents=full)
+    again = fly_block(plan, campaign.slots, draws[lost], room, 2 * len(campaign.plan.joints) if room else 0, SEPARATION_HISTORY if room else NO_HISTORY)
+    names = [c.name for c in schema.result_columns(full)]
+    wanted = [names.index(c.name) for c in campaign.result_columns]
+    block.outcomes[lost], block.status[lost] = again.outcomes[:, wanted], again.status
+    if room:
+        block.history[lost], block.rows[lost] = again.history, again.rows
+
+
+def _outcomes(campaign: "Campaign", block: Block) -> np.ndarray:
+    return block.outcomes[:, : len(campaign.outcome_columns)]
+
+
+def _units(campaign: "Campaign") -> list[str]:
+    return [c.unit for c in campaign.outcome_columns]
+
+
+def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
+    """Fewest steps in every phase with which the corners come within the accuracy of a reference at many steps; None if they cannot."""
+    draws, units, goal = corners(campaign), _units(campaign), _SAFE * campaign.scene.solver.accuracy
+
+    def flown(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block, _ = fly_specialised(kernel, campaign.plan, steps, campaign.slots, draws)
+        return _outcomes(campaign, block), block.status == 0
+
+    def error(steps: np.ndarray) -> float:
+        found, sound = flown(steps)
+        both = sound & fair
+        return float(relative_error(found[both], reference[both], units).max()) if both.any() and not (fair & ~sound).any() else np.inf
+
+    steps = np.full(len(campaign.scene.phase), 2, dtype=np.int64)
+    reference, fair = flown(steps)
+    best, found_error = steps, np.inf
+    while steps.max() < _MOST_STEPS and found_error > 0.02 * goal:
+        finer = 2 * steps
+        coarse, (reference, fair) = steps, flown(finer)
+        now = error(coarse)
+        if now >= found_error and found_error <= goal:  # round-off
+            break
+        best, found_error, steps = (coarse, now, finer) if now < found_error else (best, found_error, finer)
+    if not fair.mean() > 0.5:
+        return None
+    chosen = steps.copy()
+    for phase in range(len(chosen)):  # each alone, the others as fine as the reference
+        low, high = 0, int(steps[phase])
+        while high - low > 1:
+            trial = steps.copy()
+            trial[phase] = middle = (low + high) // 2
+            low, high = (low, middle) if error(trial) <= goal / len(chosen) else (middle, high)
+        chosen[phase] = high
+    final = error(chosen)
+    while final > goal and (chosen < steps).any():
+        chosen = np.minimum(chosen + 1, steps)
+        final = error(chosen)
+    return Flight(kernel=kernel, steps=chosen, error=final)
+
+
+def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
+    """Step of the general kernel at which halving it changes the corners by no more than the accuracy."""
+    draws, units, goal = corners(campaign)[:9], _units(campaign), campaign.scene.solver.accuracy
+    step, best, before = campaign.scene.run.end_time / 8.0, Flight(why), None
+    for _ in range(_HALVINGS):
+        block = fly_block(make_plan(campaign.scene, step=step), campaign.slots, draws, 0, 0, NO_HISTORY)
+        now, ok = _outcomes(campaign, block), block.status == Status.OK
+        if before is not None and (both := ok & before[1]).any():
+            error = float(relative_error(before[0][both], now[both], units).max())
+            if not error >= best.error:
+                best = Flight(why, step=2.0 * step, error=error)
+            if error <= goal:
+                break
+        before, step = (now, ok), 0.5 * step
+    return best if best.step else replace(best, step=step)
+
+
+@dataclass(frozen=True)
+class Achieved:
+    """Error of a campaign: of every outcome, the largest over a sample flown again at twice the resolution."""
+
+    asked: float
+    errors: dict[str, float]
+    cases: int
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        """The outcome with the largest error, and that."""
+        name = max(self.errors, key=lambda n: self.errors[n])
+        return name, self.errors[name]
+
+
+def achieved(campaign: "Campaign", flight: Flight, draws: np.ndarray) -> Achieved:
+    """Fly a sample of a campaign, draws (n, d) in SI, again at twice the resolution."""
+    one, two = fly(campaign, flight, draws), fly(campaign, flight.sharper(), draws)
+    both = (one.status == Status.OK) & (two.status == Status.OK)
+    errors = relative_error(_outcomes(campaign, one)[both], _outcomes(campaign, two)[both], _units(campaign))
+    names = [c.name for c in campaign.outcome_columns]
+    return Achieved(campaign.scene.solver.accuracy, dict(zip(names, errors.tolist(), strict=True)), int(both.sum()))
