@@ -66,13 +66,16 @@ def is_cached(function) -> bool:
     return any(Path(function.stats.cache_path).glob(f"{function.__module__.rpartition('.')[2]}.*.nbi"))
 
 
+# Wrappers make a function callable from Python. A process that only fills the cache needs none but the door's (2 s of compiling).
+_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+BARE = "SEPMC_BARE"  # set in the environment of such a process
+_WRAPPED = _BARE if os.environ.get(BARE) else {}
 # A formula on scalars and tuples: callable from Python for tests, and always copied into its caller, since a loop over cases with a
 # call in it is not vectorised.
-formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", forceinline=True)
+formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", forceinline=True, **_WRAPPED)
 # A formula too large for that.
-routine = numba.njit(fastmath=_FASTMATH, error_model="numpy")
-# A stage of the engine: called from compiled code only, so no Python wrapper is built (7 s of 40 s to compile the door).
-_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+routine = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_WRAPPED)
+# A stage of the engine: called from compiled code only.
 stage = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
 
 

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 from numba import get_num_threads, prange, set_num_threads
 
-from sepmc.kernels._jit import config, door, is_cached, one_at_a_time
+from sepmc.kernels._jit import BARE, config, door, is_cached, one_at_a_time
 from sepmc.kernels.flight import fly_case
 from sepmc.kernels.layout import STRUCTURE, Model, Tableau
 
@@ -40,7 +40,7 @@ def compile_apart() -> bool:
     copies of inlined functions). Every campaign flies what the cache holds, so that every run of a case gives the same bits.
     """
     program = [sys.executable, "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
         with one_at_a_time():
             return is_compiled() or subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0

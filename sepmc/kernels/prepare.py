@@ -156,7 +156,8 @@ def set_initial_state(y, m, w):
 def prepare(nominal, slots, draws, w, y, m):
     """Put the draws in place and set up the flight. Returns False if the case cannot be flown."""
     keep_apart()
-    w[: nominal.shape[0]] = nominal
+    for k in range(nominal.shape[0]):  # a slice would compile the text of its error messages, a second
+        w[k] = nominal[k]
     for i in range(slots.shape[0]):
         if not math.isfinite(draws[i]):
             return False

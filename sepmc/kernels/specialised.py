@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 
-from sepmc.kernels._jit import CACHE_FOLDER, is_cached, one_at_a_time
+from sepmc.kernels._jit import BARE, CACHE_FOLDER, is_cached, one_at_a_time
 from sepmc.kernels.layout import STRUCTURE
 
 _PREFIX = "sepmc_scene_"
@@ -61,7 +61,7 @@ def compile_apart(module: ModuleType) -> bool:
         "import sys; from pathlib import Path; from sepmc.kernels import specialised as s; "
         f"s.compile_door(s._import(Path({str(module.__file__)!r})))"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
         with one_at_a_time():
             if is_compiled(module):
