@@ -174,11 +174,15 @@ class Flight:
             ta.set_time(0.0)
             ta.reset_cooldowns()
             goal = self.inputs.end - unlock[at]
-            while (ta.time < goal).any():
+            for _ in range(BATCH + 1):  # each ends one case at least
                 ta.propagate_until(goal)
                 for lane, result in enumerate(ta.propagate_res):
                     if int(result[0]) == -1:
                         goal[lane] = ta.time[lane]
+                if not (ta.time < goal).any():
+                    break
+            else:
+                raise RuntimeError(f"heyoka does not reach the release: {ta.propagate_res}")
             state[at], release[at] = ta.state, unlock[at] + ta.time
 
     def outcomes(self, flown: tuple[Array, Array]) -> dict[str, Array]:

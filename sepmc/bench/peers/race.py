@@ -18,7 +18,7 @@ from sepmc.bench.peers.worker import Workers
 
 Say = Callable[[str], None]
 CASES = {"numba per case": 4096, "heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
-OWN = (("dop853", 0.25), ("dop853", 0.1), ("dop853", 0.05), ("rk4", 0.05), ("rk4", 0.01))
+OWN = (("dop853", 0.15), ("dop853", 0.1), ("dop853", 0.05), ("rk4", 0.025), ("rk4", 0.01))
 TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-15)
 # heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried the fastest at their error
 ORDERS = (
