@@ -37,7 +37,7 @@ class Mode:
         return repr([sorted(part.items()) for part in (self.kinds, self.motors, self.springs, self.loads, self.layers)])
 
 
-def _to_base(layer: int) -> tuple[float, float]:
+def to_base(layer: int) -> tuple[float, float]:
     """Temperature (K) and pressure (Pa) at the base of a layer."""
     temperature, pressure = 288.15, 101325.0
     for base, top, lapse in zip(BASES[:layer], BASES[1:], LAPSES, strict=False):
@@ -58,7 +58,7 @@ def layer_at(height: float) -> int:
 
 def density(height: Any, layer: int, fn: Any = math) -> Any:
     """Air density, kg/m3, at a geometric height (m): US Standard Atmosphere 1976, equations 18, 23, 33 and 42, one layer."""
-    temperature, pressure = _to_base(layer)
+    temperature, pressure = to_base(layer)
     rise = EARTH_RADIUS * height / (EARTH_RADIUS + height) - BASES[layer]
     lapse = LAPSES[layer]
     if lapse == 0.0:
@@ -133,7 +133,7 @@ def _increments(case: Case, body: Body, motions: dict[str, Motion]) -> Array:
 def sound_speed(height: float, layer: int) -> float:
     """Speed of sound, m/s: sqrt(1.4 R T / M), equation 50 of the standard."""
     geopotential = EARTH_RADIUS * height / (EARTH_RADIUS + height)
-    return math.sqrt(1.4 * GAS * (_to_base(layer)[0] + LAPSES[layer] * (geopotential - BASES[layer])))
+    return math.sqrt(1.4 * GAS * (to_base(layer)[0] + LAPSES[layer] * (geopotential - BASES[layer])))
 
 
 def aerodynamics(case: Case, body: Body, motions: dict[str, Motion], t: Any, mode: Mode, fn: Any) -> tuple[Array, Array]:

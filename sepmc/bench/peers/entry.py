@@ -1,0 +1,62 @@
+"""What an engine of the race did with a setting, and how far it was off."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One engine with one setting.
+
+    Attributes
+    ----------
+    engine, setting : str
+    cases, threads : int
+        Cases flown, and threads; of processes, if ``note`` says so.
+    compile_s : float
+        Apart from what follows.
+    seconds_per_case : float
+        Wall time, all threads together, median of ``repeats``.
+    outcomes : dict of ndarray, shape (cases,)
+        Outcome column to values, of the first ``cases`` cases.
+    extrapolated : bool
+        Too few cases to fill the threads: flown on one, time divided by ``threads``.
+    """
+
+    engine: str
+    setting: str
+    cases: int
+    threads: int
+    compile_s: float
+    seconds_per_case: float
+    repeats: int
+    outcomes: dict[str, np.ndarray]
+    extrapolated: bool
+    note: str
+
+
+def worst(outcomes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray], sigma: Mapping[str, float]) -> tuple[float, str]:
+    """Largest error of some outcomes, and of which: |difference| / max(|reference|, sigma), over the cases and outcomes.
+
+    Parameters
+    ----------
+    outcomes, reference : mapping of ndarray
+        Outcome column to values; the reference has as many cases or more, and tells what is compared.
+    sigma : mapping of float
+        Scatter of each outcome over the campaign.
+    """
+    found = (0.0, "")
+    for name, values in outcomes.items():
+        right = np.asarray(reference[name])[: len(values)]
+        off = np.abs(values - right) / np.maximum(np.maximum(np.abs(right), sigma[name]), 1e-300)
+        error = float(np.inf if np.isnan(off).any() else off.max())
+        if error > found[0]:
+            found = (error, name)
+    return found
+
+
+def error(entry: Entry, reference: Mapping[str, np.ndarray], sigma: Mapping[str, float]) -> float:
+    """Largest error of an entry; see `worst`."""
+    return worst(entry.outcomes, reference, sigma)[0]

@@ -1,0 +1,158 @@
+"""The race: every engine that is installed flies the same cases with several settings.
+
+Timed is what an engine does from the initial states to the final ones, the release located on the way. Not timed are reading the case
+table into its arrays and turning final states into outcome columns. Compiling is told apart.
+"""
+
+import importlib
+import time
+from collections.abc import Callable, Iterator
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from sepmc.bench.peers.entry import Entry
+from sepmc.bench.peers.inputs import Inputs, read
+from sepmc.bench.peers.worker import Workers
+
+Say = Callable[[str], None]
+CASES = {"numba per case": 4096, "heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
+OWN = (("dop853", 0.15), ("dop853", 0.1), ("dop853", 0.05), ("rk4", 0.025), ("rk4", 0.01))
+TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-15)
+# heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried the fastest at their error
+ORDERS = (
+    ((6, 8, 8), (1, 2, 2)),
+    ((7, 10, 10), (1, 2, 2)),
+    ((9, 12, 12), (1, 2, 2)),
+    ((10, 14, 14), (1, 2, 2)),
+    ((12, 16, 16), (1, 2, 2)),
+    ((12, 14, 14), (1, 3, 3)),
+)
+STEPS = (0.05, 0.025, 0.01, 0.005, 0.0025)  # s, of MuJoCo
+EXUDYN = ((0.005, 1), (0.0005, 3))  # s and levels
+PLAIN = (1e-6, 1e-9, 1e-12)
+
+
+def race(campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = None, repeats: int = 7) -> list[Entry]:
+    """Let every engine that is installed fly the first cases of a campaign.
+
+    Parameters
+    ----------
+    campaign : sepmc.Campaign
+    threads : int
+    say : callable
+        Told what begins, and which engines are left out.
+    cases : dict of int, optional
+        Cases by engine, instead of those of `CASES`; an engine with none is left out.
+    repeats : int
+        Flights of which the median time is taken; one if the cases are few and the time extrapolated.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not one that these engines are set up for, saying which are.
+    """
+    counts = {**CASES, **(cases or {})}
+    inputs = read(campaign, max(counts.values()))
+    racers = {"numba per case": _numba, "heyoka": _heyoka, "mujoco": _mujoco, "scipy": _scipy, "exudyn": _exudyn}
+    entries = []
+    for name, racer in racers.items():
+        if counts[name] == 0 or not _installed(name, say):
+            continue
+        for entry in racer(campaign, inputs.part(0, counts[name]), threads, repeats):
+            say(f"{entry.engine}, {entry.setting}: {entry.seconds_per_case * 1e7:.3g} ms per 10,000 cases")
+            entries.append(entry)
+    return entries
+
+
+def _installed(name: str, say: Say) -> bool:
+    if name not in ("heyoka", "mujoco", "exudyn"):
+        return True
+    try:
+        importlib.import_module("mujoco.batch" if name == "mujoco" else name)
+    except ImportError:
+        say(f"{name} is not installed or too old, it is left out: pip install 'sepmc[peers]'")
+        return False
+    return True
+
+
+def _numba(campaign: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
+    """Our own kernel for any scene: one case after the other on each thread."""
+    for method, step in OWN:
+        bare = campaign.with_settings({"run.history_step_s": 0.0, "solver.method": method, "solver.step_s": step})
+        compiled = bare.run(cases=1, threads=threads).timing["compile"]
+        results = [bare.run(cases=inputs.count, threads=threads) for _ in range(repeats)]
+        seconds = median(r.timing["kernel"] for r in results) / inputs.count
+        table = {name: np.asarray(results[0].table[name]) for name in results[0].outcomes}
+        setting = f"{method}, step {step:g} s"
+        note = "the kernel for any scene; compiled before if it took no time"
+        yield Entry("numba per case", setting, inputs.count, threads, compiled, seconds, repeats, table, False, note)
+
+
+def _heyoka(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
+    settings: list[tuple[str, tuple[Any, ...]]] = [(f"tol {tolerance:.0e}", (tolerance,)) for tolerance in TOLERANCES]
+    for orders, steps in ORDERS:
+        setting = "order {}, steps {}".format(*(" ".join(map(str, three)) for three in (orders, steps)))
+        settings.append((setting, (None, orders, steps)))
+    for setting, arguments in settings:
+        shares = [(share, *arguments) for share in inputs.shares(threads)]
+        note = "a process a thread; its own steps and terminal event" if arguments[0] else "a process a thread; prescribed steps"
+        yield _apart("heyoka batch 8", setting, "sepmc.bench.peers.heyoka:Flight", shares, inputs, threads, repeats, note)
+
+
+def _scipy(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entry]:
+    for tolerance in PLAIN:
+        note = "our right-hand side as plain Python"
+        share = [(campaign.file.tree, campaign.name, inputs, tolerance)]
+        yield _apart("scipy DOP853", f"rtol {tolerance:.0e}", "sepmc.bench.peers.plain:Flight", share, inputs, threads, 1, note)
+
+
+def _apart(
+    engine: str, setting: str, factory: str, shares: list[tuple[Any, ...]], inputs: Inputs, threads: int, repeats: int, note: str
+) -> Entry:
+    """An engine in processes of its own, one for each share of the cases. The few cases of plain Python are flown in one."""
+    plain = factory.endswith("plain:Flight")
+    environment = {"NUMBA_DISABLE_JIT": "1"} if plain else {}
+    with Workers(factory, shares, environment) as workers:
+        if not plain:
+            workers.fly()
+        seconds = median(workers.fly() for _ in range(repeats)) / inputs.count
+        parts = workers.outcomes()
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    seconds = seconds / threads if plain else seconds
+    return Entry(engine, setting, inputs.count, threads, workers.compile_s, seconds, repeats, table, plain, note)
+
+
+def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
+    from sepmc.bench.peers.mujoco import Flight  # noqa: PLC0415
+
+    for step in STEPS:
+        flight = Flight(inputs, step, threads)
+        spent, flown = _timed(flight, repeats)
+        note = "batch of a model a phase, loads as a compiled callback"
+        table = flight.outcomes(flown)
+        yield Entry(
+            "MuJoCo RK4", f"step {step:g} s", inputs.count, threads, flight.compile_s, spent / inputs.count, repeats, table, False, note
+        )
+
+
+def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entry]:
+    from sepmc.bench.peers.exudyn import Flight  # noqa: PLC0415
+
+    for step, levels in EXUDYN:
+        flight = Flight(campaign, inputs, step, levels)
+        spent, flown = _timed(flight, 1)
+        setting = f"step {step:g} s" + (f", {levels} levels" if levels > 1 else "")
+        seconds, table = spent / inputs.count / threads, flight.outcomes(flown)
+        yield Entry("Exudyn", setting, inputs.count, threads, 0.0, seconds, 1, table, True, "loads as Python functions")
+
+
+def _timed(flight: Any, repeats: int) -> tuple[float, Any]:
+    """Median seconds of a flight, and what the last one gave."""
+    spent, flown = [], None
+    for _ in range(repeats):
+        began = time.perf_counter()
+        flown = flight.fly()
+        spent.append(time.perf_counter() - began)
+    return median(spent), flown
