@@ -51,7 +51,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
 
 
 def fly_specialised(
-    kernel: ModuleType, plan: Plan, steps: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
+    kernel: ModuleType, plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
 
@@ -62,9 +62,11 @@ def fly_specialised(
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     every = plan.tableau.history_step
-    kernel.fly(
-        plan.model.scene, plan.model.table, plan.model.numbers, np.ascontiguousarray(plan.nominal), slots, np.ascontiguousarray(draws.T),
-        steps, every, outcomes, ends, history, status,
+    from sepmc.kernels.blocks import fly  # noqa: PLC0415
+
+    fly(
+        kernel, plan.model.scene, plan.model.table, plan.model.numbers, np.ascontiguousarray(plan.nominal), slots, np.ascontiguousarray(draws.T),
+        steps, usual, every, outcomes, ends, history, status,
     )  # fmt: skip
     times = np.broadcast_to(np.arange(room) * every, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
@@ -126,10 +128,9 @@ def specialised_kernel(text: str, announce: Callable[[str], None] | None = None)
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling it there if need be."""
     from sepmc.kernels import specialised  # noqa: PLC0415
 
-    module = specialised.load(text)
-    if not specialised.is_compiled(module):
+    name = specialised.write(text)
+    if not specialised.is_compiled(name):
         if announce:
-            announce("compiling a kernel for scenes of this shape, once (some twenty seconds) ...")
-        specialised.compile_apart(module)
-    specialised.compile_door(module)
-    return module
+            announce("compiling a kernel for scenes of this shape, once (some fifteen seconds) ...")
+        specialised.compile_apart(name)
+    return specialised.load(name)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 CORNERS = 24  # cases flown besides the nominal one
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
-_SAFE = 0.2  # share of the accuracy asked for that the pilot's cases may use: a campaign's worst case lies beyond them
+_SAFE = 0.5  # share of the accuracy asked for that the pilot's cases may use
 _MOST_STEPS = 4096  # of a phase
 _HALVINGS = 12
 _SMALL = 1e-6  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
@@ -33,13 +33,14 @@ Say = Callable[[str], None]
 class Flight:
     """How a campaign is flown.
 
-    ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, ``step`` (s) that of the
-    general one; ``error`` is what the pilot found: largest difference of an outcome to a reference, see `relative_error`.
+    ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
+    last ``usual`` (phases,) s; ``step`` (s) is that of the general one; ``error`` is what the pilot found: largest difference of an outcome to a reference, see `relative_error`.
     """
 
     why: list[str] = field(default_factory=list)
     kernel: ModuleType | None = None
     steps: np.ndarray | None = None
+    usual: np.ndarray | None = None
     step: float | None = None
     error: float = np.nan
 
@@ -111,24 +112,24 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
     """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
     width = 2 * len(campaign.plan.joints) if room else 0
-    if flight.kernel is None or flight.steps is None:
+    if flight.kernel is None or flight.steps is None or flight.usual is None:
         plan = campaign.plan if flight.step is None else make_plan(campaign.scene, step=flight.step)
         return fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
-    block, ends = fly_specialised(flight.kernel, campaign.plan, flight.steps, campaign.slots, draws, room)
+    block, ends = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
     lost = np.flatnonzero(block.status < 0)
     if len(lost):
-        _fly_lost(campaign, flight, draws, room, block, ends, lost, announce)
+        _fly_lost(campaign, flight, draws, room, block, lost, announce)
     return block
 
 
 def _fly_lost(
-    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, ends: np.ndarray, lost: np.ndarray, announce: Say | None
+    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray, announce: Say | None
 ) -> None:
     warm_up(announce)
     assert flight.steps is not None
-    fair = np.flatnonzero(block.status == Status.OK)
-    typical = np.diff(np.median(ends[:, fair], axis=1), prepend=0.0) if len(fair) else np.full(len(ends), campaign.scene.run.end_time)
-    step = float(np.min(typical[typical > 0.0] / flight.steps[typical > 0.0], initial=campaign.scene.run.end_time))
+    assert flight.usual is not None
+    lasts = flight.usual > 0.0
+    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
     full = replace(campaign.plan.contents, specialised=False)
     plan = replace(make_plan(campaign.scene, step=step), contents=full)
     again = fly_block(plan, campaign.slots, draws[lost], room, 2 * len(campaign.plan.joints) if room else 0, SEPARATION_HISTORY if room else NO_HISTORY)
@@ -152,14 +153,18 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
     draws, units, goal = corners(campaign), _units(campaign), _SAFE * campaign.scene.solver.accuracy
 
     def flown(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, steps, campaign.slots, draws)
-        return _outcomes(campaign, block), block.status == 0
+        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        sound = block.status == 0
+        if np.isinf(usual).any() and sound.any():
+            usual[:] = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
+        return _outcomes(campaign, block), sound
 
     def error(steps: np.ndarray) -> float:
         found, sound = flown(steps)
         both = sound & fair
         return float(relative_error(found[both], reference[both], units).max()) if both.any() and not (fair & ~sound).any() else np.inf
 
+    usual = np.full(len(campaign.scene.phase), np.inf)
     steps = np.full(len(campaign.scene.phase), 2, dtype=np.int64)
     reference, fair = flown(steps)
     best, found_error = steps, np.inf
@@ -178,13 +183,14 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         while high - low > 1:
             trial = steps.copy()
             trial[phase] = middle = (low + high) // 2
-            low, high = (low, middle) if error(trial) <= goal / len(chosen) else (middle, high)
+            low, high = (low, middle) if error(trial) <= goal else (middle, high)
         chosen[phase] = high
     final = error(chosen)
-    while final > goal and (chosen < steps).any():
-        chosen = np.minimum(chosen + 1, steps)
-        final = error(chosen)
-    return Flight(kernel=kernel, steps=chosen, error=final)
+    while final > goal and (chosen < steps).any():  # together: one more step where it helps most
+        trials = [chosen + unit for unit in np.eye(len(chosen), dtype=np.int64)]
+        errors = [error(trial) for trial in trials]
+        chosen, final = trials[int(np.argmin(errors))], min(errors)
+    return Flight(kernel=kernel, steps=chosen, usual=usual, error=final)
 
 
 def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:

@@ -7,6 +7,7 @@ shape share it. `sepmc check --code` prints it.
 from collections.abc import Callable
 
 from sepmc.compiler.emit_loads import emit_load_parameters, emit_loads
+from sepmc.compiler.emit_prepare import emit_start, raw
 from sepmc.compiler.emit_rows import Geometry, emit_event, emit_rows, emit_separation
 from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Slabs, Text
@@ -22,19 +23,21 @@ Written by sepmc for scenes of this shape; not edited by hand. {about}
 import math
 
 import numpy as np
-from numba import prange
 
 from sepmc.kernels import joints, quat, springs, vec3
-from sepmc.kernels._jit import door, keep_apart, stage
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.blocks import block, entry, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import density_in_layer, geopotential, layer
 from sepmc.kernels.gravity import inverse_square
 from sepmc.kernels.lanes import LANES, get3, get4, get6, larger, nearest_turn, put3, put4, put6, time_left
 from sepmc.kernels.layout import Model
+from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
-from sepmc.kernels.prepare import prepare
-from sepmc.kernels.propulsion import building_up, tail_off
+from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
+from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
 from sepmc.kernels.stretches import next_break, set_stretch
+from sepmc.kernels.wind import wind
 '''
 
 
@@ -47,7 +50,7 @@ class _Writer:
     def __init__(self, shape: Shape, rk: Method, history: bool):
         self.shape, self.rk, self.history = shape, rk, history
         self.slabs = Slabs()
-        self.parameters = Text(1)  # of the function that sets up a lane
+        self.parameters, self.shared = Text(2), Text(1)  # of the function that sets up the lanes: of each, and before the loop over them
         self.size = 13 * len(shape.bodies)
         self.seeks = any(stage.events for stage in shape.stages)
 
@@ -55,7 +58,7 @@ class _Writer:
         """The whole text: the head comes last, when all slabs are known."""
         for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
             self.slabs.add(name, self.size)
-        for i in range(1, len(self.rk.b) + 1):
+        for i in range(1, (len(self.rk.dense) if self.history else len(self.rk.b)) + 1):  # in this order and without a gap
             self.slabs.add(f"K{i}", self.size)
         for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "EVENT_ERROR", "STEPS"):
             self.slabs.add(name, 1)
@@ -77,12 +80,15 @@ class _Writer:
         if self.seeks:
             self._step(body, method("rk4"), "approach")
         self._finish(body)
-        self._lane(body)
+        self._lanes(body)
         self._door(body)
         head = Text()
         head.lines += _HEADER.format(title=self._title(), about=self._about()).rstrip().split("\n")
         head("", f"# The method: {self.rk.name}, order {self.rk.order}. Row i of the stage matrix, weights, nodes.")
         head.lines += _coefficients(self.rk)
+        if self.history:
+            head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
+            head(f"_METHOD = method({self.rk.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
         head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
         head.lines += self.slabs.lines()
         head.lines += self._places()
@@ -124,7 +130,7 @@ class _Writer:
 
     def _motion(self, text: Text, stage: Stage, state: str) -> Geometry:
         """Attitudes, rates, places and speeds of bodies at a state, as local names."""
-        g = Geometry(self.shape, stage, self.slabs, self.parameters)
+        g = Geometry(self.shape, stage, self.slabs, self.parameters, self.shared)
         for leader in stage.leaders:
             text(f"q_{leader}, omega_{leader} = get4(w, {state} + Q_{leader} + l), get3(w, {state} + OMEGA_{leader} + l)")
             text(f"r_{leader} = quat.matrix(q_{leader})")
@@ -168,20 +174,17 @@ class _Writer:
             text(f"put3(w, D + OMEGA_{leader} + l, spin_rate_{leader})")
 
     def _need_masses(self) -> None:
-        for i, body in enumerate(self.shape.bodies):
+        for body in self.shape.bodies:
             if self.slabs.add(f"INVERSE_MASS_{body}", 1):
-                p = at.HEAD + at.BODY_SIZE * i
-                self.parameters(f"w[INVERSE_MASS_{body} + l] = 1.0 / p[{p + at.MASS}]")
+                self.parameters(f"w[INVERSE_MASS_{body} + l] = 1.0 / mass_{body}")
 
     def _need_inertia(self, group: tuple[str, ...]) -> None:
         name = "_".join(group)
         if self.slabs.add(f"INERTIA_{name}", 6):
             self.slabs.add(f"INVERSE_{name}", 6)
-            base = int(self.shape.plan.model.scene[0].work) + at.WORK_HEAD
-            tensors = [base + at.BODY_WORK * self.shape.bodies.index(body) + at.TENSOR for body in group]
-            text = f"vec3.get_matrix(p, {tensors[0]})"
-            for tensor in tensors[1:]:
-                text = f"vec3.add_matrices({text}, vec3.get_matrix(p, {tensor}))"
+            text = f"tensor_{group[0]}"
+            for body in group[1:]:
+                text = f"vec3.add_matrices({text}, tensor_{body})"
             self.parameters(f"tensor = {text}", f"put6(w, INERTIA_{name} + l, tensor)")
             self.parameters(f"put6(w, INVERSE_{name} + l, vec3.symmetric_inverse(tensor))")
 
@@ -216,7 +219,7 @@ class _Writer:
 
     def _aim(self, out: Text, stage: Stage) -> None:
         says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
-        text = self._function(out, f"aim_{stage.name}(w)", says + " these change; at most to END.")
+        text = self._function(out, f"aim_{stage.name}(w, usual)", says + " these change; at most to END.")
         text("for l in range(LANES):")
         text = text.indented(1)
         g = self._motion(text, stage, "Y")
@@ -233,6 +236,8 @@ class _Writer:
             text("jerk = (acceleration - before) / (t - earlier) if t > earlier else 0.0")
             text(f"w[VALUE_{name} + l], w[LAST_{name} + l], w[LAST_{name} + LANES + l] = value, t, acceleration")
             text("wait = time_left(value, rate, acceleration, jerk)")
+            if event.ends_phase:
+                text("wait = usual if earlier == math.inf and wait > usual else wait")
             if not event.ends_phase:
                 text(f"wait = math.inf if w[SPENT_{event.which} + l] > 0.0 else wait")
             text("ahead = wait if wait < ahead else ahead")
@@ -240,14 +245,21 @@ class _Writer:
 
     def _lengths(self, out: Text) -> None:
         """Step lengths of all lanes."""
-        text = self._function(out, "set_step(w, phase, left)", "Length of the first of ``left`` steps to END or to the next event, into all of STEP.")
+        text = self._function(out, "set_step(w, phase, left, usual)", "Length of the first of ``left`` steps to END or to the next event, into all of STEP; an event is never foretold later than ``usual`` at first.")
         text("for l in range(LANES):", "    w[STEP + l] = w[END + l] - w[T + l]")
         for number, stage in enumerate(self.shape.stages):
             if stage.events:
-                text(f"if phase == {number}:", f"    aim_{stage.name}(w)")
-        text("for l in range(LANES):", "    h = w[STEP + l] / left")
-        for k in range(self.size):
-            text(f"    w[STEP + {k} * LANES + l] = h")
+                text(f"if phase == {number}:", f"    aim_{stage.name}(w, usual)")
+        text("for l in range(LANES):", "    w[STEP + l] /= left")
+        self._spread(text, "STEP")
+
+    def _spread(self, text: Text, slab: str) -> None:
+        """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a state, by doubling."""
+        filled = 1
+        while filled < self.size:
+            more = min(filled, self.size - filled)
+            text(f"for e in range({more} * LANES):", f"    w[{slab} + {filled} * LANES + e] = w[{slab} + e]")
+            filled += more
 
     def _step(self, out: Text, rk: Method, name: str) -> None:
         """One step by a method, from its first stage to what follows its end."""
@@ -255,14 +267,14 @@ class _Writer:
         says = f"One of ``left`` steps of a phase by {rk.name}."
         if not own:
             says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
-        text = self._function(out, f"{name}(w, phase{', left' if own else ''})", says)
+        text = self._function(out, f"{name}(w, phase{', left, usual' if own else ''})", says)
         text("for e in range(SIZE_Y):", "    w[S + e] = w[Y + e]")
         if own and self.history:
             text("    w[BEGIN + e] = w[Y + e]")
         text("for l in range(LANES):", "    w[CLOCK + l] = w[T + l]")
         if own and self.history:
             text("    w[BEGIN_T + l] = w[T + l]")
-        text("rates(w, phase)", "for e in range(SIZE_Y):", "    w[K1 + e] = w[D + e]", f"set_step(w, phase, {'left' if own else '1'})")
+        text("rates(w, phase)", "for e in range(SIZE_Y):", "    w[K1 + e] = w[D + e]", f"set_step(w, phase, {'left, usual' if own else '1, math.inf'})")
 
         def coefficient(i: int, j: int) -> str:
             if own:
@@ -291,13 +303,13 @@ class _Writer:
         text("settle(w, phase)")
         if own:
             return
-        text("set_step(w, phase, 1)", "for e in range(SIZE_Y):", "    w[Y + e] += w[STEP + e] * w[D + e]")
+        text("set_step(w, phase, 1, math.inf)", "for e in range(SIZE_Y):", "    w[Y + e] += w[STEP + e] * w[D + e]")
         text("for l in range(LANES):", "    h = w[STEP + l]", "    w[T + l] += h")
         text("    w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)", "    w[LOST + l] = w[LOST + l] if abs(h) < 1e-6 else 1.0")
         for number, stage in enumerate(shape.stages):
             if not stage.events:
                 continue
-            text(f"if phase == {number}:", f"    aim_{stage.name}(w)", "    for l in range(LANES):")
+            text(f"if phase == {number}:", f"    aim_{stage.name}(w, math.inf)", "    for l in range(LANES):")
             inner = text.indented(2)
             for event in stage.events:
                 inner(f"met = w[VALUE_{stage.name}_{event.which} + l] >= -1e-12")
@@ -310,20 +322,20 @@ class _Writer:
         """The continuous extension of a step, and what is recorded of it."""
         rk, stages = self.rk, len(self.rk.b)
         self.slabs.add("BEGIN", self.size), self.slabs.add("BEGIN_T", 1), self.slabs.add("THETA", self.size)
+        text = self._function(out, "add(w, target, i, coefficients)", "Add the stages K1, K2, ..., each times its coefficient in row i, to a slab.")
+        text("for j in range(coefficients.shape[1]):", "    weight = coefficients[i, j]", "    if weight != 0.0:", "        for e in range(SIZE_Y):")
+        text("            w[target + e] += weight * w[K1 + j * SIZE_Y + e]")
         text = self._function(out, "extend(w, phase)", "Coefficients P1, P2, ... of the state over the step just made, by powers of its share gone by.")
-        for i in range(stages, len(rk.dense)):
-            self.slabs.add(f"K{i + 1}", self.size)
-            terms = [f"{float(rk.a[i, j])!r} * w[K{j + 1} + e]" for j in range(i) if rk.a[i, j] != 0.0]
-            text("for e in range(SIZE_Y):")
-            text.indented(1).wrapped("w[S + e] = w[BEGIN + e] + w[STEP + e] * (", terms, ")")
-            text("for l in range(LANES):", f"    w[CLOCK + l] = w[BEGIN_T + l] + {float(rk.c[i])!r} * w[STEP + l]", "rates(w, phase)")
-            text("for e in range(SIZE_Y):", f"    w[K{i + 1} + e] = w[D + e]")
-        powers = [q for q in range(rk.dense.shape[1]) if rk.dense[:, q].any()]
-        text("for e in range(SIZE_Y):")
-        for q in powers:
-            self.slabs.add(f"P{q}", self.size)
-            terms = [f"{float(rk.dense[i, q])!r} * w[K{i + 1} + e]" for i in range(len(rk.dense)) if rk.dense[i, q] != 0.0]
-            text.indented(1).wrapped(f"w[P{q} + e] = w[STEP + e] * (", terms, ")")
+        total, order = rk.dense.shape[0], rk.dense.shape[1] - 1
+        self.slabs.add("POWERS", (order + 1) * self.size)
+        if total > stages:
+            text(f"for i in range({stages}, {total}):", "    for e in range(SIZE_Y):", "        w[S + e] = 0.0")
+            text("    add(w, S, i, A)", "    for e in range(SIZE_Y):", "        w[S + e] = w[BEGIN + e] + w[STEP + e] * w[S + e]")
+            text("    for l in range(LANES):", "        w[CLOCK + l] = w[BEGIN_T + l] + C[i] * w[STEP + l]", "    rates(w, phase)")
+            text("    for e in range(SIZE_Y):", "        w[K1 + i * SIZE_Y + e] = w[D + e]")
+        text(f"for e in range({order + 1} * SIZE_Y):", "    w[POWERS + e] = 0.0", f"for q in range(1, {order + 1}):")
+        text("    add(w, POWERS + q * SIZE_Y, q, DENSE)", "    for e in range(SIZE_Y):", "        w[POWERS + q * SIZE_Y + e] *= w[STEP + e]")
+        powers = list(range(1, order + 1))
         for stage in self.shape.stages:
             text = self._function(out, f"separation_{stage.name}(w)", f"Speed and distance of every joint at the state S of phase {stage.name}, into APART.")
             self.slabs.add("APART", 2 * len(self.shape.scene.joint))
@@ -334,7 +346,7 @@ class _Writer:
                 emit_separation(text, g, joint)
                 text(f"w[APART + {2 * j} * LANES + l], w[APART + {2 * j + 1} * LANES + l] = rate, distance")
         text = self._function(
-            out, "record(w, phase, beyond, every, history, first)",
+            out, "keep(w, phase, beyond, every, history, first)",
             "Separations at the instants within the step just made, and ``beyond`` it as a share of its length, every so many seconds.",
         )  # fmt: skip
         text("low, high = math.inf, 0.0", "for l in range(LANES):", "    low = min(low, w[BEGIN_T + l])", "    high = max(high, w[T + l] + beyond * w[STEP + l])")
@@ -342,12 +354,12 @@ class _Writer:
         text("for row in range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), history.shape[1] - 1) + 1):")
         text = text.indented(1)
         text("for l in range(LANES):", "    theta = (row * every - w[BEGIN_T + l]) / w[STEP + l] if w[STEP + l] > 0.0 else 0.0")
-        for k in range(self.size):
-            text(f"    w[THETA + {k} * LANES + l] = theta")
-        horner = f"w[P{powers[-1]} + e]"
-        for q in range(powers[-1] - 1, -1, -1):
-            horner = f"w[THETA + e] * ({horner})" if q not in powers else f"w[P{q} + e] + w[THETA + e] * ({horner})"
-        text("for e in range(SIZE_Y):", f"    w[S + e] = w[BEGIN + e] + {horner}")
+        text("    w[THETA + l] = theta")
+        self._spread(text, "THETA")
+        text("for e in range(SIZE_Y):", f"    total = w[POWERS + {powers[-1]} * SIZE_Y + e]")
+        for q in reversed(powers[:-1]):
+            text(f"    total = w[POWERS + {q} * SIZE_Y + e] + w[THETA + e] * total")
+        text("    w[S + e] = w[BEGIN + e] + w[THETA + e] * total")
         for number, stage in enumerate(self.shape.stages):
             text(f"{'elif' if number else 'if'} phase == {number}:", f"    separation_{stage.name}(w)")
         text("for l in range(min(LANES, history.shape[0] - first)):", "    t, past = row * every, beyond * w[STEP + l]")
@@ -401,7 +413,7 @@ class _Writer:
         text = self._function(out, "report(w)", "Outcomes of the final state, in the order of the columns, into OUT.")
         self.slabs.add("OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES)
         self.slabs.add("PATH_REFERENCE", 1), self.slabs.add("STREAM", 3)
-        self.parameters(f"w[PATH_REFERENCE + l] = p[{at.PATH_REFERENCE}]")
+        self.parameters(f"w[PATH_REFERENCE + l] = {raw(at.PATH_REFERENCE)}")
         text("for l in range(LANES):")
         text = text.indented(1)
         g = self._motion(text, stage, "Y")
@@ -422,32 +434,34 @@ class _Writer:
             o += at.JOINT_OUTCOMES
         if any(GROUND in group for group in stage.groups):
             self.slabs.add(f"ANGLES_{GROUND}", 2)
-            self.parameters(f"w[ANGLES_{GROUND} + l], w[ANGLES_{GROUND} + LANES + l] = p[{at.PITCH}], p[{at.ROLL}]")
+            self.parameters(f"w[ANGLES_{GROUND} + l], w[ANGLES_{GROUND} + LANES + l] = {raw(at.PITCH)}, {raw(at.ROLL)}")
 
-    def _lane(self, out: Text) -> None:
+    def _lanes(self, out: Text) -> None:
         shape = self.shape
-        text = self._function(out, "set_lane(w, l, p, y, numbers)", "Numbers of a case and its initial state into lane l, from its parameters and what `prepare` made of them.")
-        head = int(shape.plan.model.scene[0].work)
-        for i, body in enumerate(shape.bodies):
-            k = at.STATE * i
-            q = k + at.QUATERNION
-            text(f"put3(w, Y + X_{body} + l, vec3.get(y, {k}))", f"put3(w, Y + V_{body} + l, vec3.get(y, {k + at.VELOCITY}))")
-            text(f"put4(w, Y + Q_{body} + l, (y[{q}], y[{q + 1}], y[{q + 2}], y[{q + 3}]))")
-            text(f"put3(w, Y + OMEGA_{body} + l, vec3.get(y, {k + at.RATE}))")
-            if self.slabs.has(f"ANGLES_{body}"):
-                text(f"w[ANGLES_{body} + l], w[ANGLES_{body} + LANES + l] = p[{at.PITCH}], p[{at.ROLL}]")
-        text("for k in range(D, D + SIZE_Y, LANES):  # what a phase does not integrate stays", "    w[k + l] = 0.0")
-        text(f"w[RUN_END + l] = p[{at.END_TIME}]", "w[T + l] = 0.0")
-        for name in ("DRIFT", "TURNED_FAR", "LOST", "EVENT_ERROR", "STEPS", *(f"RESIDUAL + {k} * LANES" for k in range(4))):
-            text(f"w[{name} + l] = 0.0")
-        emit_load_parameters(shape, self.slabs, self.parameters)
+        says = "Draws into lanes, and what a flight needs of the parameters P; the last block is filled up with its last case."
+        text = self._function(out, "prepare(w, first, nominal, slots, draws, numbers)", says)
+        self.slabs.add("P", int(shape.plan.model.scene[0].work))
+        text("for k in range(nominal.shape[0]):", "    for l in range(LANES):", "        w[P + k * LANES + l] = nominal[k]")
+        text("for l in range(LANES):", "    w[UNSOUND + l] = 0.0", "for k in range(slots.shape[0]):", "    for l in range(LANES):")
+        self.slabs.add("UNSOUND", 1)
+        text("        value = draws[k, min(first + l, draws.shape[1] - 1)]", "        w[P + slots[k] * LANES + l] = value")
+        text("        w[UNSOUND + l] += value - value  # not 0 if it is not finite")
+        if self.slabs.has("AIR"):
+            text("for l in range(LANES):", f"    air, w[AIR_TOP + l] = layer({raw(at.ALTITUDE)})", "    put4(w, AIR + l, air)")
+        text("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays", "    w[k] = 0.0")
+        zeros = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "RESIDUAL", "RESIDUAL + LANES", "RESIDUAL + 2 * LANES", "RESIDUAL + 3 * LANES")
+        loop = Text(2)
+        emit_start(loop, shape, self.slabs)
+        loop(*(f"w[{name} + l] = 0.0" for name in zeros))
+        loop("w[LOST + l] = w[LOST + l] if w[UNSOUND + l] == 0.0 else 1.0")
+        emit_load_parameters(self.slabs, self.parameters)
         for stage in shape.stages:
             if stage.end_time is not None:
                 self.slabs.add(f"UNTIL_{stage.name}", 1)
-                self.parameters(f"w[UNTIL_{stage.name} + l] = p[{stage.end_time}]")
-        if self.slabs.has("ORIGIN_HEIGHT"):
-            self.parameters(f"w[ORIGIN_HEIGHT + l], w[ORIGIN_CLIMB + l] = p[{head + at.ORIGIN + 1}], p[{head + at.ORIGIN_VELOCITY + 1}]")
-        out.lines += self.parameters.lines
+                self.parameters(f"w[UNTIL_{stage.name} + l] = {raw(stage.end_time)}")
+        out.lines += self.shared.lines
+        text("for l in range(LANES):")
+        out.lines += loop.lines + self.parameters.lines
 
     def _phase(self, text: Text, number: int, stage: Stage) -> None:
         """Flight through a phase."""
@@ -470,10 +484,10 @@ class _Writer:
             inner(f"    w[LAST_{stage.name}_{event.which} + l] = math.inf")
         if self.shape.switches:
             self._switches(inner)
-        inner(f"for left in range(steps[{number}], 0, -1):", f"    advance(w, {number}, left)")
+        inner(f"for left in range(steps[{number}], 0, -1):", f"    advance(w, {number}, left, usual[{number}])")
         if self.history:
             beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"
-            inner(f"    record(w, {number}, {beyond}, every, history, first)")
+            inner(f"    keep(w, {number}, {beyond}, every, history, first)")
         if stage.events:
             inner(f"approach(w, {number})")
         else:
@@ -520,18 +534,20 @@ class _Writer:
 
     def _door(self, out: Text) -> None:
         shape, n = self.shape, len(self.shape.bodies)
-        size_p, states = int(shape.plan.model.scene[0].rows_w), at.STATE * int(shape.plan.model.scene[0].n_bodies) + 1
-        says = "Fly the cases of a block, LANES from number ``first`` on; the last block is filled up with the last case."
-        text = self._function(out, "fly_block(first, nominal, slots, draws, steps, every, outcomes, ends, history, status, m)", says)
-        text("w = np.empty(SIZE_W)", f"p, y = np.zeros((LANES, {size_p})), np.zeros((LANES, {states}))", "good = np.empty(LANES, dtype=np.bool_)")
-        text("count = draws.shape[1]", "for l in range(LANES):", "    i = min(first + l, count - 1)")
-        text("    good[l] = prepare(nominal, slots, draws[:, i], p[l], y[l], m)", "    set_lane(w, l, p[l], y[l], m.numbers)")
+        model = shape.plan.model.scene[0]
+        says = "Fly the cases of a block, LANES from number ``first`` on."
+        text = self._function(out, "fly_block(first, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status, scene, integers, numbers)", says)
+        text("w = np.empty(SIZE_W)", "prepare(w, first, nominal, slots, draws, numbers)")
+        if shape.switches:
+            text("m = Model(scene, integers, numbers)")
+            text(f"p = np.zeros((LANES, {int(model.rows_w)}))  # as `sepmc.kernels.stretches` reads it")
+            text("for l in range(LANES):", "    for k in range(nominal.shape[0]):", "        p[l, k] = w[P + k * LANES + l]")
         for number, stage in enumerate(shape.stages):
             self._phase(text, number, stage)
-        text("# outcomes", "report(w)", "for l in range(min(LANES, count - first)):", "    i = first + l")
+        text("# outcomes", "report(w)", "for l in range(min(LANES, draws.shape[1] - first)):", "    i = first + l")
         text = text.indented(1)
         o = n * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
-        text("sound = good[l] and w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6", f"for k in range({o}):", "    outcomes[k, i] = w[OUT + k * LANES + l]")
+        text("sound = w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6", f"for k in range({o}):", "    outcomes[k, i] = w[OUT + k * LANES + l]")
         text(f"    sound = sound and (k >= {n * at.BODY_OUTCOMES} or math.isfinite(outcomes[k, i]))")
         for joint in shape.scene.output.tip_off:
             for body in shape.scene.joint[joint].bodies:
@@ -545,13 +561,9 @@ class _Writer:
         for number, stage in enumerate(shape.stages):
             text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
         text("status[i] = 0 if sound else -1")
-        out("", "", "@door", "def fly(scene, table, numbers, nominal, slots, draws, steps, every, outcomes, ends, history, status):")
-        out('    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (phases,) steps a phase.', "")
-        out("    Writes outcomes (o, n), the times ``ends`` (phases, n) at which phases end, and status (n,): 0, or -1 if this kernel cannot")
-        out("    vouch for a case. If it was written for histories, also speed and distance of every joint ``every`` so many seconds, into")
-        out('    history (n, rows, 2 joints).', '    """')
-        out("    for block in prange((draws.shape[1] + LANES - 1) // LANES):", "        m = Model(scene[0], table, numbers)")
-        out("        fly_block(block * LANES, nominal, slots, draws, steps, every, outcomes, ends, history, status, m)")
+        out("", "", "@entry", "def enter(first, a):", '    """Fly a block; the arrays are unpacked in the order of `sepmc.kernels.blocks.fly`."""')
+        out("    fly_block(", "        first, vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4), vector(a, 5)[0], table(a, 6),")
+        out("        table(a, 7), block(a, 8), indices(a, 9), record(a, 10), indices(a, 11), vector(a, 12),", "    )")
 
 
 def _coefficients(rk: Method) -> list[str]:

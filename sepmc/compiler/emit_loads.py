@@ -2,6 +2,7 @@
 
 import math
 
+from sepmc.compiler.emit_prepare import ends, raw, raw3
 from sepmc.compiler.emit_rows import Geometry
 from sepmc.compiler.packing import aero_terms
 from sepmc.compiler.shape import Shape, Stage
@@ -35,15 +36,12 @@ def emit_loads(text: Text, shape: Shape, stage: Stage, g: Geometry, slabs: Slabs
         _spring(text, shape, spring, i, stage, g, slabs, parameters)
 
 
-def emit_load_parameters(shape: Shape, slabs: Slabs, parameters: Text) -> None:
+def emit_load_parameters(slabs: Slabs, parameters: Text) -> None:
     """What several loads share."""
-    w = int(shape.plan.model.scene[0].work)
     if slabs.has("STREAM"):
-        parameters(f"put3(w, STREAM + l, vec3.sub(vec3.get(p, {w + at.ORIGIN_VELOCITY}), vec3.get(p, {w + at.STEADY_WIND})))")
-    if slabs.has("AIR"):
-        parameters(f"air, top = layer(p[{at.ALTITUDE}])", "put4(w, AIR + l, air)", "w[AIR_TOP + l] = top")
+        parameters("put3(w, STREAM + l, vec3.sub(velocity, stream))")
     if slabs.has("GRAVITY"):
-        parameters(f"w[GRAVITY + l] = p[{at.SURFACE_GRAVITY}]")
+        parameters(f"w[GRAVITY + l] = {raw(at.SURFACE_GRAVITY)}")
 
 
 class _Sum:
@@ -71,9 +69,9 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
     p = at.HEAD + at.BODY_SIZE * shape.bodies.index(body)
     if slabs.add(f"FORCE_SCALE_{body}", 1):
         slabs.add(f"MOMENT_SCALE_{body}", 1)
-        scale = f"0.5 * p[{at.DENSITY_FACTOR}] * p[{p + at.AREA}]"
-        parameters(f"w[FORCE_SCALE_{body} + l] = {scale} * p[{p + at.FORCE_FACTOR}]")
-        parameters(f"w[MOMENT_SCALE_{body} + l] = {scale} * p[{p + at.LENGTH}] * p[{p + at.MOMENT_FACTOR}]")
+        scale = f"0.5 * {raw(at.DENSITY_FACTOR)} * {raw(p + at.AREA)}"
+        parameters(f"w[FORCE_SCALE_{body} + l] = {scale} * {raw(p + at.FORCE_FACTOR)}")
+        parameters(f"w[MOMENT_SCALE_{body} + l] = {scale} * {raw(p + at.LENGTH)} * {raw(p + at.MOMENT_FACTOR)}")
     text(f"# air on {body}")
     text(f"flow = vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l)))", "alpha, beta = flow_angles(flow)")
     _height(text, body, slabs, "height")
@@ -82,10 +80,9 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
     powers: set[tuple[str, int]] = set()
     for k, term in enumerate(aero_terms(shape.scene)):
         if term.body == body:
-            name = term.path.removeprefix("body.").replace(".aerodynamics.", "_").replace(".", "_").upper()
-            name = f"C_{name}"
+            name = "C_" + term.path.removeprefix("body.").replace(".aerodynamics.", "_").replace(".", "_").upper()
             if slabs.add(name, 1):
-                parameters(f"w[{name} + l] = p[{int(shape.plan.model.scene[0].terms_p) + k}]")
+                parameters(f"w[{name} + l] = {raw(int(shape.plan.model.scene[0].terms_p) + k)}")
             factors = [f"w[{name} + l]"]
             for angle, power in (("alpha", term.alpha), ("beta", term.beta)):
                 if power:
@@ -105,29 +102,29 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
     aero = shape.scene.body[body].aerodynamics
     if aero is not None and aero.moment_point is not None:
         if slabs.add(f"AIR_ARM_{body}", 3):
-            cg, point = p + at.CG, p + at.MOMENT_POINT
-            arm = f"(p[{cg}] - p[{point}], p[{point + 1}] - p[{cg + 1}], p[{point + 2}] - p[{cg + 2}])"
-            parameters(f"put3(w, AIR_ARM_{body} + l, {arm})")
+            parameters(f"put3(w, AIR_ARM_{body} + l, arm(cg_{body}, {raw3(p + at.MOMENT_POINT)}))")
         moment.add(f"vec3.cross(get3(w, AIR_ARM_{body} + l), push)")
 
 
 def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, parameters: Text, force: _Sum, moment: _Sum) -> None:
-    name, scene = motor.name, shape.plan.model.scene[0]
-    p, work = int(scene.motors_p) + at.MOTOR_SIZE * i, int(scene.motors_w) + at.MOTOR_WORK * i
+    name = motor.name
+    p = int(shape.plan.model.scene[0].motors_p) + at.MOTOR_SIZE * i
     if slabs.add(f"THRUST_{name}", 1):
         slabs.add(f"LINE_{name}", 3), slabs.add(f"TURN_{name}", 3)
-        parameters(f"w[THRUST_{name} + l] = p[{p + at.THRUST}]")
-        parameters(f"put3(w, LINE_{name} + l, vec3.get(p, {work + at.THRUST_LINE}))")
-        parameters(f"put3(w, TURN_{name} + l, vec3.get(p, {work + at.THRUST_MOMENT}))")
+        angles = ", ".join(raw(p + place) for place in (at.CANT, at.CLOCK, at.DEFLECTION, at.DEFLECTION_CLOCK))
+        point = ", ".join(raw(p + place) for place in (at.STATION, at.RADIUS, at.CLOCK, at.OFFSET, at.OFFSET + 1))
+        parameters(f"w[THRUST_{name} + l], line = {raw(p + at.THRUST)}, thrust_direction({angles})")
+        parameters(f"put3(w, LINE_{name} + l, line)")
+        parameters(f"put3(w, TURN_{name} + l, vec3.cross(thrust_arm(cg_{motor.body}, {point}), line))")
         if motor.build_up > 0.0:
             slabs.add(f"BUILDING_{name}", 1)
-            parameters(f"w[BUILDING_{name} + l] = 1.0 / p[{p + at.BUILD_UP}]")
+            parameters(f"w[BUILDING_{name} + l] = 1.0 / {raw(p + at.BUILD_UP)}")
         if shape.switches:
             slabs.add(f"IGNITION_{name}", 1)
-            parameters(f"w[IGNITION_{name} + l] = p[{p + at.IGNITION}] + p[{p + at.IGNITION_DELAY}]")
+            parameters(f"w[IGNITION_{name} + l] = {raw(p + at.IGNITION)} + {raw(p + at.IGNITION_DELAY)}")
             if motor.tail_off > 0.0:
                 slabs.add(f"BURN_{name}", 1), slabs.add(f"TAIL_OFF_{name}", 1)
-                parameters(f"w[BURN_{name} + l], w[TAIL_OFF_{name} + l] = p[{p + at.BURN}], p[{p + at.TAIL_OFF}]")
+                parameters(f"w[BURN_{name} + l], w[TAIL_OFF_{name} + l] = {raw(p + at.BURN)}, {raw(p + at.TAIL_OFF)}")
 
     def level(since: str) -> str:
         if motor.build_up > 0.0:
@@ -150,10 +147,11 @@ def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, paramet
 
 def _load(text: Text, shape: Shape, i: int, g: Geometry, slabs: Slabs, parameters: Text, force: _Sum, moment: _Sum) -> None:
     load, scene = shape.scene.load[i], shape.plan.model.scene[0]
-    name, p, work = load.name, int(scene.loads_p) + at.LOAD_SIZE * i, int(scene.loads_w) + at.LOAD_WORK * i
+    name, p = load.name, int(scene.loads_p) + at.LOAD_SIZE * i
     if slabs.add(f"LOAD_{name}", 9):
-        for k, start in enumerate((p + at.LOAD_FORCE, p + at.LOAD_MOMENT, work + at.ARM)):
-            parameters(f"put3(w, LOAD_{name} + {3 * k} * LANES + l, vec3.get(p, {start}))")
+        point = "(0.0, 0.0, 0.0)" if load.point is None else f"arm(cg_{load.body}, {raw3(p + at.LOAD_POINT)})"
+        for k, vector in enumerate((raw3(p + at.LOAD_FORCE), raw3(p + at.LOAD_MOMENT), point)):
+            parameters(f"put3(w, LOAD_{name} + {3 * k} * LANES + l, {vector})")
     text(f"# load {name}", f"push, turn = get3(w, LOAD_{name} + l), get3(w, LOAD_{name} + 3 * LANES + l)")
     if shape.switches:
         text(f"acts = w[ACTS_{name} + l]", "push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)")
@@ -170,7 +168,7 @@ def _gravity(text: Text, shape: Shape, body: str, slabs: Slabs, parameters: Text
         return
     slabs.add("GRAVITY", 1)
     if slabs.add(f"MASS_{body}", 1):
-        parameters(f"w[MASS_{body} + l] = p[{at.HEAD + at.BODY_SIZE * shape.bodies.index(body) + at.MASS}]")
+        parameters(f"w[MASS_{body} + l] = mass_{body}")
     weight = f"w[MASS_{body} + l] * w[GRAVITY + l]"
     if kind == "inverse-square":
         _height(text, body, slabs, "height")
@@ -182,12 +180,15 @@ def emit_spring_line(text: Text, g: Geometry, spring: Spring) -> None:
     """Local names of a spring's line of action: e, arm_a, arm_b, gamma, length and its rate."""
     shape, slabs, parameters = g.shape, g.slabs, g.parameters
     i = [s.name for s in shape.scene.spring].index(spring.name)
-    work = int(shape.plan.model.scene[0].springs_w) + at.SPRING_WORK * i
+    start = int(shape.plan.model.scene[0].springs_p) + at.SPRING_SIZE * i
     if slabs.add(f"SPRING_ENDS_{spring.name}", 6):
         slabs.add(f"START_{spring.name}", 1)
-        parameters(f"put3(w, SPRING_ENDS_{spring.name} + l, vec3.get(p, {work + at.RHO_A}))")
-        parameters(f"put3(w, SPRING_ENDS_{spring.name} + 3 * LANES + l, vec3.get(p, {work + at.RHO_B}))")
-        parameters(f"w[START_{spring.name} + l] = p[{work + at.EXTENSION_START}]")
+        rho_a, rho_b, gap = ends(shape, start, spring.bodies, spring.second_point is not None)
+        parameters(f"put3(w, SPRING_ENDS_{spring.name} + l, {rho_a})", f"put3(w, SPRING_ENDS_{spring.name} + 3 * LANES + l, {rho_b})")
+        parameters(f"gap = {gap}")
+        along = g.shared_vector(int(shape.plan.model.scene[0].springs_x) + 3 * i) if spring.axis is not None else "gap"
+        length = f"vec3.dot(gap, {along})"
+        parameters(f"w[START_{spring.name} + l] = {length if spring.axis is not None else f'math.sqrt({length})'}")
     g.pair(text, spring.bodies, f"SPRING_ENDS_{spring.name}")
     if spring.axis is None:
         text("e, arm_a, arm_b, gamma = joints.rod(d, d_rate, rho_a, rho_b, spin_a, spin_b)")
@@ -199,7 +200,7 @@ def emit_spring_line(text: Text, g: Geometry, spring: Spring) -> None:
     else:
         if slabs.add(f"SPRING_AXIS_{spring.name}", 3):
             start = int(shape.plan.model.scene[0].springs_x) + 3 * i
-            parameters(f"put3(w, SPRING_AXIS_{spring.name} + l, vec3.get(numbers, {start}))")
+            parameters(f"put3(w, SPRING_AXIS_{spring.name} + l, {g.shared_vector(start)})")
         text(f"e = vec3.rotate({g.attitude(spring.bodies[0])}, get3(w, SPRING_AXIS_{spring.name} + l))")
     text("arm_a, arm_b, gamma = joints.translation(d, d_rate, e, rho_a, rho_b, spin_a, spin_b)")
     text("length, rate = vec3.dot(d, e), joints.translation_rate(d, d_rate, e, spin_a)")
@@ -211,7 +212,7 @@ def _spring(text: Text, shape: Shape, spring: Spring, i: int, stage: Stage, g: G
     emit_spring_line(text, g, spring)
     if slabs.add(f"SPRING_{name}", 3):
         for k, offset in enumerate((at.SPRING_FORCE, at.STIFFNESS, at.DAMPING)):
-            parameters(f"w[SPRING_{name} + {k} * LANES + l] = p[{p + offset}]")
+            parameters(f"w[SPRING_{name} + {k} * LANES + l] = {raw(p + offset)}")
     values = f"w[SPRING_{name} + l], w[SPRING_{name} + LANES + l], w[SPRING_{name} + 2 * LANES + l]"
     text(f"push = springs.spring_force({values}, length - w[START_{name} + l], rate)")
     if math.isfinite(spring.stroke):

@@ -1,5 +1,6 @@
 """Lines of a specialised kernel for joints: geometry, constraint rows, the reduced constraint force equation, events."""
 
+from sepmc.compiler.emit_prepare import ends, raw
 from sepmc.compiler.shape import Event, Row, Shape, Stage
 from sepmc.compiler.text import Slabs, Text
 from sepmc.kernels import layout as at
@@ -11,9 +12,16 @@ _ZERO = "(0.0, 0.0, 0.0)"
 class Geometry:
     """Local names of attitudes and rates in a phase, and of what lies between two bodies."""
 
-    def __init__(self, shape: Shape, stage: Stage, slabs: Slabs, parameters: Text):
-        self.shape, self.stage, self.slabs, self.parameters = shape, stage, slabs, parameters
+    def __init__(self, shape: Shape, stage: Stage, slabs: Slabs, parameters: Text, shared: Text):
+        self.shape, self.stage, self.slabs, self.parameters, self.shared = shape, stage, slabs, parameters, shared
         self.spins: set[str] = set()
+
+    def shared_vector(self, start: int) -> str:
+        """Name of a vector that all cases share, by its place in ``numbers``; it is read before the loop over lanes."""
+        line = f"shared_{start} = vec3.get(numbers, {start})"
+        if line not in (known.strip() for known in self.shared.lines):
+            self.shared(line)
+        return f"shared_{start}"
 
     def attitude(self, body: str) -> str:
         return f"r_{self.stage.leader(body)}"
@@ -22,12 +30,10 @@ class Geometry:
         """Place, speed and attitude of the ground, if anything is held by it."""
         if not any(GROUND in group for group in self.stage.groups):
             return
-        k = at.STATE * len(self.shape.bodies)
         if self.slabs.add("GROUND_X", 3):
             self.slabs.add("GROUND_V", 3), self.slabs.add("GROUND_Q", 4)
-            self.parameters(f"put3(w, GROUND_X + l, vec3.get(y, {k}))", f"put3(w, GROUND_V + l, vec3.get(y, {k + at.VELOCITY}))")
-            q = k + at.QUATERNION
-            self.parameters(f"put4(w, GROUND_Q + l, (y[{q}], y[{q + 1}], y[{q + 2}], y[{q + 3}]))")
+            self.parameters("put3(w, GROUND_X + l, (0.0, 0.0, 0.0))  # its axes start at the mass centre")
+            self.parameters("put3(w, GROUND_V + l, vec3.scale(-1.0, velocity))", "put4(w, GROUND_Q + l, q)")
         text("v_ground, r_ground = get3(w, GROUND_V + l), quat.matrix(get4(w, GROUND_Q + l))")
         text(f"x_ground = vec3.add(get3(w, GROUND_X + l), vec3.scale(w[{clock} + l], v_ground))")
 
@@ -52,12 +58,16 @@ class Geometry:
 
     def joint(self, text: Text, name: str) -> None:
         """`pair` of a joint's points."""
-        j = list(self.shape.scene.joint).index(name)
-        work = int(self.shape.plan.model.scene[0].joints_w) + at.JOINT_WORK * j
         if self.slabs.add(f"ENDS_{name}", 6):
-            self.parameters(f"put3(w, ENDS_{name} + l, vec3.get(p, {work + at.RHO_A}))")
-            self.parameters(f"put3(w, ENDS_{name} + 3 * LANES + l, vec3.get(p, {work + at.RHO_B}))")
+            rho_a, rho_b, _ = self.joint_ends(name)
+            self.parameters(f"put3(w, ENDS_{name} + l, {rho_a})", f"put3(w, ENDS_{name} + 3 * LANES + l, {rho_b})")
         self.pair(text, self.shape.scene.joint[name].bodies, f"ENDS_{name}")
+
+    def joint_ends(self, name: str) -> tuple[str, str, str]:
+        """Arms of a joint's bodies to its points, and the gap between these."""
+        joint, j = self.shape.scene.joint[name], list(self.shape.scene.joint).index(name)
+        start = int(self.shape.plan.model.scene[0].joints_p) + at.JOINT_SIZE * j
+        return ends(self.shape, start, joint.bodies, joint.second_point is not None)
 
     def axis(self, name: str, k: int, second: bool = False) -> str:
         """Axis k of a joint as its first (or second) body carries it, ground axes."""
@@ -68,7 +78,7 @@ class Geometry:
         if self.slabs.add(f"AXES_{name}", 9):
             start = 10 * list(self.shape.scene.joint).index(name)
             for i in range(3):
-                self.parameters(f"put3(w, AXES_{name} + {3 * i} * LANES + l, vec3.get(numbers, {start + 3 * i}))")
+                self.parameters(f"put3(w, AXES_{name} + {3 * i} * LANES + l, {self.shared_vector(start + 3 * i)})")
         return f"vec3.rotate({r}, get3(w, AXES_{name} + {3 * k} * LANES + l))"
 
 
@@ -141,9 +151,7 @@ def _row(text: Text, g: Geometry, row: Row, r: int, purpose: str) -> None:
         text(f"e{r}, arm_a, arm_b, gamma{r} = joints.rod(d, d_rate, rho_a, rho_b, spin_a, spin_b)")
         if purpose != "motion":
             if g.slabs.add(f"ROD_{row.joint}", 1):
-                j = list(g.shape.scene.joint).index(row.joint)
-                work = int(g.shape.plan.model.scene[0].joints_w) + at.JOINT_WORK * j
-                g.parameters(f"w[ROD_{row.joint} + l] = p[{work + at.ROD_LENGTH}]")
+                g.parameters(f"gap = {g.joint_ends(row.joint)[2]}", f"w[ROD_{row.joint} + l] = math.sqrt(vec3.dot(gap, gap))")
             text(f"value{r}, rate{r} = math.sqrt(vec3.dot(d, d)) - w[ROD_{row.joint} + l], vec3.dot(d_rate, e{r})")
         return
     text(f"e{r} = {g.axis(row.joint, row.code)}")
@@ -219,10 +227,11 @@ def _accumulate(text: Text, name: str, terms: list[str], factor: str, start: boo
 def emit_separation(text: Text, g: Geometry, joint: str) -> None:
     """Local names distance and rate of a joint's separation along its x axis, and what they are made of."""
     j = list(g.shape.scene.joint).index(joint)
-    work = int(g.shape.plan.model.scene[0].joints_w) + at.JOINT_WORK * j
     g.joint(text, joint)
     if g.slabs.add(f"APART_{joint}", 2):
-        g.parameters(f"w[APART_{joint} + l], w[APART_{joint} + LANES + l] = numbers[{10 * j + 9}], p[{work + at.GAP_START}]")
+        gap = f"vec3.dot({g.joint_ends(joint)[2]}, {g.shared_vector(10 * j)})"
+        g.shared(f"apart_{joint} = numbers[{10 * j + 9}]")
+        g.parameters(f"w[APART_{joint} + l], w[APART_{joint} + LANES + l] = apart_{joint}, {gap}")
     text(f"apart, e = w[APART_{joint} + l], {g.axis(joint, 0)}")
     text(f"distance = apart * (vec3.dot(d, e) - w[APART_{joint} + LANES + l])")
     text("rate = apart * joints.translation_rate(d, d_rate, e, spin_a)")
@@ -235,7 +244,7 @@ def emit_event(text: Text, g: Geometry, event: Event) -> None:
     scene = g.shape.scene
     threshold = f"THRESHOLD_{event.which}_{event.threshold}"
     if g.slabs.add(threshold, 1):
-        g.parameters(f"w[{threshold} + l] = p[{event.threshold}]")
+        g.parameters(f"w[{threshold} + l] = {raw(event.threshold)}")
     sign = ""
     if event.what == at.AT_SPRING_STROKE:
         spring = next(s for s in scene.spring if s.name == event.which)

@@ -66,6 +66,11 @@ def is_cached(function) -> bool:
     return any(Path(function.stats.cache_path).glob(f"{function.__module__.rpartition('.')[2]}.*.nbi"))
 
 
+def is_module_cached(name: str) -> bool:
+    """Whether the entry of a module in the cache folder was compiled before."""
+    return config.DISABLE_JIT or any(CACHE_FOLDER.glob(f"*/{name}.*.nbi"))
+
+
 # Wrappers make a function callable from Python. A process that only fills the cache needs none but the door's (2 s of compiling).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 BARE = "SEPMC_BARE"  # set in the environment of such a process
@@ -101,11 +106,26 @@ def _keep_apart():
     return lambda: _mark_apart()
 
 
-def door(function):
-    """Compile a function that Python calls: parallel over cases, and kept on disk."""
+@contextlib.contextmanager
+def _own_cache():
+    """Where functions decorated meanwhile keep their compiled code."""
     previous = config.CACHE_DIR
     config.CACHE_DIR = str(CACHE_FOLDER)
     try:
-        return numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(function)
+        yield
     finally:
         config.CACHE_DIR = previous
+
+
+def door(function):
+    """Compile a function that Python calls: parallel over cases, and kept on disk."""
+    with _own_cache():
+        return numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(function)
+
+
+def entry(function):
+    """Compile, at once, a kernel called by its address with the number of a case and a pointer to its arguments; kept on disk."""
+    if config.DISABLE_JIT:
+        return function
+    with _own_cache():
+        return numba.cfunc("void(int64, CPointer(int64))", cache=True)(function)

@@ -71,22 +71,22 @@ def geopotential(height):
 @formula
 def in_layer(height, base):
     """Pressure, Pa, and temperature, K, at a geometric height, m, in the layer that `layer` gave; eqs (23), (33)."""
-    share, z = _fall(height, base)
-    return base[3] * share, (1.0 + z) / base[2]
+    h, z, logarithm = _warmed(height, base)
+    return base[3] * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h)), (1.0 + z) / base[2]
 
 
 @formula
 def density_in_layer(height, base):
-    """Density, kg/m3, as `in_layer`; eq (42)."""
-    share, z = _fall(height, base)
-    return M0 / R_STAR * base[3] * base[2] * (share / (1.0 + z))
+    """Density, kg/m3, as `in_layer`; eq (42). It is over temperature as pressure, and ln(T / T0) = z (ln(1 + z) / z)."""
+    h, z, logarithm = _warmed(height, base)
+    return M0 / R_STAR * base[3] * base[2] * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h + z))
 
 
 @formula
-def _fall(height, base):
-    """Pressure as a share of that at the base of the layer, and z = L h / T0, by which the temperature has changed.
+def _warmed(height, base):
+    """Height h above the base of a layer, m', z = L h / T0, by which the temperature has changed, and ln(1 + z) / z.
 
-    ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a) and (33b) in one, because
+    With that, ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a) and (33b) in one, as
     ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a series that holds at z = 0 too. |s| <= 0.15 in every layer.
     """
     h = geopotential(height) - base[0]
@@ -97,4 +97,4 @@ def _fall(height, base):
     series = 1.0 / 13.0 + s2 * (1.0 / 15.0 + s2 * (1.0 / 17.0 + s2 * (1.0 / 19.0)))
     series = 1.0 / 7.0 + s2 * (1.0 / 9.0 + s2 * (1.0 / 11.0 + s2 * series))
     series = 1.0 + s2 * (1.0 / 3.0 + s2 * (0.2 + s2 * series))
-    return exponential(-2.0 * G0 * M0 / R_STAR * h * base[2] * (inverse * series)), z
+    return h, z, 2.0 * inverse * series

@@ -89,3 +89,25 @@ def arctan2(y, x):
     angle = 0.5 * math.pi - angle if steep else angle
     angle = math.pi - angle if x < 0.0 else angle
     return math.copysign(angle, y)
+
+
+_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # pi / 2 in three parts; the first two have 33 bits
+
+
+@formula
+def sine_cosine(x):
+    """sin(x) and cos(x): their series about the nearest multiple of pi / 2. For |x| up to 1e5 rad; the quadrant turns them around."""
+    k = np.floor(x * (2.0 / math.pi) + 0.5)
+    r = ((x - k * _HALF_PI[0]) - k * _HALF_PI[1]) - k * _HALF_PI[2]
+    z = r * r
+    s = -7.647163731819816e-13 + z * 2.8114572543455206e-15
+    s = 2.7557319223985893e-06 + z * (-2.505210838544172e-08 + z * (1.6059043836821613e-10 + z * s))
+    s = -1.0 / 6.0 + z * (1.0 / 120.0 + z * (-1.0 / 5040.0 + z * s))
+    c = 4.779477332387385e-14 - z * 1.5619206968586225e-16
+    c = -2.755731922398589e-07 + z * (2.08767569878681e-09 + z * (-1.1470745597729725e-11 + z * c))
+    c = -0.5 + z * (1.0 / 24.0 + z * (-1.0 / 720.0 + z * (1.0 / 40320.0 + z * c)))
+    sine, cosine = r + r * z * s, 1.0 + z * c
+    quadrant = k - 4.0 * np.floor(0.25 * k)
+    odd = quadrant == 1.0 or quadrant == 3.0
+    a, b = cosine if odd else sine, sine if odd else cosine
+    return (-a if quadrant >= 2.0 else a), (-b if quadrant == 1.0 or quadrant == 2.0 else b)

@@ -4,7 +4,8 @@ import math
 
 from sepmc.kernels import layout as at
 from sepmc.kernels import quat, vec3
-from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels.elementary import sine_cosine
 from sepmc.kernels.places import (
     body_params,
     body_work,
@@ -24,6 +25,28 @@ from sepmc.kernels.propulsion import thrust_arm, thrust_direction
 from sepmc.kernels.wind import wind
 
 
+@formula
+def inertia_tensor(factor, moments, products):
+    """Inertia tensor, kg m2, from moments xx, yy, zz and products xy, xz, yz (integrals of x y, ...), all times a factor."""
+    xx, yy, zz = vec3.scale(factor, moments)
+    xy, xz, yz = vec3.scale(-factor, products)
+    return (xx, xy, xz, xy, yy, yz, xz, yz, zz)
+
+
+@formula
+def arm(cg, point):
+    """From a centre of mass to a layout point, body axes, m: stations run aft."""
+    return (cg[0] - point[0], point[1] - cg[1], point[2] - cg[2])
+
+
+@formula
+def flight_direction(path_angle, path_yaw):
+    """Unit vector of the velocity in ground axes."""
+    climb, level = sine_cosine(path_angle)
+    aside, ahead = sine_cosine(path_yaw)
+    return (level * ahead, climb * ahead, -aside)
+
+
 @stage
 def set_inertias(m, w):
     """Inertia tensors and their inverses. Returns False if a mass or an inertia cannot be flown."""
@@ -31,9 +54,7 @@ def set_inertias(m, w):
         if b == m.scene.ground:  # scratch is zero: nothing moves it
             continue
         p, work = body_params(b), body_work(b, m)
-        xx, yy, zz = vec3.scale(w[p + at.INERTIA_FACTOR], vec3.get(w, p + at.INERTIA))
-        xy, xz, yz = vec3.scale(w[p + at.INERTIA_FACTOR], vec3.get(w, p + at.PRODUCTS))
-        tensor = (xx, -xy, -xz, -xy, yy, -yz, -xz, -yz, zz)
+        tensor = inertia_tensor(w[p + at.INERTIA_FACTOR], vec3.get(w, p + at.INERTIA), vec3.get(w, p + at.PRODUCTS))
         if not (w[p + at.MASS] > 0.0 and vec3.is_positive_definite(tensor)):
             return False
         vec3.put_matrix(w, work + at.TENSOR, tensor)
@@ -71,9 +92,8 @@ def set_motors(m, w):
 
 @stage
 def from_cg(point, b, w):
-    """From the centre of mass of body b to a layout point, body axes, m: stations run aft."""
-    cg = vec3.get(w, body_params(b) + at.CG)
-    return (cg[0] - point[0], point[1] - cg[1], point[2] - cg[2])
+    """`arm` of body b."""
+    return arm(vec3.get(w, body_params(b) + at.CG), point)
 
 
 @stage
@@ -125,9 +145,8 @@ def set_initial_state(y, m, w):
     small numbers and lose nothing to cancellation. A vehicle held to the ground turns about the joint that holds it.
     """
     keep_apart()
-    theta, sigma, v = w[at.PITCH] - w[at.ALPHA], w[at.PATH_YAW], w[at.SPEED]
+    v, path = w[at.SPEED], flight_direction(w[at.PITCH] - w[at.ALPHA], w[at.PATH_YAW])
     vec3.put(w, m.scene.work + at.ORIGIN, (0.0, w[at.ALTITUDE], 0.0))
-    path = (math.cos(theta) * math.cos(sigma), math.sin(theta) * math.cos(sigma), -math.sin(sigma))
     vec3.put(w, m.scene.work + at.ORIGIN_VELOCITY, vec3.scale(v, path))
     vec3.put(w, m.scene.work + at.STEADY_WIND, wind(w[at.WIND_SPEED], w[at.WIND_DIRECTION]))
     centre = set_centre(m, w)
@@ -136,7 +155,7 @@ def set_initial_state(y, m, w):
         p = joint_params(m.scene.pivot_joint, m)
         point = vec3.get(w, p + (at.POINT if first_body(m.scene.pivot_joint, m) == m.scene.ground else at.SECOND_POINT))
         point = vec3.get(w, p + at.POINT) if math.isnan(point[0]) else point
-        pivot = (centre[0] - point[0], point[1] - centre[1], point[2] - centre[2])
+        pivot = arm(centre, point)
     q = quat.from_angles(w[at.PITCH], w[at.YAW], w[at.ROLL])
     r = quat.matrix(q)
     omega = vec3.get(w, at.OMEGA)

@@ -3,7 +3,7 @@
 import math
 
 from sepmc.kernels._jit import formula, keep_apart, stage
-from sepmc.kernels.elementary import arctan2
+from sepmc.kernels.elementary import arctan2, sine_cosine
 from sepmc.kernels.layout import QUATERNION, STATE
 
 
@@ -54,9 +54,9 @@ def normalise_all(y, bodies):
 @formula
 def from_angles(pitch, yaw, roll):
     """Quaternion of Rz(pitch) Ry(yaw) Rx(roll), angles in rad."""
-    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
-    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    sp, cp = sine_cosine(0.5 * pitch)
+    sy, cy = sine_cosine(0.5 * yaw)
+    sr, cr = sine_cosine(0.5 * roll)
     return (
         cp * cy * cr + sp * sy * sr,
         cp * cy * sr - sp * sy * cr,

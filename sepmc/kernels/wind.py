@@ -1,11 +1,11 @@
 """Horizontal wind of given speed and direction."""
 
-import math
-
 from sepmc.kernels._jit import formula
+from sepmc.kernels.elementary import sine_cosine
 
 
 @formula
 def wind(speed, direction):
     """Velocity of the air in ground axes, m/s; direction (rad) is where it moves to: 0 along x, 90 deg along z."""
-    return (speed * math.cos(direction), 0.0, speed * math.sin(direction))
+    sine, cosine = sine_cosine(direction)
+    return (speed * cosine, 0.0, speed * sine)
