@@ -264,17 +264,17 @@ class _Writer:
     def _step(self, out: Text, rk: Method, name: str) -> None:
         """One step by a method, from its first stage to what follows its end."""
         shape, stages, own = self.shape, len(rk.b), rk.name == self.rk.name
-        says = f"One of ``left`` steps of a phase by {rk.name}."
+        says = f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
         if not own:
             says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
-        text = self._function(out, f"{name}(w, phase{', left, usual' if own else ''})", says)
-        text("for e in range(SIZE_Y):", "    w[S + e] = w[Y + e]")
+        text = self._function(out, f"{name}(w, phase, size{', left, usual' if own else ''})", says)
+        text("for e in range(size):", "    w[S + e] = w[Y + e]")
         if own and self.history:
             text("    w[BEGIN + e] = w[Y + e]")
         text("for l in range(LANES):", "    w[CLOCK + l] = w[T + l]")
         if own and self.history:
             text("    w[BEGIN_T + l] = w[T + l]")
-        text("rates(w, phase)", "for e in range(SIZE_Y):", "    w[K1 + e] = w[D + e]", f"set_step(w, phase, {'left, usual' if own else '1, math.inf'})")
+        text("rates(w, phase)", "for e in range(size):", "    w[K1 + e] = w[D + e]", f"set_step(w, phase, {'left, usual' if own else '1, math.inf'})")
 
         def coefficient(i: int, j: int) -> str:
             if own:
@@ -286,7 +286,7 @@ class _Writer:
             weights += [*rk.a[stages:, :stages], *rk.dense[:stages].T]
         for i in range(1, stages + 1):
             used = [j for j in range(i) if weights[i][j] != 0.0]
-            text("for e in range(SIZE_Y):")
+            text("for e in range(size):")
             inner = text.indented(1)
             if i > 1 and (i - 1 in used or any(row[i - 1] != 0.0 for row in weights[i + 1 :])):
                 inner(f"k{i} = w[D + e]")
@@ -303,7 +303,7 @@ class _Writer:
         text("settle(w, phase)")
         if own:
             return
-        text("set_step(w, phase, 1, math.inf)", "for e in range(SIZE_Y):", "    w[Y + e] += w[STEP + e] * w[D + e]")
+        text("set_step(w, phase, 1, math.inf)", "for e in range(size):", "    w[Y + e] += w[STEP + e] * w[D + e]")
         text("for l in range(LANES):", "    h = w[STEP + l]", "    w[T + l] += h")
         text("    w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)", "    w[LOST + l] = w[LOST + l] if abs(h) < 1e-6 else 1.0")
         for number, stage in enumerate(shape.stages):
@@ -484,12 +484,12 @@ class _Writer:
             inner(f"    w[LAST_{stage.name}_{event.which} + l] = math.inf")
         if self.shape.switches:
             self._switches(inner)
-        inner(f"for left in range(steps[{number}], 0, -1):", f"    advance(w, {number}, left, usual[{number}])")
+        inner(f"for left in range(steps[{number}], 0, -1):", f"    advance(w, {number}, {self.shape.active(stage)} * LANES, left, usual[{number}])")
         if self.history:
             beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"
             inner(f"    keep(w, {number}, {beyond}, every, history, first)")
         if stage.events:
-            inner(f"approach(w, {number})")
+            inner(f"approach(w, {number}, {self.shape.active(stage)} * LANES)")
         else:
             inner("for l in range(LANES):", "    w[T + l] = w[END + l]")
         if stage.rows:
