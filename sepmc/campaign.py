@@ -18,7 +18,7 @@ from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.compiler.shape import obstacles, varying
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
-from sepmc.pilot import Flight, plan_flight
+from sepmc.pilot import plan_flight
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -125,7 +125,8 @@ class Campaign:
     @property
     def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
         """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
-        return [c.name for c in self.outcome_columns], [c.name for c in schema.audit_columns(self.plan.contents.specialised)], schema.AUDIT_BOUNDS
+        audits = schema.audit_columns(self.plan.contents.specialised)
+        return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
 
     @cached_property
     def slots(self) -> np.ndarray:

@@ -171,7 +171,7 @@ class Chunks:
 
     def _accuracy(self) -> dict[str, Any]:
         flight = self.flight
-        how = {"kernel": "general" if flight.kernel is None else "specialised", "method": self.campaign.scene.solver.method}
+        how: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised", "method": self.campaign.scene.solver.method}
         how |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
         if not self.flown:
             return how

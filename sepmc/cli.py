@@ -228,11 +228,21 @@ def plot(folder: Path) -> None:
 @main.command()
 @click.argument("file")
 @_SETTINGS
-def check(file: str, settings: tuple[str, ...]) -> None:
-    """Validate FILE and say what it contains. Flies nothing."""
+@click.option("--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module.")
+def check(file: str, settings: tuple[str, ...], code: bool) -> None:
+    """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves out. Flies nothing."""
     with _plain_errors(False):
         loaded = _load(file, settings)
-        from sepmc import cases
+        from sepmc import cases, pilot
+        from sepmc.compiler.emit import features
+        from sepmc.compiler.shape import make_shape
+
+        why = pilot.reasons(loaded)
+        if code:
+            if why:
+                raise ValueError(f"{loaded.name}: no kernel is written for it, because of {'; '.join(why)}: the general one flies it")
+            click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
+            return
         from sepmc.chunks import implausible_note
         from sepmc.compiler.describe import lines
         from sepmc.scene.redundancy import redundancies
@@ -241,6 +251,18 @@ def check(file: str, settings: tuple[str, ...]) -> None:
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
         for line in lines(loaded.plan):
             click.echo("  " + line)
+        if why:
+            click.echo(f"  kernel       general, because of {'; '.join(why)}")
+        else:
+            shape = make_shape(loaded.plan, pilot.dispersed(loaded))
+            inside, outside = features(shape)
+            click.echo("  kernel       specialised (print it with --code)")
+            for stage in shape.stages:
+                together = "; ".join(" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1) or "nothing is held"
+                rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ""
+                click.echo(f"    {stage.name:14s} {together}{rows}")
+            click.echo(f"    compiled in    {', '.join(inside)}")
+            click.echo(f"    left out       {', '.join(outside)}")
         click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
@@ -472,7 +494,8 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
 def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
     steps = ", ".join(f"{phase} {n}" for phase, n in zip(phases, accuracy.get("steps", ()), strict=False))
-    how = f"specialised kernel, {accuracy['method']}, steps: {steps}" if steps else f"general kernel, {accuracy['method']}, step {accuracy['step_s']:g} s"
+    how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
+    how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
     said = f"numerical error at most {accuracy['achieved']:.1e} ({accuracy['worst_outcome']}) of size or sigma, asked {accuracy['asked']:g}"
     return f"{said}; from {accuracy['cases']} cases flown again at twice the resolution; {how}"
 

@@ -34,7 +34,8 @@ class Flight:
     """How a campaign is flown.
 
     ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
-    last ``usual`` (phases,) s; ``step`` (s) is that of the general one; ``error`` is what the pilot found: largest difference of an outcome to a reference, see `relative_error`.
+    last ``usual`` (phases,) s; ``step`` (s) is that of the general one; ``error`` is what the pilot found: the largest difference of
+    an outcome to a reference, see `relative_error`.
     """
 
     why: list[str] = field(default_factory=list)
@@ -53,18 +54,18 @@ class Flight:
 
 def reasons(campaign: "Campaign") -> list[str]:
     """Why a campaign is flown by the general kernel; empty if a kernel of its own flies it."""
-    if campaign.scene.solver.step is not None:
-        return ["a fixed solver.step_s"]
-    return obstacles(campaign.scene) + varying(campaign.plan, _dispersed(campaign))
+    fixed = ["a fixed solver.step_s"] if campaign.scene.solver.step is not None else []
+    return fixed + obstacles(campaign.scene) + varying(campaign.plan, dispersed(campaign))
 
 
-def _dispersed(campaign: "Campaign") -> frozenset[str]:
+def dispersed(campaign: "Campaign") -> frozenset[str]:
+    """Paths of the parameters that vary."""
     return frozenset(d.parameter.path for d in campaign.file.dispersions)
 
 
 def kernel_text(campaign: "Campaign", method: str | None = None, history: bool = False) -> str:
     """The kernel written for a campaign, as a Python module."""
-    shape = make_shape(campaign.plan, _dispersed(campaign))
+    shape = make_shape(campaign.plan, dispersed(campaign))
     return emit(shape, method or campaign.scene.solver.method, history)
 
 
@@ -115,7 +116,7 @@ def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, 
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         plan = campaign.plan if flight.step is None else make_plan(campaign.scene, step=flight.step)
         return fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
-    block, ends = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
+    block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
     lost = np.flatnonzero(block.status < 0)
     if len(lost):
         _fly_lost(campaign, flight, draws, room, block, lost, announce)
@@ -125,6 +126,7 @@ def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, 
 def _fly_lost(
     campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray, announce: Say | None
 ) -> None:
+    """Fly the cases ``lost`` by the general kernel, into their rows of ``block``."""
     warm_up(announce)
     assert flight.steps is not None
     assert flight.usual is not None
@@ -132,7 +134,8 @@ def _fly_lost(
     step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
     full = replace(campaign.plan.contents, specialised=False)
     plan = replace(make_plan(campaign.scene, step=step), contents=full)
-    again = fly_block(plan, campaign.slots, draws[lost], room, 2 * len(campaign.plan.joints) if room else 0, SEPARATION_HISTORY if room else NO_HISTORY)
+    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
+    again = fly_block(plan, campaign.slots, draws[lost], room, width, level)
     names = [c.name for c in schema.result_columns(full)]
     wanted = [names.index(c.name) for c in campaign.result_columns]
     block.outcomes[lost], block.status[lost] = again.outcomes[:, wanted], again.status

@@ -99,7 +99,7 @@ class _Writer:
         return f"Flight of {bodies} through the phases {phases}."
 
     def _about(self) -> str:
-        return "Not in it, because these scenes do not need it:\n" + ", ".join(absent(self.shape)) + "."
+        return "Not in it, because these scenes do not need it:\n" + ", ".join(features(self.shape)[1]) + "."
 
     def _places(self) -> list[str]:
         lines = []
@@ -115,7 +115,7 @@ class _Writer:
         out("", "", "@stage", f"def {signature}:")
         if len(says) > 120:
             cut = says.rindex(" ", 0, 118)
-            out(f'    """{says[:cut]}', f"    {says[cut + 1:]}", '    """', "    keep_apart()")
+            out(f'    """{says[:cut]}', f"    {says[cut + 1 :]}", '    """', "    keep_apart()")
         else:
             out(f'    """{says}"""', "    keep_apart()")
         return out.indented(1)
@@ -218,7 +218,9 @@ class _Writer:
     # -- steps --------------------------------------------------------------------------------------------------------------------
 
     def _aim(self, out: Text, stage: Stage) -> None:
-        says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
+        says = (
+            "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
+        )
         text = self._function(out, f"aim_{stage.name}(w, usual)", says + " these change; at most to END.")
         text("for l in range(LANES):")
         text = text.indented(1)
@@ -245,7 +247,11 @@ class _Writer:
 
     def _lengths(self, out: Text) -> None:
         """Step lengths of all lanes."""
-        text = self._function(out, "set_step(w, phase, left, usual)", "Length of the first of ``left`` steps to END or to the next event, into all of STEP; an event is never foretold later than ``usual`` at first.")
+        text = self._function(
+            out,
+            "set_step(w, phase, left, usual)",
+            "Length of the first of ``left`` steps to END or to the next event, into all of STEP; an event is never foretold later than ``usual`` at first.",
+        )
         text("for l in range(LANES):", "    w[STEP + l] = w[END + l] - w[T + l]")
         for number, stage in enumerate(self.shape.stages):
             if stage.events:
@@ -274,7 +280,12 @@ class _Writer:
         text("for l in range(LANES):", "    w[CLOCK + l] = w[T + l]")
         if own and self.history:
             text("    w[BEGIN_T + l] = w[T + l]")
-        text("rates(w, phase)", "for e in range(size):", "    w[K1 + e] = w[D + e]", f"set_step(w, phase, {'left, usual' if own else '1, math.inf'})")
+        text(
+            "rates(w, phase)",
+            "for e in range(size):",
+            "    w[K1 + e] = w[D + e]",
+            f"set_step(w, phase, {'left, usual' if own else '1, math.inf'})",
+        )
 
         def coefficient(i: int, j: int) -> str:
             if own:
@@ -322,10 +333,19 @@ class _Writer:
         """The continuous extension of a step, and what is recorded of it."""
         rk, stages = self.rk, len(self.rk.b)
         self.slabs.add("BEGIN", self.size), self.slabs.add("BEGIN_T", 1), self.slabs.add("THETA", self.size)
-        text = self._function(out, "add(w, target, i, coefficients)", "Add the stages K1, K2, ..., each times its coefficient in row i, to a slab.")
-        text("for j in range(coefficients.shape[1]):", "    weight = coefficients[i, j]", "    if weight != 0.0:", "        for e in range(SIZE_Y):")
+        text = self._function(
+            out, "add(w, target, i, coefficients)", "Add the stages K1, K2, ..., each times its coefficient in row i, to a slab."
+        )
+        text(
+            "for j in range(coefficients.shape[1]):",
+            "    weight = coefficients[i, j]",
+            "    if weight != 0.0:",
+            "        for e in range(SIZE_Y):",
+        )
         text("            w[target + e] += weight * w[K1 + j * SIZE_Y + e]")
-        text = self._function(out, "extend(w, phase)", "Coefficients P1, P2, ... of the state over the step just made, by powers of its share gone by.")
+        text = self._function(
+            out, "extend(w, phase)", "Coefficients P1, P2, ... of the state over the step just made, by powers of its share gone by."
+        )
         total, order = rk.dense.shape[0], rk.dense.shape[1] - 1
         self.slabs.add("POWERS", (order + 1) * self.size)
         if total > stages:
@@ -334,10 +354,14 @@ class _Writer:
             text("    for l in range(LANES):", "        w[CLOCK + l] = w[BEGIN_T + l] + C[i] * w[STEP + l]", "    rates(w, phase)")
             text("    for e in range(SIZE_Y):", "        w[K1 + i * SIZE_Y + e] = w[D + e]")
         text(f"for e in range({order + 1} * SIZE_Y):", "    w[POWERS + e] = 0.0", f"for q in range(1, {order + 1}):")
-        text("    add(w, POWERS + q * SIZE_Y, q, DENSE)", "    for e in range(SIZE_Y):", "        w[POWERS + q * SIZE_Y + e] *= w[STEP + e]")
+        text(
+            "    add(w, POWERS + q * SIZE_Y, q, DENSE)", "    for e in range(SIZE_Y):", "        w[POWERS + q * SIZE_Y + e] *= w[STEP + e]"
+        )
         powers = list(range(1, order + 1))
         for stage in self.shape.stages:
-            text = self._function(out, f"separation_{stage.name}(w)", f"Speed and distance of every joint at the state S of phase {stage.name}, into APART.")
+            text = self._function(
+                out, f"separation_{stage.name}(w)", f"Speed and distance of every joint at the state S of phase {stage.name}, into APART."
+            )
             self.slabs.add("APART", 2 * len(self.shape.scene.joint))
             text("for l in range(LANES):")
             text = text.indented(1)
@@ -349,7 +373,12 @@ class _Writer:
             out, "keep(w, phase, beyond, every, history, first)",
             "Separations at the instants within the step just made, and ``beyond`` it as a share of its length, every so many seconds.",
         )  # fmt: skip
-        text("low, high = math.inf, 0.0", "for l in range(LANES):", "    low = min(low, w[BEGIN_T + l])", "    high = max(high, w[T + l] + beyond * w[STEP + l])")
+        text(
+            "low, high = math.inf, 0.0",
+            "for l in range(LANES):",
+            "    low = min(low, w[BEGIN_T + l])",
+            "    high = max(high, w[T + l] + beyond * w[STEP + l])",
+        )
         text("if not high < math.inf:", "    return")
         text("for row in range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), history.shape[1] - 1) + 1):")
         text = text.indented(1)
@@ -364,7 +393,10 @@ class _Writer:
             text(f"{'elif' if number else 'if'} phase == {number}:", f"    separation_{stage.name}(w)")
         text("for l in range(min(LANES, history.shape[0] - first)):", "    t, past = row * every, beyond * w[STEP + l]")
         text("    if w[BEGIN_T + l] - 1e-12 <= t <= w[T + l] + past + 1e-12 and w[STEP + l] > 0.0:")
-        text(f"        for k in range({2 * len(self.shape.scene.joint)}):", "            history[first + l, row, k] = w[APART + k * LANES + l]")
+        text(
+            f"        for k in range({2 * len(self.shape.scene.joint)}):",
+            "            history[first + l, row, k] = w[APART + k * LANES + l]",
+        )
 
     def _settle(self, out: Text) -> None:
         """What is done at the end of a step."""
@@ -423,7 +455,10 @@ class _Writer:
             spin = "(0.0, 0.0, 0.0)" if leader == GROUND else f"omega_{leader}"
             text(f"alpha, beta = flow_angles(vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l))))")
             text(f"pitch, yaw, roll = w[ANGLES_{leader} + l], quat.yaw({g.attitude(body)}), w[ANGLES_{leader} + LANES + l]")
-            text(f"put3(w, OUT + {o} * LANES + l, (alpha, beta, pitch - w[PATH_REFERENCE + l]))", f"put3(w, OUT + {o + 3} * LANES + l, {spin})")
+            text(
+                f"put3(w, OUT + {o} * LANES + l, (alpha, beta, pitch - w[PATH_REFERENCE + l]))",
+                f"put3(w, OUT + {o + 3} * LANES + l, {spin})",
+            )
             text(f"put3(w, OUT + {o + 6} * LANES + l, (roll, yaw, pitch))")
             o += at.BODY_OUTCOMES
         for joint in shape.scene.joint:
@@ -449,7 +484,16 @@ class _Writer:
         if self.slabs.has("AIR"):
             text("for l in range(LANES):", f"    air, w[AIR_TOP + l] = layer({raw(at.ALTITUDE)})", "    put4(w, AIR + l, air)")
         text("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays", "    w[k] = 0.0")
-        zeros = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "RESIDUAL", "RESIDUAL + LANES", "RESIDUAL + 2 * LANES", "RESIDUAL + 3 * LANES")
+        zeros = (
+            "DRIFT",
+            "TURNED_FAR",
+            "EVENT_ERROR",
+            "STEPS",
+            "RESIDUAL",
+            "RESIDUAL + LANES",
+            "RESIDUAL + 2 * LANES",
+            "RESIDUAL + 3 * LANES",
+        )
         loop = Text(2)
         emit_start(loop, shape, self.slabs)
         loop(*(f"w[{name} + l] = 0.0" for name in zeros))
@@ -458,7 +502,10 @@ class _Writer:
         for stage in shape.stages:
             if stage.end_time is not None:
                 self.slabs.add(f"UNTIL_{stage.name}", 1)
-                self.parameters(f"w[UNTIL_{stage.name} + l] = {raw(stage.end_time)}")
+                late = "" if stage.delay is None else f" + {raw(stage.delay)}"
+                self.parameters(f"w[UNTIL_{stage.name} + l] = {raw(stage.end_time)}{late}")
+        for joint in shape.failing:
+            self.parameters(f"w[LOST + l] = w[LOST + l] if {raw(shape.plan.slots[f'joint.{joint}.fails'])} < 0.5 else 1.0")
         out.lines += self.shared.lines
         text("for l in range(LANES):")
         out.lines += loop.lines + self.parameters.lines
@@ -468,7 +515,9 @@ class _Writer:
         text(f"# {stage.name}")
         if number == 0 and stage.rows:
             text(f"correct_{stage.name}(w)", "for l in range(LANES):  # a start that the joints do not allow")
-            text("    for k in range(0, 4 * LANES, LANES):", "        w[LOST + l] = w[LOST + l] if w[RESIDUAL_NOW + k + l] <= 1e-9 else 1.0")
+            text(
+                "    for k in range(0, 4 * LANES, LANES):", "        w[LOST + l] = w[LOST + l] if w[RESIDUAL_NOW + k + l] <= 1e-9 else 1.0"
+            )
         end = f"larger(w[UNTIL_{stage.name} + l], w[T + l])" if stage.end_time is not None else "w[RUN_END + l]"
         inner = text
         if stage.stops > 1:
@@ -484,7 +533,10 @@ class _Writer:
             inner(f"    w[LAST_{stage.name}_{event.which} + l] = math.inf")
         if self.shape.switches:
             self._switches(inner)
-        inner(f"for left in range(steps[{number}], 0, -1):", f"    advance(w, {number}, {self.shape.active(stage)} * LANES, left, usual[{number}])")
+        inner(
+            f"for left in range(steps[{number}], 0, -1):",
+            f"    advance(w, {number}, {self.shape.active(stage)} * LANES, left, usual[{number}])",
+        )
         if self.history:
             beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"
             inner(f"    keep(w, {number}, {beyond}, every, history, first)")
@@ -536,7 +588,11 @@ class _Writer:
         shape, n = self.shape, len(self.shape.bodies)
         model = shape.plan.model.scene[0]
         says = "Fly the cases of a block, LANES from number ``first`` on."
-        text = self._function(out, "fly_block(first, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status, scene, integers, numbers)", says)
+        text = self._function(
+            out,
+            "fly_block(first, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status, scene, integers, numbers)",
+            says,
+        )
         text("w = np.empty(SIZE_W)", "prepare(w, first, nominal, slots, draws, numbers)")
         if shape.switches:
             text("m = Model(scene, integers, numbers)")
@@ -561,8 +617,17 @@ class _Writer:
         for number, stage in enumerate(shape.stages):
             text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
         text("status[i] = 0 if sound else -1")
-        out("", "", "@entry", "def enter(first, a):", '    """Fly a block; the arrays are unpacked in the order of `sepmc.kernels.blocks.fly`."""')
-        out("    fly_block(", "        first, vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4), vector(a, 5)[0], table(a, 6),")
+        out(
+            "",
+            "",
+            "@entry",
+            "def enter(first, a):",
+            '    """Fly a block; the arrays are unpacked in the order of `sepmc.kernels.blocks.fly`."""',
+        )
+        out(
+            "    fly_block(",
+            "        first, vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4), vector(a, 5)[0], table(a, 6),",
+        )
         out("        table(a, 7), block(a, 8), indices(a, 9), record(a, 10), indices(a, 11), vector(a, 12),", "    )")
 
 
@@ -579,21 +644,23 @@ def _coefficients(rk: Method) -> list[str]:
     return lines
 
 
-def absent(shape: Shape) -> list[str]:
-    """What a kernel could compute, and this one does not."""
+def features(shape: Shape) -> tuple[list[str], list[str]]:
+    """What the kernel of a shape computes, and what it could but does not, because no scene of the shape needs it."""
     scene = shape.scene
-    has_air = scene.environment.atmosphere != "none" and any(body.aerodynamics for body in scene.body.values())
+    air = scene.environment.atmosphere != "none" and any(body.aerodynamics for body in scene.body.values())
     parts = {
-        "air": has_air,
+        "air and aerodynamics": air,
         "gravity": scene.environment.gravity != "none",
         "motors": bool(scene.motor),
         "springs": bool(scene.spring),
         "constant loads": bool(scene.load),
-        "switches of loads": shape.switches,
+        "loads that switch on or off": shape.switches,
+        "constraint rows": any(stage.rows for stage in shape.stages),
         "events on the state": any(stage.events for stage in shape.stages),
+        "rates at release": bool(scene.output.tip_off),
         "Mach number": False,
         "joint forces": False,
         "clearances": False,
         "work of the loads": False,
     }
-    return [name for name, there in parts.items() if not there]
+    return [name for name, there in parts.items() if there], [name for name, there in parts.items() if not there]

@@ -93,7 +93,9 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
         text(f"{angle}{n} = {angle if n == 2 else f'{angle}{n - 1}'} * {angle}")
     for code, name in enumerate(_COEFFICIENTS):
         if terms[code]:
-            text.wrapped(f"{name} = ", terms[code], "") if len(" + ".join(terms[code])) < 110 else text.wrapped(f"{name} = (", terms[code], ")")
+            text.wrapped(f"{name} = ", terms[code], "") if len(" + ".join(terms[code])) < 110 else text.wrapped(
+                f"{name} = (", terms[code], ")"
+            )
     named = [name if terms[code] else "0.0" for code, name in enumerate(_COEFFICIENTS)]
     text(f"push = aero_force(pushing * w[FORCE_SCALE_{body} + l], ({', '.join(named[:3])}))")
     force.add("push")

@@ -115,7 +115,11 @@ def emit_rows(text: Text, g: Geometry, stage: Stage, purpose: str) -> None:
             g.slabs.add("RESIDUAL_NOW", 4)
     if purpose == "residual":
         return
-    text("# inverse inertia that the rows feel, and their accelerations without the joints" if purpose == "motion" else "# inverse inertia that the rows feel")
+    text(
+        "# inverse inertia that the rows feel, and their accelerations without the joints"
+        if purpose == "motion"
+        else "# inverse inertia that the rows feel"
+    )
     for r in range(n):
         for s in range(r + 1):
             text(f"s{r}_{s} = {_coupling(g, stage, acts, r, s)}")

@@ -6,8 +6,8 @@ Only structure counts here, no numbers: scenes of the same shape share a kernel.
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
-from sepmc.compiler.packing import aero_terms
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
 from sepmc.scene.kinds import joint_axes, rows_of
@@ -48,6 +48,7 @@ class Stage:
     rows: list[Row]
     events: list[Event] = field(default_factory=list)
     end_time: int | None = None  # place in w of the time that ends it; None: the end of the run
+    delay: int | None = None  # place in w of the delay of the joint that lets go then
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     stops: int = 1
 
@@ -70,6 +71,7 @@ class Shape:
     plan: Plan
     stages: list[Stage]
     turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
+    failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
 
     @property
@@ -124,19 +126,33 @@ def obstacles(scene: Scene) -> list[str]:
 
 def _unfit(until: Until) -> str:
     """Why the end of a phase cannot be found by a specialised kernel."""
-    given = [key for key in ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude") if getattr(until, key) is not None]
+    given = [
+        key for key in ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude") if getattr(until, key) is not None
+    ]
     if until.any or until.all or len(given) != 1:
         return "several conditions"
     return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
 
 
-def varying(plan: Plan, dispersed: set[str]) -> list[str]:
-    """What the dispersions add to `obstacles`."""
+def varying(plan: Plan, dispersed: frozenset[str]) -> list[str]:
+    """What delays, given or dispersed, add to `obstacles`."""
     found = []
-    for name, joint in plan.scene.joint.items():
-        if joint.delay > 0.0 or joint.fails > 0.0 or dispersed & {f"joint.{name}.delay", f"joint.{name}.fails"}:
-            found.append(f"joint {name} that may be late or fail")
+    for phase, after in pairwise(plan.scene.phase):
+        changed = _changed(plan.scene, phase, after)
+        late = [name for name in changed if _may_be_late(plan.scene, name, dispersed)]
+        if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
+            found.append(f"joint {late[0]}, which may let go late")
     return found
+
+
+def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
+    """Joints that hold something else in a phase than in the one before it."""
+    kinds = [[rows_of(joint, one.joints.get(name, "free")) for name, joint in scene.joint.items()] for one in (phase, after)]
+    return [name for name, before, now in zip(scene.joint, *kinds, strict=True) if before != now]
+
+
+def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
+    return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
 def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
@@ -162,6 +178,9 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
         stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + _breaks(scene, dispersed)
         if number:
             before = scene.phase[number - 1]
+            late = [name for name in _changed(scene, before, phase) if _may_be_late(scene, name, dispersed)]
+            if late:
+                stages[-1].delay = plan.slots[f"joint.{late[0]}.delay"]
             stage.released = [
                 j for j, kind in before.joints.items()
                 if rows_of(scene.joint[j], kind) and not rows_of(scene.joint[j], phase.joints.get(j, "free"))
@@ -171,7 +190,8 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
-    return Shape(plan, stages, turning, _breaks(scene, dispersed) > 0)
+    failing = [name for name, joint in scene.joint.items() if joint.fails > 0.0 or f"joint.{name}.fails" in dispersed]
+    return Shape(plan, stages, turning, failing, _breaks(scene, dispersed) > 0)
 
 
 def _thresholds(plan: Plan):
@@ -222,6 +242,3 @@ def _stage(scene: Scene, phase: Phase, bodies: list[str]) -> Stage:
     named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
     found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
     return Stage(phase.name, found, rows)
-
-
-__all__ = ["Event", "Row", "Shape", "Stage", "aero_terms", "make_shape", "obstacles", "varying"]

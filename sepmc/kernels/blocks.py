@@ -1,4 +1,4 @@
-"""The door of specialised kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls a scene's kernel by its address.
+"""The door of specialised kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls their kernels by address.
 
 A kernel compiled into a prange loop of its own would be optimised and turned into machine code three times, a third of its time to
 compile.

@@ -108,6 +108,6 @@ def sine_cosine(x):
     c = -0.5 + z * (1.0 / 24.0 + z * (-1.0 / 720.0 + z * (1.0 / 40320.0 + z * c)))
     sine, cosine = r + r * z * s, 1.0 + z * c
     quadrant = k - 4.0 * np.floor(0.25 * k)
-    odd = quadrant == 1.0 or quadrant == 3.0
+    odd = quadrant == 1.0 or quadrant == 3.0  # noqa: PLR1714
     a, b = cosine if odd else sine, sine if odd else cosine
-    return (-a if quadrant >= 2.0 else a), (-b if quadrant == 1.0 or quadrant == 2.0 else b)
+    return (-a if quadrant >= 2.0 else a), (-b if quadrant == 1.0 or quadrant == 2.0 else b)  # noqa: PLR1714

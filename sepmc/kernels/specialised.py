@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from types import ModuleType
+from typing import Any
 
 from sepmc.kernels._jit import BARE, CACHE_FOLDER, is_module_cached, one_at_a_time
 from sepmc.kernels.blocks import compile_blocks
@@ -52,7 +53,8 @@ def compile_apart(name: str) -> bool:
         with one_at_a_time():
             if is_compiled(name):
                 return True
-            started = [subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for program in programs]
+            quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            started = [subprocess.Popen([sys.executable, "-c", program], env=environment, **quiet) for program in programs]
             return all([process.wait() == 0 for process in started])
     except OSError:
         return False

@@ -295,7 +295,7 @@ class Run(_Table, frozen=True, kw_only=True):
 class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["dop853", "dopri5", "rk4"] = "dop853"
-    accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9  # of every outcome, as a share of its size or its spread; steps follow from it
+    accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9  # of outcomes, as a share of size or spread; steps follow
     step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: the general kernel at this step
     drift: Literal["projection", "baumgarte", "none"] = "projection"
 

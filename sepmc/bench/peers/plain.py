@@ -42,7 +42,7 @@ class Flight:
         m = Model(plan.model.scene[0], plan.model.table, plan.model.numbers)
         size = at.STATE * m.scene.n_bodies + 1
         w, y, out = np.zeros(m.scene.size_w), np.empty(size), np.empty(size)
-        _prepare(np.ascontiguousarray(plan.nominal), self.campaign.slots, row, w, y, m)
+        prepare(np.ascontiguousarray(plan.nominal), self.campaign.slots, row, w, y, m)
         _begin(y, np.empty(1000), m, w)
         set_stretch(0.5 * inputs.end, m, w)
 
