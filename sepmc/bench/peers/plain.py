@@ -16,10 +16,12 @@ from sepmc.cases import draw
 from sepmc.kernels import layout as at
 from sepmc.kernels.cfe import separation
 from sepmc.kernels.dynamics import derivative, set_attitudes
-from sepmc.kernels.flight import _begin, _prepare, set_stretch
+from sepmc.kernels.flight import _begin
 from sepmc.kernels.layout import Model
 from sepmc.kernels.places import joint_work
+from sepmc.kernels.prepare import prepare
 from sepmc.kernels.quat import matrix
+from sepmc.kernels.stretches import set_stretch
 from sepmc.scene.read import parse_campaign
 
 
