@@ -18,7 +18,7 @@ from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.compiler.shape import obstacles, varying
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
-from sepmc.pilot import plan_flight
+from sepmc.pilot import plan_flight, settled_step
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -166,6 +166,9 @@ class Campaign:
     def simulate(self, case: Case | None = None, step_s: float = 0.001) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
 
+        Flown by the general kernel: at ``solver.step_s``, or else at a step at which halving it changes no outcome by more than
+        ``solver.accuracy``. Its outcomes are then those of the campaign's row to that accuracy.
+
         Returns
         -------
         history : DataFrame
@@ -174,12 +177,14 @@ class Campaign:
         """
         check_every(step_s, self.scene)
         warm_up()
-        plan = make_plan((case or self.nominal()).scene, history_step=step_s)
+        scene, none = (case or self.nominal()).scene, np.empty(0, dtype=np.int64)
+        step = scene.solver.step or settled_step(scene, none, np.empty((1, 0)), [c.unit for c in self.outcome_columns])[0]
+        plan = make_plan(scene, history_step=step_s, step=step)
         columns = schema.history_columns(plan.contents)
-        scene = plan.model.scene[0]
-        changes = scene.n_events + scene.n_joints * (scene.n_phases + scene.n_releases)  # each with a row before and one after
+        counts = plan.model.scene[0]
+        changes = counts.n_events + counts.n_joints * (counts.n_phases + counts.n_releases)  # each with a row before and one after
         room = int(plan.scene.run.end_time / step_s) + 2 * int(changes) + 4
-        block = fly_block(plan, np.empty(0, dtype=np.int64), np.empty((1, 0)), room, len(columns), FULL_HISTORY)
+        block = fly_block(plan, none, np.empty((1, 0)), room, len(columns), FULL_HISTORY)
         rows = int(block.rows[0])
         data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}
         data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}

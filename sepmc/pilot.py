@@ -1,5 +1,6 @@
 """How a campaign is flown: by which kernel, in how many steps; found by flying a few cases at the corners of the dispersions first."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from types import ModuleType
@@ -13,6 +14,7 @@ from sepmc.compiler.plan import make_plan
 from sepmc.compiler.shape import make_shape, obstacles, varying
 from sepmc.door import Block, fly_block, fly_specialised, specialised_kernel, warm_up
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
 if TYPE_CHECKING:
@@ -198,19 +200,26 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
 
 def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
     """Step of the general kernel at which halving it changes the corners by no more than the accuracy."""
-    draws, units, goal = corners(campaign)[:9], _units(campaign), campaign.scene.solver.accuracy
-    step, best, before = campaign.scene.run.end_time / 8.0, Flight(why), None
+    draws = corners(campaign)[:9]
+    step, error = settled_step(campaign.scene, campaign.slots, draws, _units(campaign))
+    return Flight(why, step=step, error=error)
+
+
+def settled_step(scene: Scene, slots: np.ndarray, draws: np.ndarray, units: list[str]) -> tuple[float, float]:
+    """Longest step, s, of the general kernel, of end time / 8, / 16, ..., at which the outcomes of some draws (n, d), SI, change by no
+    more than the accuracy when it is halved; and by how much they do. The best found if none is as good."""
+    step, best, error, before = scene.run.end_time / 8.0, math.nan, math.inf, None
     for _ in range(_HALVINGS):
-        block = fly_block(make_plan(campaign.scene, step=step), campaign.slots, draws, 0, 0, NO_HISTORY)
-        now, ok = _outcomes(campaign, block), block.status == Status.OK
+        block = fly_block(make_plan(scene, step=step), slots, draws, 0, 0, NO_HISTORY)
+        now, ok = block.outcomes[:, : len(units)], block.status == Status.OK
         if before is not None and (both := ok & before[1]).any():
-            error = float(relative_error(before[0][both], now[both], units).max())
-            if not error >= best.error:
-                best = Flight(why, step=2.0 * step, error=error)
-            if error <= goal:
+            change = float(relative_error(before[0][both], now[both], units).max())
+            if change < error:
+                best, error = 2.0 * step, change
+            if error <= scene.solver.accuracy:
                 break
         before, step = (now, ok), 0.5 * step
-    return best if best.step else replace(best, step=step)
+    return (step if math.isnan(best) else best), error
 
 
 @dataclass(frozen=True)

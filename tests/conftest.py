@@ -30,6 +30,8 @@ altitude_m = 1000.0
 speed_m_s = 1.0
 [run]
 end_time_s = 0.5
+[solver]
+step_s = 0.05  # the general kernel at this step
 """
 
 
