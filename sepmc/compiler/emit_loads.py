@@ -2,46 +2,45 @@
 
 import math
 
-from sepmc.compiler.emit_prepare import ends, raw, raw3
-from sepmc.compiler.emit_rows import Geometry
+from sepmc.compiler.emit_context import Context, raw, raw3
+from sepmc.compiler.emit_geometry import ZERO, Geometry, emit_spring_line
 from sepmc.compiler.packing import aero_terms
-from sepmc.compiler.shape import Shape, Stage
-from sepmc.compiler.text import Slabs, Text
+from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
 
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
-def emit_loads(text: Text, shape: Shape, stage: Stage, g: Geometry, slabs: Slabs, parameters: Text) -> None:
+def emit_loads(text: Text, g: Geometry) -> None:
     """All loads of a phase at a state whose attitudes, rates, places and speeds are local names."""
-    scene = shape.scene
-    for body in shape.bodies:
+    scene = g.shape.scene
+    for body in g.shape.bodies:
         force = _Sum(text, f"force_{body}")
         moment = _Sum(text, f"moment_{body}")
         if scene.environment.atmosphere != "none" and scene.body[body].aerodynamics is not None:
-            _air(text, shape, body, g, slabs, parameters, force, moment)
+            _air(text, g, body, force, moment)
         for i, motor in enumerate(scene.motor):
             if motor.body == body:
-                _motor(text, shape, motor, i, slabs, parameters, force, moment)
+                _motor(text, g, motor, i, force, moment)
         for i, load in enumerate(scene.load):
             if load.body == body:
-                _load(text, shape, i, g, slabs, parameters, force, moment)
+                _load(text, g, i, force, moment)
         moment.close()
         force.close()
         if force.given:
             text(f"force_{body} = vec3.rotate({g.attitude(body)}, force_{body})")
-        _gravity(text, shape, body, slabs, parameters)
+        _gravity(text, g, body)
     for i, spring in enumerate(scene.spring):
-        _spring(text, shape, spring, i, stage, g, slabs, parameters)
+        _spring(text, g, spring, i)
 
 
-def emit_load_parameters(slabs: Slabs, parameters: Text) -> None:
-    """What several loads share."""
-    if slabs.has("STREAM"):
-        parameters("put3(w, STREAM + l, vec3.sub(velocity, stream))")
-    if slabs.has("GRAVITY"):
-        parameters(f"w[GRAVITY + l] = {raw(at.SURFACE_GRAVITY)}")
+def emit_load_parameters(c: Context) -> None:
+    """Setting up of what several loads share."""
+    if c.slabs.has("STREAM"):
+        c.parameters("put3(w, STREAM + l, vec3.sub(velocity, stream))")
+    if c.slabs.has("GRAVITY"):
+        c.parameters(f"w[GRAVITY + l] = {raw(at.SURFACE_GRAVITY)}")
 
 
 class _Sum:
@@ -51,20 +50,25 @@ class _Sum:
         self.text, self.name, self.given = text, name, False
 
     def add(self, term: str) -> None:
+        """Add a term."""
         self.text(f"{self.name} = vec3.add({self.name}, {term})" if self.given else f"{self.name} = {term}")
         self.given = True
 
     def close(self) -> None:
+        """After the last term: zero if there was none."""
         if not self.given:
-            self.text(f"{self.name} = (0.0, 0.0, 0.0)")
+            self.text(f"{self.name} = {ZERO}")
 
 
-def _height(text: Text, body: str, slabs: Slabs, name: str) -> None:
-    slabs.add("ORIGIN_HEIGHT", 1), slabs.add("ORIGIN_CLIMB", 1)
-    text(f"{name} = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t)")
+def _height(text: Text, g: Geometry, body: str) -> None:
+    """Local name height of a body above sea level."""
+    g.slabs.add("ORIGIN_HEIGHT", 1), g.slabs.add("ORIGIN_CLIMB", 1)
+    text(f"height = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t)")
 
 
-def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, parameters: Text, force: _Sum, moment: _Sum) -> None:
+def _air(text: Text, g: Geometry, body: str, force: _Sum, moment: _Sum) -> None:
+    """Aerodynamic force and moment at the angles of the flow."""
+    shape, slabs, parameters = g.shape, g.slabs, g.parameters
     slabs.add("STREAM", 3), slabs.add("AIR", 4), slabs.add("AIR_TOP", 1)
     p = at.HEAD + at.BODY_SIZE * shape.bodies.index(body)
     if slabs.add(f"FORCE_SCALE_{body}", 1):
@@ -74,15 +78,29 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
         parameters(f"w[MOMENT_SCALE_{body} + l] = {scale} * {raw(p + at.LENGTH)} * {raw(p + at.MOMENT_FACTOR)}")
     text(f"# air on {body}")
     text(f"flow = vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l)))", "alpha, beta = flow_angles(flow)")
-    _height(text, body, slabs, "height")
+    _height(text, g, body)
     text("pushing = density_in_layer(height, get4(w, AIR + l)) * vec3.dot(flow, flow)")
+    named = _coefficients(text, g, body)
+    text(f"push = aero_force(pushing * w[FORCE_SCALE_{body} + l], ({', '.join(named[:3])}))")
+    force.add("push")
+    if any(name != "0.0" for name in named[3:]):
+        moment.add(f"aero_moment(pushing * w[MOMENT_SCALE_{body} + l], ({named[3]}, {named[4]}, {named[5]}))")
+    aero = shape.scene.body[body].aerodynamics
+    if aero is not None and aero.moment_point is not None:
+        if slabs.add(f"AIR_ARM_{body}", 3):
+            parameters(f"put3(w, AIR_ARM_{body} + l, arm(cg_{body}, {raw3(p + at.MOMENT_POINT)}))")
+        moment.add(f"vec3.cross(get3(w, AIR_ARM_{body} + l), push)")
+
+
+def _coefficients(text: Text, g: Geometry, body: str) -> list[str]:
+    """Polynomials in the angles of the flow, multiplied out as they stand; returns the six names, "0.0" where there is no term."""
     terms: dict[int, list[str]] = {code: [] for code in range(6)}
     powers: set[tuple[str, int]] = set()
-    for k, term in enumerate(aero_terms(shape.scene)):
+    for k, term in enumerate(aero_terms(g.shape.scene)):
         if term.body == body:
             name = "C_" + term.path.removeprefix("body.").replace(".aerodynamics.", "_").replace(".", "_").upper()
-            if slabs.add(name, 1):
-                parameters(f"w[{name} + l] = {raw(int(shape.plan.model.scene[0].terms_p) + k)}")
+            if g.slabs.add(name, 1):
+                g.parameters(f"w[{name} + l] = {raw(int(g.context.model.terms_p) + k)}")
             factors = [f"w[{name} + l]"]
             for angle, power in (("alpha", term.alpha), ("beta", term.beta)):
                 if power:
@@ -93,24 +111,15 @@ def _air(text: Text, shape: Shape, body: str, g: Geometry, slabs: Slabs, paramet
         text(f"{angle}{n} = {angle if n == 2 else f'{angle}{n - 1}'} * {angle}")
     for code, name in enumerate(_COEFFICIENTS):
         if terms[code]:
-            text.wrapped(f"{name} = ", terms[code], "") if len(" + ".join(terms[code])) < 110 else text.wrapped(
-                f"{name} = (", terms[code], ")"
-            )
-    named = [name if terms[code] else "0.0" for code, name in enumerate(_COEFFICIENTS)]
-    text(f"push = aero_force(pushing * w[FORCE_SCALE_{body} + l], ({', '.join(named[:3])}))")
-    force.add("push")
-    if any(terms[code] for code in range(3, 6)):
-        moment.add(f"aero_moment(pushing * w[MOMENT_SCALE_{body} + l], ({named[3]}, {named[4]}, {named[5]}))")
-    aero = shape.scene.body[body].aerodynamics
-    if aero is not None and aero.moment_point is not None:
-        if slabs.add(f"AIR_ARM_{body}", 3):
-            parameters(f"put3(w, AIR_ARM_{body} + l, arm(cg_{body}, {raw3(p + at.MOMENT_POINT)}))")
-        moment.add(f"vec3.cross(get3(w, AIR_ARM_{body} + l), push)")
+            short = len(" + ".join(terms[code])) < 110
+            text.wrapped(f"{name} = " if short else f"{name} = (", terms[code], "" if short else ")")
+    return [name if terms[code] else "0.0" for code, name in enumerate(_COEFFICIENTS)]
 
 
-def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, parameters: Text, force: _Sum, moment: _Sum) -> None:
-    name = motor.name
-    p = int(shape.plan.model.scene[0].motors_p) + at.MOTOR_SIZE * i
+def _motor(text: Text, g: Geometry, motor: Motor, i: int, force: _Sum, moment: _Sum) -> None:
+    """Thrust along a line that stays: build-up, and with switches the profile and the tail-off."""
+    name, slabs, parameters, switches = motor.name, g.slabs, g.parameters, g.shape.switches
+    p = int(g.context.model.motors_p) + at.MOTOR_SIZE * i
     if slabs.add(f"THRUST_{name}", 1):
         slabs.add(f"LINE_{name}", 3), slabs.add(f"TURN_{name}", 3)
         angles = ", ".join(raw(p + place) for place in (at.CANT, at.CLOCK, at.DEFLECTION, at.DEFLECTION_CLOCK))
@@ -121,7 +130,7 @@ def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, paramet
         if motor.build_up > 0.0:
             slabs.add(f"BUILDING_{name}", 1)
             parameters(f"w[BUILDING_{name} + l] = 1.0 / {raw(p + at.BUILD_UP)}")
-        if shape.switches:
+        if switches:
             slabs.add(f"IGNITION_{name}", 1)
             parameters(f"w[IGNITION_{name} + l] = {raw(p + at.IGNITION)} + {raw(p + at.IGNITION_DELAY)}")
             if motor.tail_off > 0.0:
@@ -129,12 +138,13 @@ def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, paramet
                 parameters(f"w[BURN_{name} + l], w[TAIL_OFF_{name} + l] = {raw(p + at.BURN)}, {raw(p + at.TAIL_OFF)}")
 
     def level(since: str) -> str:
+        """Thrust some time after ignition, apart from the profile."""
         if motor.build_up > 0.0:
             return f"building_up(w[THRUST_{name} + l], w[BUILDING_{name} + l], {since})"
         return f"w[THRUST_{name} + l]"
 
     text(f"# motor {name}")
-    if not shape.switches:
+    if not switches:
         text(f"thrust = {level('t')}")
     else:
         text(f"burning, share, slope = get3(w, BURNING_{name} + l)", f"since = larger(t - w[IGNITION_{name} + l], 0.0)")
@@ -147,15 +157,16 @@ def _motor(text: Text, shape: Shape, motor: Motor, i: int, slabs: Slabs, paramet
     moment.add(f"vec3.scale(thrust, get3(w, TURN_{name} + l))")
 
 
-def _load(text: Text, shape: Shape, i: int, g: Geometry, slabs: Slabs, parameters: Text, force: _Sum, moment: _Sum) -> None:
-    load, scene = shape.scene.load[i], shape.plan.model.scene[0]
-    name, p = load.name, int(scene.loads_p) + at.LOAD_SIZE * i
-    if slabs.add(f"LOAD_{name}", 9):
-        point = "(0.0, 0.0, 0.0)" if load.point is None else f"arm(cg_{load.body}, {raw3(p + at.LOAD_POINT)})"
+def _load(text: Text, g: Geometry, i: int, force: _Sum, moment: _Sum) -> None:
+    """Constant force and moment, in body or ground axes."""
+    load = g.shape.scene.load[i]
+    name, p = load.name, int(g.context.model.loads_p) + at.LOAD_SIZE * i
+    if g.slabs.add(f"LOAD_{name}", 9):
+        point = ZERO if load.point is None else f"arm(cg_{load.body}, {raw3(p + at.LOAD_POINT)})"
         for k, vector in enumerate((raw3(p + at.LOAD_FORCE), raw3(p + at.LOAD_MOMENT), point)):
-            parameters(f"put3(w, LOAD_{name} + {3 * k} * LANES + l, {vector})")
+            g.parameters(f"put3(w, LOAD_{name} + {3 * k} * LANES + l, {vector})")
     text(f"# load {name}", f"push, turn = get3(w, LOAD_{name} + l), get3(w, LOAD_{name} + 3 * LANES + l)")
-    if shape.switches:
+    if g.shape.switches:
         text(f"acts = w[ACTS_{name} + l]", "push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)")
     if load.frame == "ground":
         r = g.attitude(load.body)
@@ -164,62 +175,34 @@ def _load(text: Text, shape: Shape, i: int, g: Geometry, slabs: Slabs, parameter
     moment.add(f"vec3.add(turn, vec3.cross(get3(w, LOAD_{name} + 6 * LANES + l), push))")
 
 
-def _gravity(text: Text, shape: Shape, body: str, slabs: Slabs, parameters: Text) -> None:
-    kind = shape.scene.environment.gravity
+def _gravity(text: Text, g: Geometry, body: str) -> None:
+    """Weight, along the ground's y axis."""
+    kind = g.shape.scene.environment.gravity
     if kind == "none":
         return
-    slabs.add("GRAVITY", 1)
-    if slabs.add(f"MASS_{body}", 1):
-        parameters(f"w[MASS_{body} + l] = mass_{body}")
+    g.slabs.add("GRAVITY", 1)
+    if g.slabs.add(f"MASS_{body}", 1):
+        g.parameters(f"w[MASS_{body} + l] = mass_{body}")
     weight = f"w[MASS_{body} + l] * w[GRAVITY + l]"
     if kind == "inverse-square":
-        _height(text, body, slabs, "height")
+        _height(text, g, body)
         weight = f"w[MASS_{body} + l] * inverse_square(w[GRAVITY + l], height)"
     text(f"force_{body} = (force_{body}[0], force_{body}[1] - {weight}, force_{body}[2])")
 
 
-def emit_spring_line(text: Text, g: Geometry, spring: Spring) -> None:
-    """Local names of a spring's line of action: e, arm_a, arm_b, gamma, length and its rate."""
-    shape, slabs, parameters = g.shape, g.slabs, g.parameters
-    i = [s.name for s in shape.scene.spring].index(spring.name)
-    start = int(shape.plan.model.scene[0].springs_p) + at.SPRING_SIZE * i
-    if slabs.add(f"SPRING_ENDS_{spring.name}", 6):
-        slabs.add(f"START_{spring.name}", 1)
-        rho_a, rho_b, gap = ends(shape, start, spring.bodies, spring.second_point is not None)
-        parameters(f"put3(w, SPRING_ENDS_{spring.name} + l, {rho_a})", f"put3(w, SPRING_ENDS_{spring.name} + 3 * LANES + l, {rho_b})")
-        parameters(f"gap = {gap}")
-        along = g.shared_vector(int(shape.plan.model.scene[0].springs_x) + 3 * i) if spring.axis is not None else "gap"
-        length = f"vec3.dot(gap, {along})"
-        parameters(f"w[START_{spring.name} + l] = {length if spring.axis is not None else f'math.sqrt({length})'}")
-    g.pair(text, spring.bodies, f"SPRING_ENDS_{spring.name}")
-    if spring.axis is None:
-        text("e, arm_a, arm_b, gamma = joints.rod(d, d_rate, rho_a, rho_b, spin_a, spin_b)")
-        text("length, rate = math.sqrt(vec3.dot(d, d)), vec3.dot(d_rate, e)")
-        return
-    if tuple(spring.axis) == (1.0, 0.0, 0.0):
-        r = g.attitude(spring.bodies[0])
-        text(f"e = ({r}[0], {r}[3], {r}[6])")
-    else:
-        if slabs.add(f"SPRING_AXIS_{spring.name}", 3):
-            start = int(shape.plan.model.scene[0].springs_x) + 3 * i
-            parameters(f"put3(w, SPRING_AXIS_{spring.name} + l, {g.shared_vector(start)})")
-        text(f"e = vec3.rotate({g.attitude(spring.bodies[0])}, get3(w, SPRING_AXIS_{spring.name} + l))")
-    text("arm_a, arm_b, gamma = joints.translation(d, d_rate, e, rho_a, rho_b, spin_a, spin_b)")
-    text("length, rate = vec3.dot(d, e), joints.translation_rate(d, d_rate, e, spin_a)")
-
-
-def _spring(text: Text, shape: Shape, spring: Spring, i: int, stage: Stage, g: Geometry, slabs: Slabs, parameters: Text) -> None:
-    name, p = spring.name, int(shape.plan.model.scene[0].springs_p) + at.SPRING_SIZE * i
+def _spring(text: Text, g: Geometry, spring: Spring, i: int) -> None:
+    """Force along a spring's line on both of its bodies; none once its stroke is through."""
+    name, p = spring.name, int(g.context.model.springs_p) + at.SPRING_SIZE * i
     text(f"# spring {name}")
     emit_spring_line(text, g, spring)
-    if slabs.add(f"SPRING_{name}", 3):
+    if g.slabs.add(f"SPRING_{name}", 3):
         for k, offset in enumerate((at.SPRING_FORCE, at.STIFFNESS, at.DAMPING)):
-            parameters(f"w[SPRING_{name} + {k} * LANES + l] = {raw(p + offset)}")
+            g.parameters(f"w[SPRING_{name} + {k} * LANES + l] = {raw(p + offset)}")
     values = f"w[SPRING_{name} + l], w[SPRING_{name} + LANES + l], w[SPRING_{name} + 2 * LANES + l]"
     text(f"push = springs.spring_force({values}, length - w[START_{name} + l], rate)")
     if math.isfinite(spring.stroke):
-        if slabs.add(f"SPENT_{name}", 1):
-            parameters(f"w[SPENT_{name} + l] = 0.0")
+        if g.slabs.add(f"SPENT_{name}", 1):
+            g.parameters(f"w[SPENT_{name} + l] = 0.0")
         text(f"push = 0.0 if w[SPENT_{name} + l] > 0.0 else push")
     for body, sign, arm in ((spring.bodies[0], "-push", "arm_a"), (spring.bodies[1], "push", "arm_b")):
         if body != GROUND:

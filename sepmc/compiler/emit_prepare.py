@@ -1,36 +1,51 @@
 """Lines of a specialised kernel that set up its lanes: the initial state, and what loads and joints need of a case's parameters."""
 
-from sepmc.compiler.shape import Shape
-from sepmc.compiler.text import Slabs, Text
+from sepmc.compiler.emit_context import Context, raw, raw3
+from sepmc.compiler.emit_loads import emit_load_parameters
+from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
-
-def raw(place: int) -> str:
-    """A parameter of a case by its place in the vector of parameters."""
-    return f"w[P + {place} * LANES + l]"
-
-
-def raw3(place: int) -> str:
-    """A vector of parameters."""
-    return f"get3(w, P + {place} * LANES + l)"
+_ZERO_AT_FIRST = (
+    *("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS"),
+    *("RESIDUAL", "RESIDUAL + LANES", "RESIDUAL + 2 * LANES", "RESIDUAL + 3 * LANES"),
+)
 
 
-def centre_of_mass(shape: Shape, body: str) -> str:
-    """Layout point of a body's mass centre; the ground's own axes start at that of all bodies."""
-    return "centre" if body == GROUND else f"cg_{body}"
+def emit_prepare(out: Text, c: Context) -> None:
+    """A function that puts draws into lanes and sets up a flight; written when the other parts have said what they need."""
+    shape, slabs = c.shape, c.slabs
+    says = "Draws into lanes, and what a flight needs of the parameters P; the last block is filled up with its last case."
+    text = out.function("prepare(w, first, nominal, slots, draws, numbers)", says)
+    slabs.add("P", int(c.model.work)), slabs.add("UNSOUND", 1)
+    text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
+    text.lanes()("w[UNSOUND + l] = 0.0")
+    inner = text.block("for k in range(slots.shape[0]):").lanes()
+    inner("value = draws[k, min(first + l, draws.shape[1] - 1)]", "w[P + slots[k] * LANES + l] = value")
+    inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
+    if slabs.has("AIR"):
+        text.lanes()(f"air, w[AIR_TOP + l] = layer({raw(at.ALTITUDE)})", "put4(w, AIR + l, air)")
+    text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")("w[k] = 0.0")
+    start = Text(2)
+    _start(start, c)
+    start(*(f"w[{name} + l] = 0.0" for name in _ZERO_AT_FIRST))
+    start("w[LOST + l] = w[LOST + l] if w[UNSOUND + l] == 0.0 else 1.0")
+    emit_load_parameters(c)
+    for stage in shape.stages:
+        if stage.end_time is not None:
+            slabs.add(f"UNTIL_{stage.name}", 1)
+            late = "" if stage.delay is None else f" + {raw(stage.delay)}"
+            c.parameters(f"w[UNTIL_{stage.name} + l] = {raw(stage.end_time)}{late}")
+    for joint in shape.failing:
+        c.parameters(f"w[LOST + l] = w[LOST + l] if {raw(shape.plan.slots[f'joint.{joint}.fails'])} < 0.5 else 1.0")
+    out.lines += c.shared.lines
+    text.lanes()
+    out.lines += start.lines + c.parameters.lines
 
 
-def ends(shape: Shape, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[str, str, str]:
-    """Arms of two bodies to the pair of points whose parameters start at ``start``, and the gap between the points, body axes."""
-    first, second = raw3(start + at.POINT), raw3(start + at.SECOND_POINT) if has_second else raw3(start + at.POINT)
-    arms = [f"arm({centre_of_mass(shape, body)}, {point})" for body, point in zip(bodies, (first, second), strict=True)]
-    return arms[0], arms[1], f"arm({first}, {second})" if has_second else "(0.0, 0.0, 0.0)"
-
-
-def emit_start(text: Text, shape: Shape, slabs: Slabs) -> None:
+def _start(text: Text, c: Context) -> None:
     """The initial state of the mated vehicle, as `sepmc.kernels.prepare.set_initial_state`, and what disqualifies a case."""
-    scene, m = shape.scene, shape.plan.model.scene[0]
+    shape, slabs, scene, m = c.shape, c.slabs, c.shape.scene, c.model
     for i, body in enumerate(shape.bodies):
         p = at.HEAD + at.BODY_SIZE * i
         text(f"mass_{body}, cg_{body} = {raw(p + at.MASS)}, {raw3(p + at.CG)}")

@@ -4,10 +4,12 @@ Only structure counts here, no numbers: scenes of the same shape share a kernel.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
+from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
 from sepmc.scene.kinds import joint_axes, rows_of
@@ -19,13 +21,14 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint, its code (`sepmc.kernels.layout`), and the bodies and groups it acts on (None: the ground)."""
+    """A constraint row: its joint and its code (`sepmc.kernels.layout`)."""
 
     joint: str
     code: int
 
     @property
     def turns(self) -> bool:
+        """Whether it constrains a rotation."""
         return at.ROTATION <= self.code < at.ROD
 
 
@@ -53,14 +56,17 @@ class Stage:
     stops: int = 1
 
     def leader(self, body: str) -> str:
+        """The body whose attitude is that of a body, or the ground."""
         return next(group[0] for group in self.groups if body in group)
 
     @cached_property
     def leaders(self) -> list[str]:
+        """One body of every group that turns: those whose attitudes are integrated."""
         return [group[0] for group in self.groups if GROUND not in group]
 
     @property
     def ends_by_state(self) -> bool:
+        """Whether a condition on the state ends it, and not a time."""
         return any(event.ends_phase for event in self.events)
 
 
@@ -126,9 +132,8 @@ def obstacles(scene: Scene) -> list[str]:
 
 def _unfit(until: Until) -> str:
     """Why the end of a phase cannot be found by a specialised kernel."""
-    given = [
-        key for key in ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude") if getattr(until, key) is not None
-    ]
+    keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
+    given = [key for key in keys if getattr(until, key) is not None]
     if until.any or until.all or len(given) != 1:
         return "several conditions"
     return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
@@ -146,9 +151,15 @@ def varying(plan: Plan, dispersed: frozenset[str]) -> list[str]:
 
 
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
-    """Joints that hold something else in a phase than in the one before it."""
+    """Joints that do not hold the same in a phase and in the one after it."""
     kinds = [[rows_of(joint, one.joints.get(name, "free")) for name, joint in scene.joint.items()] for one in (phase, after)]
     return [name for name, before, now in zip(scene.joint, *kinds, strict=True) if before != now]
+
+
+def _released(scene: Scene, phase: Phase, after: Phase) -> list[str]:
+    """Joints that hold something in a phase, and nothing in the one after it."""
+    free = {name for name, joint in scene.joint.items() if not rows_of(joint, after.joints.get(name, "free"))}
+    return [name for name, kind in phase.joints.items() if name in free and rows_of(scene.joint[name], kind)]
 
 
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
@@ -181,10 +192,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             late = [name for name in _changed(scene, before, phase) if _may_be_late(scene, name, dispersed)]
             if late:
                 stages[-1].delay = plan.slots[f"joint.{late[0]}.delay"]
-            stage.released = [
-                j for j, kind in before.joints.items()
-                if rows_of(scene.joint[j], kind) and not rows_of(scene.joint[j], phase.joints.get(j, "free"))
-            ]  # fmt: skip
+            stage.released = _released(scene, before, phase)
         stages.append(stage)
     turning: list[str] = []
     for stage in stages:
@@ -194,10 +202,8 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     return Shape(plan, stages, turning, failing, _breaks(scene, dispersed) > 0)
 
 
-def _thresholds(plan: Plan):
+def _thresholds(plan: Plan) -> Iterator[tuple[Leaf, int]]:
     """Leaves with a path of their own, and the place of their thresholds."""
-    from sepmc.compiler.conditions import make_conditions  # noqa: PLC0415
-
     first = int(plan.model.scene[0].leaves_p)
     for number, leaf in enumerate(make_conditions(plan.scene).leaves):
         if leaf.path is not None:
@@ -226,16 +232,16 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
 def _stage(scene: Scene, phase: Phase, bodies: list[str]) -> Stage:
     """Groups and rows of a phase. Rotations within a group are left out: its bodies share one attitude."""
     kinds = {name: rows_of(joint, phase.joints.get(name, "free")) for name, joint in scene.joint.items()}
-    group = {body: (body,) for body in bodies} | {GROUND: (GROUND,)}
+    group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
     order = [*bodies, GROUND]
-    for name, rows in kinds.items():
-        if sum(at.ROTATION <= row < at.ROD for row in rows) == 3:
+    for name, codes in kinds.items():
+        if sum(at.ROTATION <= code < at.ROD for code in codes) == 3:
             first, second = scene.joint[name].bodies
             merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
             merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
             for body in merged:
                 group[body] = merged
-    rows = []
+    rows: list[Row] = []
     for name, codes in kinds.items():
         first, second = scene.joint[name].bodies
         rows += [Row(name, code) for code in codes if not (at.ROTATION <= code < at.ROD and group[first] == group[second])]

@@ -1,6 +1,7 @@
 """Lines of a module that is being written, and the slabs of its workspace."""
 
 WIDTH = 132
+_LONGEST = 120  # docstring on one line
 
 
 class Text:
@@ -14,7 +15,29 @@ class Text:
         self.lines += ["    " * self.indent + line if line else "" for line in lines]
 
     def indented(self, by: int) -> "Text":
+        """The same lines, continued further to the right."""
         return Text(self.indent + by, self.lines)
+
+    def block(self, head: str) -> "Text":
+        """A line that opens a block, such as a loop; returns where the lines in it go."""
+        self(head)
+        return self.indented(1)
+
+    def lanes(self) -> "Text":
+        """A loop over lanes; returns where the lines in it go."""
+        return self.block("for l in range(LANES):")
+
+    def function(self, signature: str, says: str) -> "Text":
+        """Head of a function and its docstring, on two lines if it is long; returns where its lines go."""
+        self("", "", "@stage")
+        inner = self.block(f"def {signature}:")
+        if len(says) > _LONGEST:
+            cut = says.rindex(" ", 0, _LONGEST - 2)
+            inner(f'"""{says[:cut]}', says[cut + 1 :], '"""')
+        else:
+            inner(f'"""{says}"""')
+        inner("keep_apart()")
+        return inner
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
         """A sum, on as many lines as it takes."""
@@ -33,18 +56,12 @@ class Text:
                 line += " + " + term
         self.lines += [line, lead + end]
 
-    def insert_before(self, start: str, lines: list[str]) -> None:
-        """Put lines before the function whose ``def`` starts so, and its decorator."""
-        at = next(i for i, line in enumerate(self.lines) if line.startswith(start)) - 1
-        self.lines[at:at] = lines
-
 
 class Slabs:
     """Names of slabs and how many quantities stand in each; their places follow from the order."""
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
-        self.size = False
 
     def add(self, name: str, count: int) -> bool:
         """Add a slab if it is new. Returns whether it is."""
@@ -54,9 +71,11 @@ class Slabs:
         return True
 
     def has(self, name: str) -> bool:
+        """Whether a slab of that name was added before."""
         return name in self.counts
 
     def lines(self) -> list[str]:
+        """Places of all slabs as named constants, and the sizes of a state and of the workspace."""
         lines, start = [], 0
         for name, count in self.counts.items():
             lines.append(f"{name} = {start} * LANES" + (f"  # {count}" if count > 1 else ""))

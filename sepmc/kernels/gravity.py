@@ -23,3 +23,9 @@ def inverse_square(surface, height):
     """``surface`` times (R0 / (R0 + height))^2, m/s2."""
     ratio = R0 / (R0 + height)
     return surface * ratio * ratio
+
+
+@formula
+def inverse_square_near(acceleration, share):
+    """``acceleration`` at a height, m/s2, after a rise that is a small ``share`` of the distance R0 + h; as `geopotential_rise`."""
+    return acceleration * (1.0 - share * (2.0 - share * (3.0 - 4.0 * share)))

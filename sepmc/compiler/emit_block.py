@@ -1,0 +1,115 @@
+"""Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
+
+from sepmc.compiler.emit_context import Context
+from sepmc.compiler.emit_outcomes import emit_results
+from sepmc.compiler.shape import Stage
+from sepmc.compiler.text import Text
+from sepmc.kernels import layout as at
+from sepmc.scene.model import GROUND
+
+_ARGUMENTS = "first, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status, scene, integers, numbers"
+
+
+def emit_block(out: Text, c: Context) -> None:
+    """The function that flies a block."""
+    text = out.function(f"fly_block({_ARGUMENTS})", "Fly the cases of a block, LANES from number ``first`` on.")
+    text("w = np.empty(SIZE_W)", "prepare(w, first, nominal, slots, draws, numbers)")
+    if c.shape.switches:
+        text("m = Model(scene, integers, numbers)")
+        text(f"p = np.zeros((LANES, {int(c.model.rows_w)}))  # as `sepmc.kernels.stretches` reads it")
+        text.lanes().block("for k in range(nominal.shape[0]):")("p[l, k] = w[P + k * LANES + l]")
+    for number, stage in enumerate(c.shape.stages):
+        _phase(text, c, number, stage)
+    emit_results(text, c)
+
+
+def emit_entry(out: Text) -> None:
+    """The function that is called by address: it unpacks the arrays."""
+    out("", "", "@entry")
+    text = out.block("def enter(first, a):")
+    text('"""Fly a block; the arrays are unpacked in the order of `sepmc.kernels.blocks.fly`."""')
+    inner = text.block("fly_block(")
+    inner("first, vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4), vector(a, 5)[0], table(a, 6),")
+    inner("table(a, 7), block(a, 8), indices(a, 9), record(a, 10), indices(a, 11), vector(a, 12),")
+    text(")")
+
+
+def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
+    """Flight through a phase, in as many stretches as it may have."""
+    text(f"# {stage.name}")
+    if number == 0 and stage.rows:
+        text(f"correct_{stage.name}(w)")
+        inner = text.block("for l in range(LANES):  # a start that the joints do not allow")
+        inner.block("for k in range(0, 4 * LANES, LANES):")("w[LOST + l] = w[LOST + l] if w[RESIDUAL_NOW + k + l] <= 1e-9 else 1.0")
+    if stage.stops > 1:
+        text.lanes()("w[DONE + l] = 0.0")
+        _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
+    else:
+        _stretch(text, c, number, stage)
+    if stage.rows:
+        text(f"correct_{stage.name}(w)")
+        text.block("for e in range(4 * LANES):")("w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])")
+    c.slabs.add(f"ENDED_{stage.name}", 1)
+    text.lanes()(f"w[ENDED_{stage.name} + l] = w[T + l]")
+    if number + 1 < len(c.shape.stages):
+        _hand_over(text, c, stage, c.shape.stages[number + 1])
+
+
+def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
+    """Flight to the end of a phase, or to the next event or switch of a load within it."""
+    end = f"larger(w[UNTIL_{stage.name} + l], w[T + l])" if stage.end_time is not None else "w[RUN_END + l]"
+    inner = text.lanes()
+    if stage.stops > 1:
+        inner(f"end = w[T + l] if w[DONE + l] > 0.0 else {end}")
+    else:
+        inner("w[DONE + l] = 0.0", f"end = {end}")
+    inner("w[END + l] = end if end < w[RUN_END + l] else w[RUN_END + l]")
+    for event in stage.events:
+        inner(f"w[LAST_{stage.name}_{event.which} + l] = math.inf")
+    if c.shape.switches:
+        _switches(text, c)
+    size = f"{c.shape.active(stage)} * LANES"
+    inner = text.block(f"for left in range(steps[{number}], 0, -1):")
+    inner(f"advance(w, {number}, {size}, left, usual[{number}])")
+    if c.history:
+        beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"  # the way to an event is not a step of the method
+        inner(f"keep(w, {number}, {beyond}, every, history, first)")
+    if stage.events:
+        text(f"approach(w, {number}, {size})")
+    else:
+        text.lanes()("w[T + l] = w[END + l]")
+
+
+def _switches(text: Text, c: Context) -> None:
+    """Stop at the next switch of a load, and note what acts until then."""
+    text = text.lanes()
+    text("t = w[T + l]", "end = min(w[END + l], next_break(t, m, p[l]))", "w[END + l] = end")
+    text("set_stretch(0.5 * (t + end), m, p[l])")
+    for i, motor in enumerate(c.shape.scene.motor):
+        c.slabs.add(f"BURNING_{motor.name}", 3)
+        work = int(c.model.motors_w) + at.MOTOR_WORK * i
+        text(f"put3(w, BURNING_{motor.name} + l, vec3.get(p[l], {work + at.BURNING}))")
+    for i, load in enumerate(c.shape.scene.load):
+        c.slabs.add(f"ACTS_{load.name}", 1)
+        text(f"w[ACTS_{load.name} + l] = p[l, {int(c.model.loads_w) + at.LOAD_WORK * i + at.ACTS}]")
+
+
+def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
+    """From a phase to the next: who failed to get there, attitudes of bodies that part, what is noted of a release."""
+    reached = "w[DONE + l] > 0.0" if stage.ends_by_state else f"w[T + l] >= w[UNTIL_{stage.name} + l]"
+    text = text.lanes()
+    text(f"w[LOST + l] = w[LOST + l] if {reached} else 1.0")
+    for leader in after.leaders:
+        old = stage.leader(leader)
+        if leader not in stage.leaders and old != GROUND:
+            text(f"put4(w, Y + Q_{leader} + l, get4(w, Y + Q_{old} + l))")
+            text(f"put3(w, Y + OMEGA_{leader} + l, get3(w, Y + OMEGA_{old} + l))")
+            text(f"w[ANGLES_{leader} + l] = w[ANGLES_{old} + l]")
+            text(f"w[ANGLES_{leader} + LANES + l] = w[ANGLES_{old} + LANES + l]")
+    for joint in after.released:
+        text(f"w[RELEASE_{joint} + l] = w[T + l]")
+        if joint in c.shape.scene.output.tip_off:
+            for body in c.shape.scene.joint[joint].bodies:
+                if body != GROUND:
+                    c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
+                    text(f"put3(w, TIP_OFF_{joint}_{body} + l, get3(w, Y + OMEGA_{stage.leader(body)} + l))")

@@ -1,0 +1,80 @@
+"""Lines of a specialised kernel that foretell when the conditions on a state will be met, and note that they are."""
+
+from sepmc.compiler.emit_context import Context, raw
+from sepmc.compiler.emit_geometry import Geometry, emit_separation, emit_spring_line, emit_state, relative_acceleration
+from sepmc.compiler.shape import Event, Stage
+from sepmc.compiler.text import Text
+from sepmc.kernels import layout as at
+from sepmc.scene.model import GROUND
+
+
+def emit_aim(out: Text, c: Context, stage: Stage) -> None:
+    """A function that finds the time to a phase's next event."""
+    says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
+    text = out.function(f"aim_{stage.name}(w, usual)", says + " these change; at most to END.").lanes()
+    g = emit_state(text, c, stage, "Y")
+    for body in c.shape.bodies:
+        text(f"a_{body} = get3(w, K1 + V_{body} + l)")
+    for leader in stage.leaders:
+        text(f"spin_rate_{leader} = get3(w, K1 + OMEGA_{leader} + l)")
+    text("t = w[T + l]", "ahead = w[END + l] - t")
+    for event in stage.events:
+        name = f"{stage.name}_{event.which}"
+        c.slabs.add(f"VALUE_{name}", 1), c.slabs.add(f"LAST_{name}", 2)
+        _event(text, g, event)
+        text(f"earlier, before = w[LAST_{name} + l], w[LAST_{name} + LANES + l]")
+        text("jerk = (acceleration - before) / (t - earlier) if t > earlier else 0.0")
+        text(f"w[VALUE_{name} + l], w[LAST_{name} + l], w[LAST_{name} + LANES + l] = value, t, acceleration")
+        text("wait = time_left(value, rate, acceleration, jerk)")
+        if event.ends_phase:
+            text("wait = usual if earlier == math.inf and wait > usual else wait")
+        else:
+            text(f"wait = math.inf if w[SPENT_{event.which} + l] > 0.0 else wait")
+        text("ahead = wait if wait < ahead else ahead")
+    text("w[STEP + l] = ahead")
+
+
+def _event(text: Text, g: Geometry, event: Event) -> None:
+    """Local names value (below zero before the event), rate and acceleration of a condition."""
+    scene = g.shape.scene
+    threshold = f"THRESHOLD_{event.which}_{event.threshold}"
+    if g.slabs.add(threshold, 1):
+        g.parameters(f"w[{threshold} + l] = {raw(event.threshold)}")
+    if event.what == at.AT_SPRING_STROKE:
+        spring = next(s for s in scene.spring if s.name == event.which)
+        bodies = spring.bodies
+        emit_spring_line(text, g, spring)
+        text(f"value = length - w[START_{event.which} + l] - w[{threshold} + l]")
+    elif event.what == at.AT_DISTANCE:
+        bodies = scene.joint[event.which].bodies
+        g.joint(text, event.which)
+        text("e, arm_a, arm_b, gamma = joints.rod(d, d_rate, rho_a, rho_b, spin_a, spin_b)")
+        text(f"value, rate = math.sqrt(vec3.dot(d, d)) - w[{threshold} + l], vec3.dot(d_rate, e)")
+    else:
+        bodies = scene.joint[event.which].bodies
+        emit_separation(text, g, event.which)
+        text("arm_a, arm_b, gamma = joints.translation(d, d_rate, e, rho_a, rho_b, spin_a, spin_b)")
+        text(f"value = distance - w[{threshold} + l]")
+    text(f"acceleration = vec3.dot(e, {relative_acceleration(bodies)}) - gamma")
+    for body, arm in zip(bodies, ("arm_a", "arm_b"), strict=True):
+        leader = g.stage.leader(body)
+        if leader != GROUND:
+            text(f"acceleration += vec3.dot(vec3.unrotate(r_{leader}, {arm}), spin_rate_{leader})")
+    if event.what == at.AT_STROKE:  # the separation distance counts positive apart
+        text("acceleration = apart * acceleration")
+
+
+def emit_met(text: Text, c: Context) -> None:
+    """After the last step to an event: which conditions of the phase are met."""
+    for number, stage in enumerate(c.shape.stages):
+        if not stage.events:
+            continue
+        inner = text.block(f"if phase == {number}:")
+        inner(f"aim_{stage.name}(w, math.inf)")
+        inner = inner.lanes()
+        for event in stage.events:
+            inner(f"met = w[VALUE_{stage.name}_{event.which} + l] >= -1e-12")
+            flag = "DONE" if event.ends_phase else f"SPENT_{event.which}"
+            if not event.ends_phase and c.slabs.add(flag, 1):
+                c.parameters(f"w[{flag} + l] = 0.0")
+            inner(f"w[{flag} + l] = 1.0 if met else w[{flag} + l]")
