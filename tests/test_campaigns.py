@@ -118,8 +118,10 @@ def test_cases_fly(name, flown):
 @pytest.mark.parametrize("name", NAMES)
 def test_audit_is_small(name, flown):
     table = flown(name)
-    for column, bound in AUDIT.items():
-        assert table[column].abs().max() <= bound, column
+    unwatched = {column for column in AUDIT if column not in table}
+    assert unwatched == ({"redundant_rows"} if name in ("table1", "table2") else set())  # flown by kernels of their own
+    for column in AUDIT.keys() - unwatched:
+        assert table[column].abs().max() <= AUDIT[column], column
 
 
 def test_boxes_keep_their_energy(flown):

@@ -72,7 +72,7 @@ ALPHA, BETA = np.linspace(-12.0, 12.0, 9).tolist(), [-15.0, -6.0, -1.0, 2.0, 9.0
 )
 def test_polynomials_as_tables(table2, axes, share):
     """Splines reproduce cubics, so 30 dispersed cases of Table 2 come out the same to 1e-9."""
-    plain = table2.with_settings({"run.history_step_s": 0.0})
+    plain = table2.with_settings({"run.history_step_s": 0.0, "solver.step_s": 0.05})
     expected, found = (campaign.run(cases=30).to_pandas() for campaign in (plain, plain.with_settings(tables(plain, axes, share))))
     assert (found["status"] == "ok").all()
     for name in plain.run(cases=1).outcomes:
@@ -82,7 +82,7 @@ def test_polynomials_as_tables(table2, axes, share):
 @pytest.mark.parametrize("axis", ["alpha", "beta"])
 def test_a_table_over_one_axis(table2, axis):
     """Terms of one angle alone, tabulated over that angle alone."""
-    still = {"run.history_step_s": 0.0, "initial.yaw_deg": 2.0}
+    still = {"run.history_step_s": 0.0, "solver.step_s": 0.05, "initial.yaw_deg": 2.0}
     still |= {
         f"body.{body}.aerodynamics.{coefficient}": {
             k: v for k, v in getattr(table2.scene.body[body].aerodynamics, coefficient).items() if axis in k
@@ -149,7 +149,7 @@ def test_slower_than_a_table(pair):
 
 def test_air_sampled_from_the_standard(table2):
     """Every 100 m from 68.5 to 71.5 km: a spline of the logarithm, flown by 30 cases to 1e-9."""
-    plain = table2.with_settings({"run.history_step_s": 0.0, "run.end_time_s": 0.3})
+    plain = table2.with_settings({"run.history_step_s": 0.0, "run.end_time_s": 0.3, "solver.step_s": 0.05})
     heights = np.arange(68_500.0, 71_501.0, 100.0)
     rows = [us1976(height) for height in heights]
     air = {
