@@ -64,9 +64,9 @@ def fly_specialised(
     every = plan.tableau.history_step
     from sepmc.kernels.blocks import fly  # noqa: PLC0415
 
+    model, nominal, drawn = plan.model, np.ascontiguousarray(plan.nominal), np.ascontiguousarray(draws.T)
     fly(
-        kernel, plan.model.scene, plan.model.table, plan.model.numbers, np.ascontiguousarray(plan.nominal), slots, np.ascontiguousarray(draws.T),
-        steps, usual, every, outcomes, ends, history, status,
+        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, usual, every, outcomes, ends, history, status,
     )  # fmt: skip
     times = np.broadcast_to(np.arange(room) * every, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))

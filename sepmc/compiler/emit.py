@@ -8,6 +8,7 @@ from sepmc.compiler.emit_block import emit_block, emit_entry
 from sepmc.compiler.emit_context import Context
 from sepmc.compiler.emit_events import emit_aim
 from sepmc.compiler.emit_history import emit_history
+from sepmc.compiler.emit_loads import emit_centre
 from sepmc.compiler.emit_motion import emit_correct, emit_rates
 from sepmc.compiler.emit_outcomes import emit_report
 from sepmc.compiler.emit_prepare import emit_prepare
@@ -29,9 +30,9 @@ from sepmc.kernels import joints, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import block, entry, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.kernels.atmosphere import density_in_layer, geopotential, layer
-from sepmc.kernels.gravity import inverse_square
-from sepmc.kernels.lanes import LANES, get3, get4, get6, larger, nearest_turn, put3, put4, put6, time_left
+from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
+from sepmc.kernels.gravity import inverse_square, inverse_square_near
+from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, nearest_turn, put3, put4, put6, put9, time_left
 from sepmc.kernels.layout import Model
 from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
@@ -59,6 +60,7 @@ def _body(c: Context) -> Text:
             emit_correct(body, c, stage)
         if stage.events:
             emit_aim(body, c, stage)
+    emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)
     if c.history:

@@ -14,6 +14,8 @@ def emit_block(out: Text, c: Context) -> None:
     """The function that flies a block."""
     text = out.function(f"fly_block({_ARGUMENTS})", "Fly the cases of a block, LANES from number ``first`` on.")
     text("w = np.empty(SIZE_W)", "prepare(w, first, nominal, slots, draws, numbers)")
+    if c.slabs.has("AIR"):
+        text("centre(w, 0.0)")
     if c.shape.switches:
         text("m = Model(scene, integers, numbers)")
         text(f"p = np.zeros((LANES, {int(c.model.rows_w)}))  # as `sepmc.kernels.stretches` reads it")

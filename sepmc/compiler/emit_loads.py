@@ -5,6 +5,7 @@ import math
 from sepmc.compiler.emit_context import Context, raw, raw3
 from sepmc.compiler.emit_geometry import ZERO, Geometry, emit_spring_line
 from sepmc.compiler.packing import aero_terms
+from sepmc.compiler.shape import Shape
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
@@ -18,7 +19,8 @@ def emit_loads(text: Text, g: Geometry) -> None:
     for body in g.shape.bodies:
         force = _Sum(text, f"force_{body}")
         moment = _Sum(text, f"moment_{body}")
-        if scene.environment.atmosphere != "none" and scene.body[body].aerodynamics is not None:
+        if feels_air(g.shape, body):
+            _rise(text, g, body)
             _air(text, g, body, force, moment)
         for i, motor in enumerate(scene.motor):
             if motor.body == body:
@@ -60,10 +62,34 @@ class _Sum:
             self.text(f"{self.name} = {ZERO}")
 
 
-def _height(text: Text, g: Geometry, body: str) -> None:
-    """Local name height of a body above sea level."""
-    g.slabs.add("ORIGIN_HEIGHT", 1), g.slabs.add("ORIGIN_CLIMB", 1)
-    text(f"height = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t)")
+def feels_air(shape: Shape, body: str) -> bool:
+    """Whether a body has aerodynamics, and air to fly in."""
+    return shape.scene.environment.atmosphere != "none" and shape.scene.body[body].aerodynamics is not None
+
+
+def _rise(text: Text, g: Geometry, body: str) -> None:
+    """Local name rise of a body, m, above the height about which air and gravity are expanded, and its share of the distance there."""
+    text(f"rise = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t - w[NEAR_{body} + l])")
+    text(f"share = rise * w[NEAR_{body} + LANES + l]")
+
+
+def emit_centre(out: Text, c: Context) -> None:
+    """A function that expands density and gravity anew for bodies that have left the height about which they were expanded."""
+    bodies = [body for body in c.shape.bodies if feels_air(c.shape, body)]
+    if not bodies:
+        return
+    says = "Expand density and gravity about the height of every body that is further than ``far`` metres from where they were last."
+    text = out.function("centre(w, far)", says).lanes()
+    for body in bodies:
+        c.slabs.add(f"NEAR_{body}", 4), c.slabs.add(f"DENSITY_{body}", 9)  # height, 1 / (R0 + height), R0 / (R0 + height), weight there
+        c.parameters(f"w[NEAR_{body} + l] = -math.inf")
+        text(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
+        text(f"height = height if abs(height - w[NEAR_{body} + l]) > far else w[NEAR_{body} + l]")
+        text("inverse = 1.0 / (R0 + height)", f"w[NEAR_{body} + l], w[NEAR_{body} + LANES + l] = height, inverse")
+        text(f"w[NEAR_{body} + 2 * LANES + l] = R0 * inverse")
+        if c.shape.scene.environment.gravity == "inverse-square":
+            text(f"w[NEAR_{body} + 3 * LANES + l] = w[MASS_{body} + l] * inverse_square(w[GRAVITY + l], height)")
+        text(f"put9(w, DENSITY_{body} + l, density_series(height, get4(w, AIR + l)))")
 
 
 def _air(text: Text, g: Geometry, body: str, force: _Sum, moment: _Sum) -> None:
@@ -78,8 +104,8 @@ def _air(text: Text, g: Geometry, body: str, force: _Sum, moment: _Sum) -> None:
         parameters(f"w[MOMENT_SCALE_{body} + l] = {scale} * {raw(p + at.LENGTH)} * {raw(p + at.MOMENT_FACTOR)}")
     text(f"# air on {body}")
     text(f"flow = vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l)))", "alpha, beta = flow_angles(flow)")
-    _height(text, g, body)
-    text("pushing = density_in_layer(height, get4(w, AIR + l)) * vec3.dot(flow, flow)")
+    text(f"density = density_near(get9(w, DENSITY_{body} + l), geopotential_rise(rise, share, w[NEAR_{body} + 2 * LANES + l]))")
+    text("pushing = density * vec3.dot(flow, flow)")
     named = _coefficients(text, g, body)
     text(f"push = aero_force(pushing * w[FORCE_SCALE_{body} + l], ({', '.join(named[:3])}))")
     force.add("push")
@@ -184,8 +210,10 @@ def _gravity(text: Text, g: Geometry, body: str) -> None:
     if g.slabs.add(f"MASS_{body}", 1):
         g.parameters(f"w[MASS_{body} + l] = mass_{body}")
     weight = f"w[MASS_{body} + l] * w[GRAVITY + l]"
-    if kind == "inverse-square":
-        _height(text, g, body)
+    if kind == "inverse-square" and feels_air(g.shape, body):
+        weight = f"inverse_square_near(w[NEAR_{body} + 3 * LANES + l], share)"
+    elif kind == "inverse-square":
+        text(f"height = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t)")
         weight = f"w[MASS_{body} + l] * inverse_square(w[GRAVITY + l], height)"
     text(f"force_{body} = (force_{body}[0], force_{body}[1] - {weight}, force_{body}[2])")
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from sepmc.compiler.emit_context import Context
 from sepmc.compiler.emit_events import emit_met
+from sepmc.compiler.emit_loads import feels_air
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
 
@@ -44,11 +45,11 @@ def emit_spread(text: Text, c: Context, slab: str) -> None:
         filled += more
 
 
-def emit_advance(out: Text, c: Context, name: str = "advance") -> None:
+def emit_advance(out: Text, c: Context) -> None:
     """A function for one step by the method of the module; with a history, the beginning of the step is kept."""
     rk = c.method
     says = f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
-    text = out.function(f"{name}(w, phase, size, left, usual)", says)
+    text = out.function("advance(w, phase, size, left, usual)", says)
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
     if c.history:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
@@ -62,9 +63,6 @@ def emit_advance(out: Text, c: Context, name: str = "advance") -> None:
 def emit_approach(out: Text, c: Context) -> None:
     """A function for the rest of the way to an event: what is left is short, so that a method of low order will do."""
     rk = method("rk4")
-    if c.method.name == rk.name:  # known fault: flights call it with other arguments, so that such a module does not compile
-        emit_advance(out, c, "approach")
-        return
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
     text = out.function("approach(w, phase, size)", says)
     _begin(text, "1, math.inf", False)
@@ -130,11 +128,19 @@ def emit_settle(out: Text, c: Context) -> None:
             _settle_attitude(text if first == 0 else text.block(f"if phase >= {first}:"), body)
     inner = text.lanes()
     if slabs.has("AIR"):
+        slabs.add("FAR", 1)
+        inner("far = 0.0")
         for body in shape.bodies:
-            if shape.scene.body[body].aerodynamics:
-                inner(f"level = geopotential(w[Y + X_{body} + LANES + l] + w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
+            if feels_air(shape, body):
+                inner(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
+                inner(f"level, far = geopotential(height), larger(far, abs(height - w[NEAR_{body} + l]))")
                 inner("w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
+        inner("w[FAR + l], w[LOST + l] = far, w[LOST + l] if far <= NEAR else 1.0")
     inner("w[STEPS + l] += 1.0")
+    if slabs.has("AIR"):
+        text("farthest = 0.0")
+        text.lanes()("farthest = max(farthest, w[FAR + l])")
+        text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
     for number, stage in enumerate(shape.stages):
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
