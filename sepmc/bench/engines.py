@@ -1,0 +1,66 @@
+"""Other engines on the same cases, beside ours: `sepmc.bench.peers`."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.bench.peers import Entry, error, race
+from sepmc.bench.peers.race import CASES
+from sepmc.bench.reference import Reference
+from sepmc.bench.study import Study
+from sepmc.bench.work_precision import PER
+from sepmc.door import warm_up
+
+OURS = "sepmc"
+QUICK = {"numba per case": 64, "heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
+
+
+def measure(study: Study, reference: Reference, work_precision: pd.DataFrame) -> pd.DataFrame:
+    """One row an engine and setting: error, time, and that over ours at an error as small or smaller.
+
+    Raises
+    ------
+    ValueError
+        If the other engines do not fly such a scene, saying which they do.
+    """
+    warm_up(study.say)
+    scale = np.array([c.scale for c in study.campaign.outcome_columns])
+    sound = np.flatnonzero(reference.sound)
+    table = reference.outcomes * scale
+    right = dict(zip(study.names, table.T, strict=True))
+    sigma = dict(zip(study.names, np.std(table[sound], axis=0).tolist(), strict=True))
+    most = QUICK if study.quick else CASES
+    entries = race(study.campaign, study.threads, study.say, {name: min(n, len(table)) for name, n in most.items()}, study.repeats)
+    ours = work_precision[work_precision["formulation"] == "specialised"]
+    rows = [_ours(row) for row in ours.to_dict("records")] + [_theirs(entry, error(entry, right, sigma)) for entry in entries]
+    frame = pd.DataFrame(rows)
+    frame["over_ours"] = [_ratio(row, frame[frame["engine"] == OURS], reference.floor) for row in rows]
+    return frame
+
+
+def _ours(row: dict[str, Any]) -> dict[str, Any]:
+    kept = {name: row[name] for name in ("error", "ms", "cases", "repeats", "default")}
+    note = "the scene's own kernel" + (", as the pilot chose" if row["default"] else "")
+    return {"engine": OURS, "setting": f"{row['method']}, {row['setting']}", **kept, "scaled": False, "compile_s": np.nan, "note": note}
+
+
+def _theirs(entry: Entry, off: float) -> dict[str, Any]:
+    return {
+        "engine": entry.engine,
+        "setting": entry.setting,
+        "error": off,
+        "ms": 1e3 * PER * entry.seconds_per_case,
+        "cases": entry.cases,
+        "repeats": entry.repeats,
+        "default": False,
+        "scaled": entry.extrapolated,
+        "compile_s": entry.compile_s,
+        "note": entry.note,
+    }
+
+
+def _ratio(row: dict[str, Any], ours: pd.DataFrame, floor: float) -> float:
+    """Time over that of our fastest setting whose error is no larger; errors below ``floor`` are all as good."""
+    good = ours[ours["error"] <= max(row["error"], floor)]
+    return float(row["ms"] / good["ms"].min()) if len(good) else np.nan
