@@ -45,8 +45,12 @@ def _trials(study: Study, way: Way, draws: np.ndarray) -> dict[str, Iterator[Tri
 
     return {
         f"1 thread, not {study.threads}": iter([(on_one, all_of)]),
-        f"chunks of {', '.join(map(str, CHUNKS))}": iter([(in_chunks(n), lambda rows, n=n: _part(rows, slice(0, 200 * n))) for n in CHUNKS]),
-        "cases in reversed order": iter([(lambda: _flown(way, np.asfortranarray(draws[::-1])), lambda rows: _part(rows, slice(None, None, -1)))]),
+        f"chunks of {', '.join(map(str, CHUNKS))}": iter(
+            [(in_chunks(n), lambda rows, n=n: _part(rows, slice(0, 200 * n))) for n in CHUNKS]
+        ),
+        "cases in reversed order": iter(
+            [(lambda: _flown(way, np.asfortranarray(draws[::-1])), lambda rows: _part(rows, slice(None, None, -1)))]
+        ),
         "one case alone": iter([(alone(i), lambda rows, i=i: _part(rows, slice(i, i + 1 if i >= 0 else None))) for i in ALONE]),
     }
 
@@ -66,4 +70,7 @@ def _joined(parts: list[Rows]) -> Rows:
 
 def _same(one: Rows, other: Rows) -> bool:
     """Bit for bit: a NaN is itself, 0 is not -0."""
-    return all(a.shape == b.shape and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes() for a, b in zip(one, other, strict=True))
+    return all(
+        a.shape == b.shape and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()
+        for a, b in zip(one, other, strict=True)
+    )

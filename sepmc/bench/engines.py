@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.bench.peers import Entry, error, race
+from sepmc.bench.peers import Entry, race
 from sepmc.bench.peers.race import CASES
 from sepmc.bench.reference import Reference
 from sepmc.bench.study import Study
@@ -25,18 +25,22 @@ def measure(study: Study, reference: Reference, work_precision: pd.DataFrame) ->
         If the other engines do not fly such a scene, saying which they do.
     """
     warm_up(study.say)
-    scale = np.array([c.scale for c in study.campaign.outcome_columns])
-    sound = np.flatnonzero(reference.sound)
-    table = reference.outcomes * scale
-    right = dict(zip(study.names, table.T, strict=True))
-    sigma = dict(zip(study.names, np.std(table[sound], axis=0).tolist(), strict=True))
     most = QUICK if study.quick else CASES
-    entries = race(study.campaign, study.threads, study.say, {name: min(n, len(table)) for name, n in most.items()}, study.repeats)
+    entries = race(
+        study.campaign, study.threads, study.say, {name: min(n, len(reference.sound)) for name, n in most.items()}, study.repeats
+    )
     ours = work_precision[work_precision["formulation"] == "specialised"]
-    rows = [_ours(row) for row in ours.to_dict("records")] + [_theirs(entry, error(entry, right, sigma)) for entry in entries]
+    rows = [_ours(dict(row)) for row in ours.to_dict("records")] + [_theirs(entry, _error(study, reference, entry)) for entry in entries]
     frame = pd.DataFrame(rows)
     frame["over_ours"] = [_ratio(row, frame[frame["engine"] == OURS], reference.floor) for row in rows]
     return frame
+
+
+def _error(study: Study, reference: Reference, entry: Entry) -> float:
+    """As ours is taken; columns in SI. Cases that an engine did not finish are left out."""
+    columns = [entry.outcomes[c.name] / c.scale for c in study.campaign.outcome_columns]
+    found = np.column_stack(columns)
+    return study.error_of(found, np.asarray(np.isfinite(found).all(axis=1)), reference.outcomes, reference.sound)[0]
 
 
 def _ours(row: dict[str, Any]) -> dict[str, Any]:

@@ -130,5 +130,9 @@ def _without(campaign: Campaign, gone: tuple[str, ...], settings: dict[str, Any]
             node = node.get(key, {})
         node.pop(rest[-1], None)
     inside = tuple(f"{path}." for path in gone)
-    tree["dispersion"] = {path: law for path, law in tree.get("dispersion", {}).items() if not path.startswith(inside)} if inside else tree.get("dispersion", {})
+    tree["dispersion"] = (
+        {path: law for path, law in tree.get("dispersion", {}).items() if not path.startswith(inside)}
+        if inside
+        else tree.get("dispersion", {})
+    )
     return Campaign(parse_campaign(tree, campaign.name, settings, campaign.name))

@@ -24,7 +24,9 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "") or platform.processor() or "unknown"
+    return (
+        next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "") or platform.processor() or "unknown"
+    )
 
 
 def fused_peak(threads: int, repeats: int) -> dict[str, float]:

@@ -2,6 +2,8 @@
 
 import resource
 import sys
+from functools import partial
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -10,7 +12,9 @@ import pandas as pd
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import Study, Way
+from sepmc.campaign import Campaign
 from sepmc.door import use_threads
+from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 _REPEATED = 100_000  # up to so many cases the median of several flights is taken
@@ -42,7 +46,7 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
         way.fly(study.draws)
 
     counts = sorted({*(2**k for k in range(12) if 2**k < study.threads), study.threads})
-    times = rounds({str(n): (lambda n=n: on(n)) for n in counts}, study.repeats)
+    times = rounds({str(n): partial(on, n) for n in counts}, study.repeats)
     use_threads(study.threads)
     for n in counts:
         spent = median(times[str(n)])
@@ -53,12 +57,17 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
 
 def flown_here(tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int) -> dict[str, float]:
     """Fly a campaign in this process; times, s, and peak memory, MB."""
-    from sepmc.campaign import Campaign  # noqa: PLC0415
-    from sepmc.scene.read import parse_campaign  # noqa: PLC0415
-
     campaign = Campaign(parse_campaign(tree, name))
     campaign.run(1, threads=threads, stats_only=True)
     timings = [campaign.run(cases, threads=threads, stats_only=True).timing for _ in range(repeats)]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     kernel, sample = (median(t[stage] for t in timings) for stage in ("kernel", "sample"))
-    return {"kernel_s": kernel, "sample_s": sample, "peak_MB": peak / (1e6 if sys.platform == "darwin" else 1e6 / 1024)}
+    return {"kernel_s": kernel, "sample_s": sample, "peak_MB": peak_memory() / 1e6}
+
+
+def peak_memory() -> float:
+    """Most memory that this process has held, bytes. On Linux `getrusage` counts that of the process which started it, too."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0)
+    return next(float(line.split()[1]) * 1024.0 for line in lines if line.startswith("VmHWM"))

@@ -9,10 +9,11 @@ from typing import Any
 
 import pandas as pd
 
-from sepmc import store
+from sepmc import door, pilot, store
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds, seconds
 from sepmc.bench.study import Study, drawn
+from sepmc.campaign import load
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
@@ -61,18 +62,12 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
 
 def general_here() -> float:
     """Compile the general kernel."""
-    from sepmc.door import warm_up  # noqa: PLC0415
-
-    return warm_up()
+    return door.warm_up()
 
 
 def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
     """Times, s, of the stages of a campaign in this fresh process. The package is imported already, so its import is timed apart."""
-    began = time.perf_counter()
-    from sepmc import door, pilot  # noqa: PLC0415
-    from sepmc.campaign import load  # noqa: PLC0415
-
-    found = {"import": apart_import()}
+    found = {"import": import_seconds()}
     campaign = load(file)
     history = campaign.scene.run.history_step > 0.0
     began = time.perf_counter()
@@ -91,7 +86,7 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
     return found
 
 
-def apart_import() -> float:
+def import_seconds() -> float:
     """Seconds to import what a campaign needs, in another fresh process."""
     program = "import time; t = time.perf_counter(); import sepmc.campaign, sepmc.kernels.batch; print(time.perf_counter() - t)"
     return float(apart.run([sys.executable, "-c", program]))

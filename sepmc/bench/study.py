@@ -95,12 +95,18 @@ class Study:
         return self.campaign.with_settings(settings)
 
     def error(self, found: Block, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
-        """Largest relative error of the outcomes of a block, and of which; only of cases that both flew to the end."""
-        n = len(found.status)
-        both = (found.status == Status.OK) & sound[:n]
-        if not both.any():
+        """Largest error of the outcomes of a block, and of which; of the cases that it and the reference flew to the end."""
+        n = min(len(found.status), len(sound))
+        return self.error_of(found.outcomes[:n, : len(self.names)], found.status[:n] == Status.OK, reference, sound)
+
+    def error_of(self, found: np.ndarray, ok: np.ndarray, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
+        """The same of outcomes (n, o) of the first n cases. The scatter of an outcome is that of all cases of the reference."""
+        both = np.flatnonzero(ok & sound[: len(found)])
+        if not len(both):
             return np.inf, ""
-        errors = relative_error(found.outcomes[:n, : len(self.names)][both], reference[:n][both], self.units)
+        whole = reference.copy()
+        whole[both] = found[both]
+        errors = relative_error(whole[sound], reference[sound], self.units)
         worst = int(np.argmax(errors))
         return float(errors[worst]), self.names[worst]
 

@@ -1,6 +1,7 @@
 """Error over time for every method, number of steps and formulation."""
 
 from dataclasses import replace
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -10,7 +11,8 @@ import pandas as pd
 from sepmc.bench.clock import rounds
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import Study, Way
-from sepmc.kernels.methods import METHODS, method as make_method
+from sepmc.kernels.methods import METHODS
+from sepmc.kernels.methods import method as make_method
 from sepmc.pilot import plan_flight
 
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # asked of the pilot, to get steps that a user might fly with
@@ -25,12 +27,10 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
     ways = [way for way in _specialised(study) if way.setting != reference.setting or way.method != METHOD]
     ways = [*ways, *_general(study)]
     blocks = [way.fly(study.draws) for way in ways]
-    times = rounds({str(i): (lambda way=way: way.fly(study.draws)) for i, way in enumerate(ways)}, study.repeats)
+    times = rounds({str(i): partial(way.fly, study.draws) for i, way in enumerate(ways)}, study.repeats)
     rows = []
     for i, (way, block) in enumerate(zip(ways, blocks, strict=True)):
-        n = min(way.cases, len(reference.sound))
-        short = block if n == len(block.status) else replace(block, outcomes=block.outcomes[:n], status=block.status[:n])
-        error, worst = study.error(short, reference.outcomes, reference.sound)
+        error, worst = study.error(block, reference.outcomes, reference.sound)
         rows.append(_row(way, times[str(i)], error, worst, way.cases < study.cases))
     return pd.DataFrame(rows)
 
