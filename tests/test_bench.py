@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 import sepmc
 from sepmc import cli
-from sepmc.bench import bits, clock, engines, features, flops, scaling, work_precision
 from sepmc.bench import bench as of
+from sepmc.bench import bits, clock, engines, features, flops, scaling, work_precision
 from sepmc.bench.folder import open_folder
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
@@ -132,7 +132,7 @@ entry:
   %f = fcmp olt <8 x double> %e, %x
   ret i32 0
 }
-define linkonce_odr i32 @_ZN2ab11rates_pinnedB4v120B86(ptr %w) {
+define linkonce_odr i32 @_ZN2ab12rates_pinnedB4v120B86(ptr %w) {
 loop:
   %i = phi i64 [ 0, %entry ], [ %next, %loop ]
   %a = fsub double %x, %y

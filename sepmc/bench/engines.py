@@ -30,7 +30,8 @@ def measure(study: Study, reference: Reference, work_precision: pd.DataFrame) ->
         study.campaign, study.threads, study.say, {name: min(n, len(reference.sound)) for name, n in most.items()}, study.repeats
     )
     ours = work_precision[work_precision["formulation"] == "specialised"]
-    rows = [_ours(dict(row)) for row in ours.to_dict("records")] + [_theirs(entry, _error(study, reference, entry)) for entry in entries]
+    rows = [_ours({str(k): v for k, v in row.items()}) for row in ours.to_dict("records")]
+    rows += [_theirs(entry, _error(study, reference, entry)) for entry in entries]
     frame = pd.DataFrame(rows)
     frame["over_ours"] = [_ratio(row, frame[frame["engine"] == OURS], reference.floor) for row in rows]
     return frame

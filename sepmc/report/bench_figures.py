@@ -110,8 +110,9 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
             "marker": marker,
             "markerfacecolor": "white" if few else colour,
             "linewidth": 2.0 if ours else 1.2,
+            "linestyle": ":" if few else "-",
         }
-        ax.plot(rows["us"], _shown(rows["error"], floor), "-" if not few else ":", markersize=6, label=f"{engine}{few}", **style)
+        ax.plot(rows["us"], _shown(rows["error"], floor), markersize=6, label=f"{engine}{few}", **style)
     chosen = frame[frame["default"].astype(bool)]
     ax.plot(chosen["us"], _shown(chosen["error"], floor), label="sepmc, default", **STAR)
     _error_axes(ax, frame, floor)

@@ -16,9 +16,10 @@ from sepmc.cases import draw
 from sepmc.kernels import layout as at
 from sepmc.kernels.cfe import separation
 from sepmc.kernels.dynamics import derivative, set_attitudes
-from sepmc.kernels.flight import _begin, _prepare, set_stretch
+from sepmc.kernels.flight import _begin, set_stretch
 from sepmc.kernels.layout import Model
 from sepmc.kernels.places import joint_work
+from sepmc.kernels.prepare import prepare
 from sepmc.kernels.quat import matrix
 from sepmc.scene.read import parse_campaign
 
@@ -42,7 +43,7 @@ class Flight:
         m = Model(plan.model.scene[0], plan.model.table, plan.model.numbers)
         size = at.STATE * m.scene.n_bodies + 1
         w, y, out = np.zeros(m.scene.size_w), np.empty(size), np.empty(size)
-        _prepare(np.ascontiguousarray(plan.nominal), self.campaign.slots, row, w, y, m)
+        prepare(np.ascontiguousarray(plan.nominal), self.campaign.slots, row, w, y, m)
         _begin(y, np.empty(1000), m, w)
         set_stretch(0.5 * inputs.end, m, w)
 
