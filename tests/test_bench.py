@@ -1,5 +1,6 @@
 """`sepmc bench` from end to end, with few cases; nothing here depends on how fast the machine is."""
 
+import importlib
 import json
 
 import numpy as np
@@ -173,10 +174,8 @@ def test_peers_beside_ours(study, reference, table, monkeypatch):
 
 def test_unknown_peers_are_left_out(study, reference, table, monkeypatch):
     """Each with a sentence; ours stay."""
-    from sepmc.bench.peers import race as module
-
     told = []
-    race = module if hasattr(module, "importlib") else __import__("sys").modules["sepmc.bench.peers.race"]
+    race = importlib.import_module("sepmc.bench.peers.race")  # the package's name for it is the function
 
     def missing(name):
         raise ImportError(name)

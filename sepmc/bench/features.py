@@ -22,7 +22,7 @@ from sepmc.pilot import kernel_text, reasons
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
-ALL = "everything"
+ALL, HISTORIES = "everything", "histories"
 _HISTORY_ROWS = 50  # if the scene asks for none
 
 
@@ -62,14 +62,16 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Each takes the time of a compilation, in a process of its own; so many at once as there are threads."""
+    """Each takes the time of a compilation, in a process of its own; so many at once as there are threads. Equal kernels are one."""
     assert study.flight.steps is not None
     steps = study.flight.steps
-    wanted = [v for v in variants if not study.quick or v.feature in (ALL, "atmosphere")]
-    study.say(f"counting the operations of {len(wanted)} kernels (some twenty seconds each, once) ...")
+    wanted = [v for v in variants if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)]
+    texts = {v.feature: kernel_text(v.campaign) for v in wanted}
+    first = {text: v for v in reversed(wanted) for text in [texts[v.feature]]}
+    study.say(f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ...")
     with ThreadPoolExecutor(study.threads) as pool:
-        found = dict(zip([v.feature for v in wanted], pool.map(lambda v: flops.count(v.campaign, steps), wanted), strict=True))
-    return [found.get(v.feature) for v in variants]
+        found = dict(zip(first, pool.map(lambda v: flops.count(v.campaign, steps), first.values()), strict=True))
+    return [found.get(texts.get(v.feature, "")) for v in variants]
 
 
 def _flight(study: Study, variant: Variant) -> Callable[[], object]:
@@ -117,7 +119,7 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
     if study.campaign.plan.joints:
         every = history_step or scene.run.end_time / _HISTORY_ROWS
         histories = study.with_settings({"run.history_step_s": every})
-        found.append(Variant("histories", f"with a row every {every:g} s", histories))
+        found.append(Variant(HISTORIES, f"with a row every {every:g} s", histories))
     return found
 
 
