@@ -160,11 +160,11 @@ def test_flops_of_a_case(study):
     assert counted.sums > 12 * sum(active)
 
 
-def test_peers_beside_ours(study, reference, table, monkeypatch):
+def test_peers_beside_ours(study, reference, monkeypatch):
     outcomes = dict(zip(study.names, (reference.outcomes * [c.scale for c in study.campaign.outcome_columns])[:4].T, strict=True))
     entry = Entry("other", "exact", 4, 1, 0.5, 1e-3, 1, outcomes, True, "")
     monkeypatch.setattr(engines, "race", lambda *_: [entry])
-    frame = engines.measure(study, reference, table)
+    frame = engines.measure(study, reference)
     assert set(frame["engine"]) == {"sepmc", "other"}
     other = frame[frame["engine"] == "other"].iloc[0]
     assert other["error"] < 1e-13
@@ -172,7 +172,7 @@ def test_peers_beside_ours(study, reference, table, monkeypatch):
     assert other["scaled"]
 
 
-def test_unknown_peers_are_left_out(study, reference, table, monkeypatch):
+def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     """Each with a sentence; ours stay."""
     told = []
     race = importlib.import_module("sepmc.bench.peers.race")  # the package's name for it is the function
@@ -183,7 +183,7 @@ def test_unknown_peers_are_left_out(study, reference, table, monkeypatch):
     monkeypatch.setattr(race.importlib, "import_module", missing)
     monkeypatch.setattr(engines, "QUICK", dict.fromkeys(("numba per case", "scipy"), 0) | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1))
     loud = Study(study.campaign, study.flight, study.draws, 1, 1, True, told.append)
-    frame = engines.measure(loud, reference, table)
+    frame = engines.measure(loud, reference)
     assert set(frame["engine"]) == {"sepmc"}
     assert sum("is not installed or too old, it is left out" in text for text in told) == 3
 

@@ -114,7 +114,7 @@ def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], d
     told["same_bits"] = bits.same_bits(study)
     study.say("same bits: " + "; ".join(f"{what}: {'yes' if same else 'NO'}" for what, same in told["same_bits"].items()))
     if peers:
-        keep("peers", engines.measure(study, reference, frames["work_precision"]))
+        keep("peers", engines.measure(study, reference))
     told["headlines"] = _headlines(study, frames)
     study.say("\n" + text.headlines(told["headlines"]))
     return told, frames

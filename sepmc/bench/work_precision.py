@@ -24,8 +24,16 @@ _MOST = 25  # times as many evaluations as by default are left out
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
     """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the study's were flown."""
-    ways = [way for way in _specialised(study) if way.setting != reference.setting or way.method != METHOD]
-    ways = [*ways, *_general(study)]
+    return rows_of(study, reference, own_ways(study, reference) + _general(study))
+
+
+def own_ways(study: Study, reference: Reference) -> list[Way]:
+    """Ways to fly with the scene's own kernel; not that of the reference."""
+    return [way for way in _specialised(study) if (way.method, way.setting) != (METHOD, reference.setting)]
+
+
+def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
+    """Fly some ways and time them, in rounds; a row each."""
     blocks = [way.fly(study.draws) for way in ways]
     times = rounds({str(i): partial(way.fly, study.draws) for i, way in enumerate(ways)}, study.repeats)
     rows = []

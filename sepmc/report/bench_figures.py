@@ -61,6 +61,10 @@ def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
 
 def _plain_decades(ax: Axes, which: str) -> None:
     axis = ax.xaxis if which == "x" else ax.yaxis
+    low, high = axis.get_view_interval()
+    if high > 1e4 * low:
+        axis.set_major_locator(LogLocator(numticks=20))
+        return
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=30))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
@@ -99,24 +103,23 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    figure, (ax,) = _figure(7.6, 5.6)
-    frame = frame.assign(us=frame["ms"] / 10.0)
+    """A colour an engine; where its settings are of several kinds (the first word of them), a line each."""
+    figure, (ax,) = _figure(8.4, 6.2)
+    frame = frame[np.isfinite(frame["error"])].assign(us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0])
     for (engine, rows), (colour, marker) in zip(frame.groupby("engine", sort=False), ENGINES, strict=False):
-        rows = rows[np.isfinite(rows["error"])].sort_values("error", ascending=False)
+        kinds = sorted(rows.groupby("kind", sort=False), key=lambda found: not found[1]["default"].any())  # that of the default first
         few = f" ({rows['cases'].iloc[0]} cases, extrapolated)" if rows["scaled"].any() else ""
-        ours = engine == "sepmc"
-        style: dict[str, Any] = {
-            "color": colour,
-            "marker": marker,
-            "markerfacecolor": "white" if few else colour,
-            "linewidth": 2.0 if ours else 1.2,
-            "linestyle": ":" if few else "-",
-        }
-        ax.plot(rows["us"], _shown(rows["error"], floor), markersize=6, label=f"{engine}{few}", **style)
+        for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
+            words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
+            some = some.sort_values("error", ascending=False)
+            ax.plot(
+                some["us"], _shown(some["error"], floor), color=colour, marker=marker, linestyle=":" if few else line, markersize=6,
+                markerfacecolor=colour if line == "-" and not few else "white", linewidth=1.4, label=f"{words}{few}",
+            )  # fmt: skip
     chosen = frame[frame["default"].astype(bool)]
     ax.plot(chosen["us"], _shown(chosen["error"], floor), label="sepmc, default", **STAR)
     _error_axes(ax, frame, floor)
-    _legend(figure, ax, 2)
+    _legend(figure, ax, 3)
     figure.suptitle(f"Other engines: {title}", fontsize=11)
     return figure
 
