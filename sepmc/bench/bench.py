@@ -4,6 +4,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from sepmc import store
@@ -105,6 +106,8 @@ def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], d
 
     reference = make_reference(study)
     study.say(reference.sentence)
+    if reference.floor > study.campaign.scene.solver.accuracy:
+        study.say(f"warning: the reference itself is good to {reference.floor:.1e} only, so no smaller error can be told from it")
     told["reference"] = {"how": reference.how, "change": reference.change, "other": reference.other}
     told["reference"] |= {"difference": reference.difference, "checked": reference.checked, "floor": reference.floor}
     keep("work_precision", work_precision.measure(study, reference))
@@ -146,5 +149,6 @@ def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
     airless = frames["features"].query("feature == 'atmosphere'").to_dict("records")
     if airless:
         told |= {"without air: time ratio": float(airless[0]["time_ratio"])}
-        told |= {"without air: flop ratio": float(airless[0]["flop_ratio"])}
+        if np.isfinite(airless[0]["flop_ratio"]):
+            told |= {"without air: flop ratio": float(airless[0]["flop_ratio"])}
     return told

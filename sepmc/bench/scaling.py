@@ -17,7 +17,7 @@ from sepmc.door import use_threads
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
-_REPEATED = 100_000  # up to so many cases the median of several flights is taken
+_LONGEST_S = 60.0  # kernel time of one flight
 
 
 def measure(study: Study) -> pd.DataFrame:
@@ -28,10 +28,15 @@ def measure(study: Study) -> pd.DataFrame:
 def _by_cases(study: Study) -> list[dict[str, Any]]:
     rows = []
     tree, name = study.campaign.file.tree, study.campaign.name
-    for cases in SIZES[:2] if study.quick else SIZES if study.specialised else SIZES[:3]:
-        repeats = study.repeats if cases <= _REPEATED else 1
+    each = 0.0  # s a case, of the size before
+    for cases in SIZES[:2] if study.quick else SIZES:
+        if each * cases > (_LONGEST_S / 10.0 if study.quick else _LONGEST_S):
+            study.say(f"left out, a minute or more: {cases} cases")
+            break
+        repeats = study.repeats if each * cases < 1.0 else 1
         study.say(f"flying {cases} cases ...")
         found = apart.call("scaling:flown_here", [tree, name, cases, study.threads, repeats])
+        each = found["kernel_s"] / cases
         rows.append({"over": "cases", "cases": cases, "threads": study.threads, "us_per_case": 1e6 * found["kernel_s"] / cases, **found})
     return rows
 
