@@ -33,7 +33,7 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
         study.campaign, study.threads, study.say, {name: min(n, len(reference.sound)) for name, n in most.items()}, study.repeats
     )
     rows = [_ours({str(k): v for k, v in row.items()}) for row in ours.to_dict("records")]
-    rows += [_theirs(entry, _error(study, reference, entry)) for entry in entries]
+    rows += [_theirs(entry, _error(study, reference, entry), study.cases) for entry in entries]
     frame = pd.DataFrame(rows)
     frame["over_ours"] = [_ratio(row, frame[frame["engine"] == OURS], reference.floor) for row in rows]
     return frame
@@ -52,7 +52,7 @@ def _ours(row: dict[str, Any]) -> dict[str, Any]:
     return {"engine": OURS, "setting": f"{row['method']}, {row['setting']}", **kept, "scaled": False, "compile_s": np.nan, "note": note}
 
 
-def _theirs(entry: Entry, off: float) -> dict[str, Any]:
+def _theirs(entry: Entry, off: float, cases: int) -> dict[str, Any]:
     return {
         "engine": entry.engine,
         "setting": entry.setting,
@@ -61,7 +61,7 @@ def _theirs(entry: Entry, off: float) -> dict[str, Any]:
         "cases": entry.cases,
         "repeats": entry.repeats,
         "default": False,
-        "scaled": entry.extrapolated,
+        "scaled": entry.extrapolated or entry.cases < cases,
         "compile_s": entry.compile_s,
         "note": entry.note,
     }

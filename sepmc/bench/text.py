@@ -6,7 +6,8 @@ from typing import Any
 import pandas as pd
 
 _FORMATS = {
-    "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}", "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
+    "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
+    "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
     "flops_per_evaluation": "{:.0f}", "flops_per_case": "{:.0f}", "evaluations": "{:.0f}", "s": "{:.4f}", "best_s": "{:.4f}",
     "kernel_s": "{:.4f}", "sample_s": "{:.4f}", "peak_MB": "{:.0f}", "speed_up": "{:.2f}", "compile_s": "{:.2f}", "over_ours": "{:.3g}",
 }  # fmt: skip
@@ -43,9 +44,9 @@ def table(name: str, frame: pd.DataFrame) -> str:
     """A part of the bench under its title; what does not apply is -."""
     shown = pd.DataFrame({column: [_cell(column, value) for value in frame[column]] for column in _SHOWN[name] if column in frame})
     shown = shown.loc[:, [bool((shown[column] != "").any()) for column in shown]]
-    wide = [max(len(column), int(shown[column].str.len().max())) for column in shown]
+    wide = [max(len(str(column)), int(shown[column].str.len().max())) for column in shown]
     sides = [str.ljust if column in _WORDS else str.rjust for column in shown]
-    rows = [list(shown), *shown.to_numpy().tolist()]
+    rows = [[str(column) for column in shown], *shown.to_numpy().tolist()]
     lines = ["  ".join(side(cell, width) for side, cell, width in zip(sides, row, wide, strict=True)) for row in rows]
     return "\n".join([_TITLES[name], "", *(line.rstrip() for line in lines)])
 

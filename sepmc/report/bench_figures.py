@@ -108,7 +108,7 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     frame = frame[np.isfinite(frame["error"])].assign(us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0])
     for (engine, rows), (colour, marker) in zip(frame.groupby("engine", sort=False), ENGINES, strict=False):
         kinds = sorted(rows.groupby("kind", sort=False), key=lambda found: not found[1]["default"].any())  # that of the default first
-        few = f" ({rows['cases'].iloc[0]} cases, extrapolated)" if rows["scaled"].any() else ""
+        few = f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
             words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
             some = some.sort_values("error", ascending=False)
