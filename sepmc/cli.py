@@ -310,6 +310,47 @@ def stress(brief: bool, quiet: bool) -> None:
     sys.exit(0 if all(line.holds for line in lines) else 1)
 
 
+@main.command(short_help="Measure speed and accuracy of FILE on this machine.")
+@click.argument("file")
+@click.option("--peers", is_flag=True, help="Let other engines fly the same cases too; needs pip install 'sepmc[peers]'.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder to write; default runs/bench-NAME-N.")
+@click.option("--cases", type=click.IntRange(min=1, max=10**7), help="Cases that are timed; default 10000, with --quick 1000.")
+@click.option("--repeats", type=click.IntRange(min=1), help="Times of which the median is taken; default 7, with --quick 3.")
+@click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores.")
+@click.option("--quick", is_flag=True, help="Fewer settings, and nothing that takes minutes: a look, not a measurement.")
+@click.option("--overwrite", is_flag=True, help="Replace the bench in --out.")
+@_SETTINGS
+@_QUIET
+def bench(
+    file: str,
+    peers: bool,
+    out: Path | None,
+    cases: int | None,
+    repeats: int | None,
+    threads: int | None,
+    quick: bool,
+    overwrite: bool,
+    settings: tuple[str, ...],
+    quiet: bool,
+) -> None:
+    """Measure speed and accuracy of FILE on this machine: error over time, cost of each feature, scaling, time by stage.
+
+    Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with bench.json and figures, into a folder.
+    """
+    with _plain_errors(quiet):
+        if overwrite and out is None:
+            raise click.UsageError("--overwrite needs --out, the folder meant")
+        loaded = _load(file, settings)
+        from sepmc import store
+        from sepmc.bench.bench import bench as measure
+
+        folder = out or store.next_folder(f"bench-{loaded.name}")
+        measure(
+            loaded, folder, _speaker(quiet), cases=cases, repeats=repeats, threads=threads, quick=quick, peers=peers, overwrite=overwrite
+        )
+        _speaker(quiet)(f"wrote {folder}")
+
+
 def _flown(suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool) -> list[Any]:
     """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns all lines."""
     from sepmc.door import warm_up

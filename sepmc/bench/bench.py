@@ -1,0 +1,154 @@
+"""The whole bench of a scene: its parts in turn, tables on the screen, files and figures in a folder."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc import store
+from sepmc.bench import bits, engines, features, machine, scaling, stages, text, work_precision
+from sepmc.bench.folder import SUMMARY, open_folder
+from sepmc.bench.peers.inputs import check
+from sepmc.bench.reference import make_reference
+from sepmc.bench.study import Say, Study, drawn
+from sepmc.campaign import Campaign
+from sepmc.door import check_threads, use_threads, warm_up
+from sepmc.kernels.batch import max_threads
+from sepmc.pilot import plan_flight
+from sepmc.scene.messages import SceneWarning
+
+CASES, QUICK_CASES = 10_000, 1000
+REPEATS, QUICK_REPEATS = 7, 3
+
+
+def bench(
+    campaign: Campaign,
+    out: Path,
+    say: Say,
+    *,
+    cases: int | None = None,
+    repeats: int | None = None,
+    threads: int | None = None,
+    quick: bool = False,
+    peers: bool = False,
+    overwrite: bool = False,
+) -> dict[str, Any]:
+    """Measure speed and accuracy of a scene on this machine.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for ``bench.json``, a Parquet file a part, and the figures.
+    say : callable
+        Told what goes on, and the tables.
+    cases, repeats : int, optional
+        10,000 and 7; 1000 and 3 if ``quick``, which also leaves out what takes minutes.
+    threads : int, optional
+        All if None.
+    peers : bool
+        Let other engines fly the same cases.
+
+    Returns
+    -------
+    told : dict
+        What stands in ``bench.json``.
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be used.
+    ValueError
+        If the other engines do not fly such a scene, or there are not so many threads.
+    """
+    if peers:
+        check(campaign.scene)
+    threads = check_threads(threads) or max_threads()
+    folder = open_folder(out, overwrite)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # told when the file was read
+        use_threads(threads)
+        history = campaign.scene.run.history_step
+        study = _study(
+            campaign, cases or (QUICK_CASES if quick else CASES), repeats or (QUICK_REPEATS if quick else REPEATS), threads, quick, say
+        )
+        told, frames = _parts(study, history, peers)
+    for name, frame in frames.items():
+        frame.to_parquet(folder / f"{name}.parquet", index=False)
+    store.write_json(folder / SUMMARY, told | {name: frame.to_dict("records") for name, frame in frames.items()})
+    from sepmc.report.bench_figures import draw  # noqa: PLC0415  (matplotlib takes 0.7 s)
+
+    for path in draw(frames, folder, f"{campaign.name}, {study.threads} threads", told["reference"]["floor"]):
+        say(str(path))
+    return told
+
+
+def _study(campaign: Campaign, cases: int, repeats: int, threads: int, quick: bool, say: Say) -> Study:
+    bare = campaign.with_settings({"run.history_step_s": 0.0})
+    flight = plan_flight(bare, announce=say)
+    warm_up(say)
+    study = Study(bare, flight, drawn(bare, cases), repeats, threads, quick, say)
+    say(f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads")
+    say("flown by a kernel of its own" if study.specialised else f"flown by the general kernel: {'; '.join(flight.why)}")
+    return study
+
+
+def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
+    """Every part in turn, told as soon as it is there."""
+    told: dict[str, Any] = {"campaign": study.campaign.name, "digest": study.campaign.digest, "machine": machine.describe(study.threads)}
+    told |= {"cases": study.cases, "repeats": study.repeats, "why_general": study.flight.why}
+    frames: dict[str, pd.DataFrame] = {}
+
+    def keep(name: str, frame: pd.DataFrame) -> None:
+        frames[name] = frame
+        study.say("\n" + text.table(name, frame) + "\n")
+
+    reference = make_reference(study)
+    study.say(reference.sentence)
+    if reference.floor > study.campaign.scene.solver.accuracy:
+        study.say(f"warning: the reference itself is good to {reference.floor:.1e} only, so no smaller error can be told from it")
+    told["reference"] = {"how": reference.how, "change": reference.change, "other": reference.other}
+    told["reference"] |= {"difference": reference.difference, "checked": reference.checked, "floor": reference.floor}
+    keep("work_precision", work_precision.measure(study, reference))
+    keep("features", features.measure(study, history))
+    keep("scaling", scaling.measure(study))
+    keep("stages", stages.measure(study, history))
+    told["same_bits"] = bits.same_bits(study)
+    study.say("same bits: " + "; ".join(f"{what}: {'yes' if same else 'NO'}" for what, same in told["same_bits"].items()))
+    if peers:
+        keep("peers", engines.measure(study, reference))
+    told["headlines"] = _headlines(study, frames)
+    study.say("\n" + text.headlines(told["headlines"]))
+    return told, frames
+
+
+def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
+    """The numbers that a reader looks for first."""
+    table = frames["work_precision"]
+    chosen = table[table["default"]].iloc[0]
+    told: dict[str, Any] = {
+        "flown as": f"{chosen['formulation']}, {chosen['method']}, {chosen['setting']}",
+        "kernel time for 10,000 cases (ms)": float(chosen["ms"]),
+        "error": float(chosen["error"]),
+        "accuracy asked": study.campaign.scene.solver.accuracy,
+    }
+    one, every = machine.fused_peak(1, study.repeats), machine.fused_peak(study.threads, study.repeats)
+    use_threads(study.threads)
+    told |= {"peak of multiply-adds, 1 thread (Gflop/s)": one["best"], f"peak, {study.threads} threads (Gflop/s)": every["best"]}
+    whole = frames["features"].iloc[0]
+    if whole["flops_per_case"] == whole["flops_per_case"]:
+        speed = 1e-9 * whole["flops_per_case"] / (1e-3 * chosen["ms"] / work_precision.PER)
+        told |= {
+            "evaluations a case": int(whole["evaluations"]),
+            "flops an evaluation, mean": float(whole["flops_per_evaluation"]),
+            "flops a case, without set-up and events": float(whole["flops_per_case"]),
+            "speed (Gflop/s)": float(speed),
+            "share of the peak": float(speed / every["best"]),
+        }
+    airless = frames["features"].query("feature == 'atmosphere'").to_dict("records")
+    if airless:
+        told |= {"without air: time ratio": float(airless[0]["time_ratio"])}
+        if np.isfinite(airless[0]["flop_ratio"]):
+            told |= {"without air: flop ratio": float(airless[0]["flop_ratio"])}
+    return told

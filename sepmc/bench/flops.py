@@ -1,0 +1,127 @@
+"""Floating-point operations of a case, counted, not timed.
+
+An evaluation of the rates of a phase is one function of a scene's own kernel, straight-line code over the lanes. Its operations are
+counted in the optimised LLVM code: an addition, subtraction, multiplication, division or square root is one on each lane, so that a
+fused multiply-add is two, and comparisons, signs and roundings are none. How many evaluations a case takes is counted by flying it with
+the JIT off. The sums of the stages follow from the method's tableau: for each number that a phase integrates two for every coefficient
+that is not zero, and one to scale by the step. Not counted are the set-up, corrections, foretelling of events, and outcomes.
+
+Numba shows the code of what it has compiled itself, not of what it has loaded, so a process compiles the kernel again in an empty cache
+folder; the count is kept beside the kernel.
+"""
+
+import collections
+import json
+import re
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sepmc import cases
+from sepmc.bench import apart
+from sepmc.campaign import Campaign
+from sepmc.compiler.shape import make_shape
+from sepmc.door import fly_specialised
+from sepmc.kernels import specialised
+from sepmc.kernels.lanes import LANES
+from sepmc.kernels.methods import method
+from sepmc.pilot import kernel_text
+from sepmc.scene.read import parse_campaign
+
+_FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)
+_ARITHMETIC = re.compile(r"= (?:f(?:add|sub|mul|div)|(?:tail )?call[^\n@]*?(?=[^\n]*@llvm\.sqrt)) ?[^\n]*?(?:<(\d+) x double>|double)")
+
+
+@dataclass(frozen=True)
+class Flops:
+    """Counts of one case: ``evaluations`` and flops of one, by phase; of all evaluations; of the sums of stages."""
+
+    evaluations: dict[str, int]
+    each: dict[str, float]
+    rates: float
+    sums: float
+
+    @property
+    def total(self) -> float:
+        return self.rates + self.sums
+
+    @property
+    def evaluation(self) -> float:
+        """Flops of an evaluation, the mean over those of a case."""
+        return self.rates / max(1, sum(self.evaluations.values()))
+
+
+def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
+    """Operations of a case flown by the scene's own kernel in ``steps`` a phase; None if the compiled code does not show them."""
+    text, names = kernel_text(campaign), [phase.name for phase in campaign.scene.phase]
+    each = _each(text, names)
+    if set(each) != set(names):
+        return None
+    taken = apart.call("flops:evaluations_here", [campaign.file.tree, campaign.name, steps.tolist()], {"NUMBA_DISABLE_JIT": "1"})
+    rates = sum(taken[name] * each[name] for name in names)
+    rk = method(campaign.scene.solver.method)
+    shape = make_shape(campaign.plan, frozenset(d.parameter.path for d in campaign.file.dispersions))
+    stages = len(rk.b)
+    per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
+    sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, shape.stages, strict=True))
+    return Flops({name: taken[name] for name in names}, each, rates, float(sums))
+
+
+def _each(text: str, phases: list[str]) -> dict[str, float]:
+    """Flops of an evaluation, by phase; from the count kept beside the kernel if there is one."""
+    kept = Path(str(specialised.load(text).__file__)).with_suffix(".flops.json")
+    if kept.is_file():
+        return json.loads(kept.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        found = apart.call("flops:each_here", [text, phases], {"SEPMC_CACHE_DIR": folder})
+    kept.write_text(json.dumps(found), encoding="utf-8")
+    return found
+
+
+def each_here(text: str, phases: list[str]) -> dict[str, float]:
+    """Flops of an evaluation, by phase, of a kernel that is compiled here."""
+    module = specialised.load(text)
+    specialised.compile_door(module)
+    (code,) = module.fly.inspect_llvm().values()
+    return in_code(code, phases)
+
+
+def in_code(code: str, phases: list[str]) -> dict[str, float]:
+    """Flops for one lane of the functions ``rates_<phase>``, in LLVM code."""
+    found = {}
+    for match in _FUNCTION.finditer(code):
+        for phase in phases:
+            name = f"rates_{phase}"
+            if f"{len(name)}{name}B" in match[1]:  # as Numba mangles it: its length, itself, its version
+                found[phase] = _of_a_lane(match[0])
+    return found
+
+
+def _of_a_lane(body: str) -> float:
+    widths = [int(width or 1) for width in _ARITHMETIC.findall(body)]
+    looped = " phi " in body  # then an operation serves its own lanes in a turn, and all turns serve all
+    return float(len(widths)) if looped else sum(widths) / LANES
+
+
+def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[str, int]:
+    """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are plain Python."""
+    campaign = Campaign(parse_campaign(tree, name))
+    module = specialised.load(kernel_text(campaign))
+    seen: collections.Counter[str] = collections.Counter()
+
+    def counted(phase: str, function: Any) -> Any:
+        def rates(*arguments: Any) -> Any:
+            seen[phase] += 1
+            return function(*arguments)
+
+        return rates
+
+    phases = [phase.name for phase in campaign.scene.phase]
+    for phase in phases:
+        setattr(module, f"rates_{phase}", counted(phase, getattr(module, f"rates_{phase}")))
+    drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
+    fly_specialised(module, campaign.plan, np.array(steps, dtype=np.int64), campaign.slots, drawn)
+    return {phase: seen[phase] for phase in phases}

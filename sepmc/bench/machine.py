@@ -1,0 +1,38 @@
+"""The machine a bench runs on, and the most it can do."""
+
+import os
+import platform
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from sepmc import store
+from sepmc.bench.clock import rounds
+from sepmc.kernels import peak
+from sepmc.kernels.batch import max_threads, use_threads
+
+_PASSES = 10_000  # some 3 ms
+
+
+def describe(threads: int) -> dict[str, Any]:
+    """Processor, threads and versions."""
+    return {"cpu": _cpu(), "cores": os.cpu_count(), "threads_available": max_threads(), "threads": threads, **store.versions()}
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    return (
+        next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "") or platform.processor() or "unknown"
+    )
+
+
+def fused_peak(threads: int, repeats: int) -> dict[str, float]:
+    """Measured Gflop/s of fused multiply-adds on so many threads, the best and the median of some repeats; an FMA counts as two."""
+    use_threads(threads)
+    numbers = peak.blocks(threads)
+    times = rounds({"": lambda: peak.multiply_add(numbers, _PASSES, 0.5, 0.5)}, max(repeats, 7))[""]
+    flops = 1e-9 * peak.FLOPS * _PASSES * threads
+    return {"best": flops / min(times), "median": flops / median(times)}

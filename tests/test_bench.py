@@ -1,0 +1,232 @@
+"""`sepmc bench` from end to end, with few cases; nothing here depends on how fast the machine is."""
+
+import importlib
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc import cli
+from sepmc.bench import bench as of
+from sepmc.bench import bits, clock, engines, features, flops, scaling, work_precision
+from sepmc.bench.folder import open_folder
+from sepmc.bench.peers.entry import Entry
+from sepmc.bench.reference import make_reference
+from sepmc.bench.study import Study, drawn
+from sepmc.compiler.shape import make_shape
+from sepmc.pilot import plan_flight
+from sepmc.store import StoreError
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+
+
+def silent(_):
+    """Nobody listens."""
+
+
+def study_of(name, cases, threads=1, settings=None):
+    campaign = sepmc.load(name, {"run.history_step_s": 0.0, **(settings or {})})
+    return Study(campaign, plan_flight(campaign), drawn(campaign, cases), 1, threads, True, silent)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return study_of("table2", 100)
+
+
+@pytest.fixture(scope="module")
+def reference(study):
+    return make_reference(study)
+
+
+@pytest.fixture(scope="module")
+def table(study, reference):
+    return work_precision.measure(study, reference)
+
+
+@pytest.mark.parametrize(("name", "settings"), [("table2", ()), ("table1", ("solver.formulation=full",))])
+def test_command(name, settings, tmp_path, monkeypatch):
+    """Files, columns, marks; a scene of its own kernel, and one that the general kernel flies."""
+    monkeypatch.setattr(scaling, "SIZES", (20, 40))
+    monkeypatch.setattr(flops, "count", lambda *_: None)  # compiles for a minute; it has a test of its own
+    options = [part for text in settings for part in ("--set", text)]
+    out = tmp_path / "bench"
+    result = call("bench", name, "--quick", "--cases", 40, "--repeats", 1, "--out", out, *options)
+    assert result.exit_code == 0, result.output
+    parts = ["features", "scaling", "stages", "work_precision"]
+    assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *(f"{p}.{kind}" for p in parts for kind in ("parquet", "png"))])
+    told = json.loads((out / "bench.json").read_text(encoding="utf-8"))
+    assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(told)
+    assert {"cpu", "threads", "versions"} <= set(told["machine"])
+    assert all(told["same_bits"].values())
+    frame = pd.read_parquet(out / "work_precision.parquet")
+    assert frame["default"].sum() == 1
+    assert (frame["ms"] > 0.0).all()
+    own = frame["formulation"] == "specialised"
+    assert own.any() == (not settings)
+    assert ("full formulation" in result.output) == bool(settings)
+    assert frame.loc[frame["default"], "error"].item() < 1e-8
+    assert {"feature", "time_ratio", "flop_ratio"} <= set(pd.read_parquet(out / "features.parquet"))
+    assert {"over", "cases", "threads", "kernel_s", "peak_MB"} <= set(pd.read_parquet(out / "scaling.parquet"))
+    assert {"import", "pilot", "kernel", "statistics"} <= set(pd.read_parquet(out / "stages.parquet")["stage"])
+    again = call("bench", name, "--out", out)
+    assert (again.exit_code, "--overwrite" in again.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["table2", "spring-pushers"])
+def test_same_bits(name):
+    """On any number of threads, in any chunks and order."""
+    from sepmc.kernels.batch import max_threads
+
+    found = bits.same_bits(study_of(name, 60, max_threads()))
+    assert len(found) == 4
+    assert all(found.values()), found
+
+
+def test_reference(study, reference):
+    assert reference.sound.all()
+    assert reference.change < 1e-11
+    assert reference.difference < 1e-10
+    assert study.error_of(reference.outcomes, reference.sound, reference.outcomes, reference.sound)[0] == 0.0
+
+
+def test_error_counts_the_worst_case(study, reference):
+    off = reference.outcomes[:3].copy()
+    off[2, 4] += 1e-3 * np.abs(reference.outcomes[:, 4]).max()
+    error, worst = study.error_of(off, np.ones(3, dtype=bool), reference.outcomes, reference.sound)
+    assert worst == study.names[4]
+    assert error > 1e-4
+    assert study.error_of(off, np.array([True, True, False]), reference.outcomes, reference.sound)[0] == 0.0
+    assert study.error_of(off, np.zeros(3, dtype=bool), reference.outcomes, reference.sound)[0] == np.inf
+
+
+def test_more_steps_are_more_exact(table):
+    own = table[(table["formulation"] == "specialised") & (table["method"] == "dop853")]
+    assert own["error"].iloc[0] > 10.0 * own["error"].iloc[-1]
+    assert not own["scaled"].any()
+
+
+def test_features_change_the_scene(study):
+    """What is taken out is gone, its dispersions too, and what cannot go is told."""
+    variants = {v.feature: v.campaign for v in features._variants(study, 0.01)}
+    assert {features.ALL, "aerodynamics", "atmosphere", "wind", "gravity", "motors", "histories"} == set(variants)
+    assert all(body.aerodynamics is None for body in variants["aerodynamics"].scene.body.values())
+    assert not variants["motors"].scene.motor
+    assert not any(d.parameter.path.startswith("motor.") for d in variants["motors"].file.dispersions)
+    assert variants["wind"].scene.environment.wind.speed == 0.0
+    assert variants["histories"].scene.run.history_step == 0.01
+
+
+CODE = """
+define linkonce_odr i32 @_ZN2ab10rates_freeB4v119B86(ptr %w) {
+entry:
+  %a = fmul contract <8 x double> %x, %y
+  %b = fadd contract <8 x double> %a, %y
+  %c = tail call contract <8 x double> @llvm.sqrt.v8f64(<8 x double> %b)
+  %d = tail call contract <8 x double> @llvm.fabs.v8f64(<8 x double> %c)
+  %e = fdiv <8 x double> %d, %x
+  %f = fcmp olt <8 x double> %e, %x
+  ret i32 0
+}
+define linkonce_odr i32 @_ZN2ab12rates_pinnedB4v120B86(ptr %w) {
+loop:
+  %i = phi i64 [ 0, %entry ], [ %next, %loop ]
+  %a = fsub double %x, %y
+  %b = fmul contract double %a, %y
+  br i1 %more, label %loop, label %done
+done:
+  ret i32 0
+}
+"""
+
+
+def test_flops_in_code():
+    """Vectors of all lanes, and a loop over single ones."""
+    assert flops.in_code(CODE, ["free", "pinned", "gone"]) == {"free": 4.0, "pinned": 2.0}
+
+
+@pytest.mark.slow
+def test_flops_of_a_case(study):
+    counted = flops.count(study.campaign, np.array([1, 1, 1]))
+    assert set(counted.evaluations) == set(counted.each) == {"locked", "guided", "free"}
+    assert counted.evaluations["free"] == 12
+    assert 300.0 < counted.evaluation < 3000.0
+    active = [make_shape(study.campaign.plan).active(stage) for stage in make_shape(study.campaign.plan).stages]
+    assert counted.sums > 12 * sum(active)
+
+
+def test_peers_beside_ours(study, reference, monkeypatch):
+    outcomes = dict(zip(study.names, (reference.outcomes * [c.scale for c in study.campaign.outcome_columns])[:4].T, strict=True))
+    entry = Entry("other", "exact", 4, 1, 0.5, 1e-3, 1, outcomes, True, "")
+    monkeypatch.setattr(engines, "race", lambda *_: [entry])
+    frame = engines.measure(study, reference)
+    assert set(frame["engine"]) == {"sepmc", "other"}
+    other = frame[frame["engine"] == "other"].iloc[0]
+    assert other["error"] < 1e-13
+    assert other["ms"] == pytest.approx(10_000.0)
+    assert other["scaled"]
+
+
+def test_unknown_peers_are_left_out(study, reference, monkeypatch):
+    """Each with a sentence; ours stay."""
+    told = []
+    race = importlib.import_module("sepmc.bench.peers.race")  # the package's name for it is the function
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(race.importlib, "import_module", missing)
+    monkeypatch.setattr(engines, "QUICK", dict.fromkeys(("numba per case", "scipy"), 0) | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1))
+    loud = Study(study.campaign, study.flight, study.draws, 1, 1, True, told.append)
+    frame = engines.measure(loud, reference)
+    assert set(frame["engine"]) == {"sepmc"}
+    assert sum("is not installed or too old, it is left out" in text for text in told) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("no-such-scene",), "no such file"),
+        (("srb", "--peers"), "table1 and table2"),
+        (("table2", "--threads", 100_000), "threads = 100000"),
+        (("table2", "--overwrite"), "--overwrite needs --out"),
+        (("table2", "--cases", 0), "--cases"),
+        (("table2", "--set", "body.upper.mass_kg=-3"), "must be > 0"),
+    ],
+)
+def test_bad_input(arguments, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = call("bench", *arguments)
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_folders(tmp_path):
+    """Only what a bench has written is replaced."""
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(StoreError, match=r"no bench\.json"):
+        open_folder(tmp_path, overwrite=True)
+    with pytest.raises(StoreError, match="is a file"):
+        open_folder(tmp_path / "notes.txt")
+    folder = open_folder(tmp_path / "bench")
+    (folder / "bench.json").touch(), (folder / "old.png").touch(), (folder / "notes.txt").touch()
+    with pytest.raises(StoreError, match="--overwrite"):
+        open_folder(folder)
+    assert [p.name for p in open_folder(folder, overwrite=True).iterdir()] == ["notes.txt"]
+
+
+def test_rounds_take_turns():
+    order = []
+    found = clock.rounds({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
+    assert order == list("ababab")
+    assert {name: len(times) for name, times in found.items()} == {"a": 2, "b": 2}
+
+
+def test_defaults():
+    assert (of.CASES, of.REPEATS) == (10_000, 7)
