@@ -8,8 +8,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels.atmosphere import R0, density_in_layer, geopotential, in_layer, us1976
+from sepmc.kernels.atmosphere import (
+    NEAR,
+    R0,
+    density_in_layer,
+    density_near,
+    density_series,
+    geopotential,
+    geopotential_rise,
+    in_layer,
+    us1976,
+)
 from sepmc.kernels.elementary import arctan2, exponential, power_of_two, sine_cosine
+from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import larger, nearest_turn, time_left
 
 SAMPLES = 1000
@@ -222,6 +233,33 @@ def test_geopotential():
     assert geopotential(86e3) == pytest.approx(84_852.0, abs=0.1)
     assert geopotential(11_019.1) == pytest.approx(11e3, abs=0.1)
     assert geopotential(0.0) == 0.0
+
+
+@pytest.mark.parametrize(("low", "lapse"), BASES[:7])
+def test_density_about_a_height(low, lapse):
+    """The series in the rise against the formula of the layer, to NEAR metres up and down from its base, middle and top: 1e-14."""
+    k = [base for base, _ in BASES].index(low)
+    base_air = exact_air(geometric(low))
+    layer = (low, lapse / float(base_air[2]), 1.0 / float(base_air[2]), float(base_air[1]))
+    for h in (low, 0.5 * (low + BASES[k + 1][0]), BASES[k + 1][0]):
+        height = geometric(h)
+        series = density_series(height, layer)
+        for rise in np.linspace(-NEAR, NEAR, 21):
+            above = geopotential(height + rise) - geopotential(height)
+            assert_allclose(density_near(series, above), density_in_layer(height + rise, layer), rtol=2e-14, atol=0)
+
+
+@pytest.mark.parametrize("height", [0.0, 20e3, 86e3, 400e3])
+def test_rises_about_a_height(height):
+    """Geopotential height and gravity after a rise, to NEAR metres up and down, against 60 digits."""
+    one, centre = mpmath.mpf(1), mpmath.mpf(R0) + mpmath.mpf(height)
+    for rise in np.linspace(-NEAR, NEAR, 21):
+        if rise != 0.0:
+            exact = R0 * (mpmath.mpf(height) + rise) / (centre + rise) - R0 * mpmath.mpf(height) / centre
+            assert units(geopotential_rise(rise, rise / (R0 + height), R0 / (R0 + height)), exact) <= 5.0
+        pull = inverse_square(9.80665, height)
+        exact = mpmath.mpf(pull) * (one / (one + rise / centre)) ** 2
+        assert units(inverse_square_near(pull, rise / (R0 + height)), exact) <= 3.0
 
 
 # -- lanes ------------------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,570 @@
+"""Kernels written for one scene: they fly what the general kernel flies, to the accuracy asked for, and say so where they cannot."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import sepmc
+from sepmc import cases, pilot, schema
+from sepmc.campaign import Campaign
+from sepmc.door import fly_block, fly_specialised
+from sepmc.kernels.batch import max_threads
+from sepmc.kernels.lanes import LANES
+from sepmc.kernels.methods import METHODS, method
+from sepmc.scene.read import parse_campaign
+from sepmc.schema import Status
+from sepmc.trust import lagrange
+from specialised_scenes import SCENES, scene
+
+COUNT = 40  # cases compared, five blocks of lanes
+QUIET = {"run.history_step_s": 0.0}
+# Shipped campaigns, what must be left out of them so that a specialised kernel covers them, and the general kernel's fine step.
+COVERED = {
+    "table1": ({}, 0.005),
+    "table2": ({}, 0.005),
+    "nasa-fixed-joint": ({"output.loads": []}, 0.01),
+    "spring-pushers": ({"output.loads": []}, 0.005),
+    "residual-thrust": ({"output.loads": [], "clearance": []}, 0.01),
+}
+WHY = {  # why a shipped campaign is flown by the general kernel as it is
+    "table1": [],
+    "table2": [],
+    "nasa-fixed-joint": ["outputs of joint or pin loads"],
+    "spring-pushers": ["outputs of joint or pin loads"],
+    "residual-thrust": ["a fixed solver.step_s", "clearance outputs", "outputs of joint or pin loads"],
+    "srb": ["aerodynamic tables", "clearance outputs", "joint right_ball, which may let go late"],
+    "hyper-x": ["aerodynamic tables", "proximity increments", "clearance outputs", "joint guide, which may let go late"],
+    "missile-rail": ["outputs of joint or pin loads", "the end of phase latched by a joint's force"],
+}
+
+
+def shipped(name, settings=None):
+    """A shipped campaign without histories and without a fixed step."""
+    campaign = sepmc.load(name)
+    tree = dict(campaign.file.tree)
+    tree["solver"] = {key: value for key, value in tree.get("solver", {}).items() if key != "step_s"}
+    return Campaign(parse_campaign(tree, name, QUIET | (settings or {})))
+
+
+def draws(campaign, count=COUNT, seed=None):
+    """Draws in SI, (count, d)."""
+    return cases.draw(campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count) * campaign.factors
+
+
+def outcomes(campaign, block, sound=slice(None)):
+    return block.outcomes[sound, : len(campaign.outcome_columns)]
+
+
+def general(campaign, drawn, step, formulation="reduced", room=0):
+    """A block of the general kernel, whose outcome columns are those of the campaign."""
+    one = campaign.with_settings({"solver.formulation": formulation, "solver.step_s": step})
+    width, level = (2 * len(one.plan.joints), 1) if room else (0, 0)
+    return fly_block(one.plan, one.slots, drawn, room, width, level)
+
+
+def special(campaign, flight, drawn, steps=None):
+    """A block of the specialised kernel alone, status -1 where it cannot vouch for a case."""
+    return fly_specialised(flight.kernel, campaign.plan, flight.steps if steps is None else steps, flight.usual, campaign.slots, drawn)[0]
+
+
+def difference(campaign, found, expected):
+    """Largest relative difference of an outcome, and whose it is."""
+    errors = pilot.relative_error(found, expected, [column.unit for column in campaign.outcome_columns])
+    worst = int(np.argmax(errors))
+    print(f"{campaign.name}: {errors[worst]:.1e} in {campaign.outcome_columns[worst].name}")
+    return errors[worst]
+
+
+def agree(campaign, step, formulations=("reduced", "full"), most=1e-11):
+    """All kernels at fine steps; returns how many cases the specialised one left to the general one."""
+    assert pilot.reasons(campaign) == []
+    flight = pilot.plan_flight(campaign)
+    assert flight.kernel is not None, flight.why
+    drawn = draws(campaign)
+    fast = special(campaign, flight, drawn, 4 * flight.steps)
+    for formulation in formulations:
+        slow = general(campaign, drawn, step, formulation)
+        assert (fast.status[slow.status != Status.OK] == -1).all()
+        sound = fast.status == 0
+        assert difference(campaign, outcomes(campaign, fast, sound), outcomes(campaign, slow, sound)) <= most
+    return int(np.count_nonzero(fast.status))
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """Table 2 without histories."""
+    return shipped("table2")
+
+
+@pytest.fixture(scope="module")
+def flight(quiet):
+    return pilot.plan_flight(quiet)
+
+
+# -- agreement --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WHY)
+def test_who_flies_what_is_shipped(name):
+    """As the files are; and without what stands in the way, if that is only outputs and steps, a kernel of its own."""
+    assert set(WHY[name]) <= set(pilot.reasons(sepmc.load(name)))
+    assert bool(WHY[name]) == bool(pilot.reasons(sepmc.load(name)))
+    if name in COVERED:
+        assert pilot.reasons(shipped(name, COVERED[name][0])) == []
+
+
+@pytest.mark.parametrize("name", set(WHY) - set(COVERED))
+def test_formulations_agree_where_no_kernel_is_written(name):
+    """Full and reduced at the campaign's own step, 1e-9: these have steps too coarse for 1e-11 only in what both share."""
+    campaign = sepmc.load(name, QUIET)
+    drawn = draws(campaign, 8)
+    step = campaign.scene.solver.step or 0.05
+    one, two = (general(campaign, drawn, step, formulation) for formulation in ("reduced", "full"))
+    assert_array_equal(one.status, two.status)
+    sharp = [
+        i for i, column in enumerate(campaign.outcome_columns) if not column.name.endswith(("time_s", "_station_m", "clearance_y_m", "clearance_z_m"))
+    ]  # where a least distance or a peak lies is as sharp as its root
+    units = [campaign.outcome_columns[i].unit for i in sharp]
+    errors = pilot.relative_error(one.outcomes[:, sharp], two.outcomes[:, sharp], units)
+    print(f"{name}: {errors.max():.1e} in {campaign.outcome_columns[sharp[int(errors.argmax())]].name}")
+    assert errors.max() <= 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COVERED)
+def test_shipped_campaigns_agree(name):
+    """Reduced, full and specialised, at fine steps: 1e-11 of every outcome's size or scatter."""
+    settings, step = COVERED[name]
+    assert agree(shipped(name, settings), step) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_small_scenes_agree(name):
+    """Every joint, load and end of a phase that a specialised kernel covers, see `specialised_scenes`: 1e-11."""
+    campaign = scene(name)
+    failing = [i for i, d in enumerate(campaign.file.dispersions) if d.parameter.path.endswith(".fails")]
+    failed = int(np.count_nonzero(draws(campaign)[:, failing] >= 0.5))
+    assert agree(campaign, 0.002) == failed
+    assert (failed > 0) == bool(failing)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_small_scenes_are_flown_whole(name):
+    """Through `run`: what the specialised kernel left is there too, with the status of the general one, and the audit is small."""
+    campaign = scene(name)
+    table = campaign.run(cases=COUNT, seed=campaign.scene.run.seed).to_pandas()
+    slow = campaign.with_settings({"solver.step_s": 0.01}).run(cases=COUNT).to_pandas()
+    assert_array_equal(table["status"], slow["status"])
+    for column, bound in schema.AUDIT_BOUNDS.items():
+        if column in table:
+            assert table[column][table["status"] == "ok"].max() <= bound, column
+
+
+@pytest.mark.slow
+def test_table2_against_the_oracle(quiet):
+    """50 cases by Lagrange's equations and scipy: every outcome to 1e-8, at the default accuracy of 1e-9."""
+    result = quiet.run(cases=50)
+    expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(50)]
+    names = [column.name for column in quiet.outcome_columns]
+    found = np.array([result.table[name] for name in names]).T
+    assert difference(quiet, found, np.array([[case[name] for name in names] for case in expected])) <= 1e-8
+
+
+# -- accuracy ---------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "accuracies"),
+    [("dop853", (1e-3, 1e-6, 1e-9, 1e-11)), ("dopri5", (1e-3, 1e-6)), ("rk4", (1e-3, 1e-6))],
+)
+def test_accuracy_is_kept(quiet, flight, name, accuracies):
+    """500 cases, none of them the pilot's, against many steps of the method of order 8; coarser accuracy takes fewer steps."""
+    drawn = draws(quiet, 500, seed=77)
+    fine = special(quiet, flight, drawn, np.array([4, 24, 16]))
+    finer = special(quiet, flight, drawn, np.array([8, 36, 24]))
+    assert difference(quiet, outcomes(quiet, fine), outcomes(quiet, finer)) <= 1e-12
+    steps = []
+    for accuracy in accuracies:
+        campaign = quiet.with_settings({"solver.accuracy": accuracy, "solver.method": name})
+        found = pilot.plan_flight(campaign)
+        error = difference(quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer))
+        print(f"{name} at {accuracy}: steps {found.steps}, the pilot found {found.error:.1e}")
+        assert error <= accuracy
+        steps.append(int(found.steps.sum()))
+    assert steps == sorted(set(steps))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "finest"), [("rk4", 32), ("dopri5", 32), ("dop853", 4)])
+def test_order_of_the_lanes(quiet, flight, name, finest):
+    """A whole flight of table 2, three times faster, in n, 2 n, ... steps a phase: the slope is the method's order, less 0.4."""
+    assert set(METHODS) == {"rk4", "dopri5", "dop853"}
+    campaign = quiet.with_settings({"solver.method": name, "solver.accuracy": 1e-3})
+    kernel = pilot.plan_flight(campaign).kernel
+    drawn = draws(campaign, 16)
+    places = [[d.parameter.path for d in campaign.file.dispersions].index(f"initial.omega.{axis}") for axis in "xy"]
+    drawn[:, places] *= 20.0  # up to 100 deg/s
+    usual = np.full(3, np.inf)
+
+    def flown(kernel, n):
+        steps = np.full(3, n, dtype=np.int64)
+        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        assert (block.status == 0).all()
+        return outcomes(campaign, block)
+
+    reference = flown(flight.kernel, 64)
+    counts = np.array([finest // 2**k for k in (0, 1, 2)])[::-1]
+    errors = [difference(campaign, flown(kernel, n), reference) for n in counts]
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    print(f"{name}: errors {errors}, order {order:.2f}")
+    assert errors[-1] > 1e-12
+    assert order >= method(name).order - 0.4
+
+
+# -- same bits --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sample(quiet):
+    """300 cases of table 2 with a history every 20 ms."""
+    return quiet.with_settings({"run.history_step_s": 0.02}).run(cases=300)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 64, 4096])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_same_bits_however_the_work_is_split(quiet, sample, threads, chunk):
+    count = 24 if chunk == 1 else 300
+    found = quiet.with_settings({"run.history_step_s": 0.02, "run.chunk": chunk}).run(cases=count, threads=min(threads, max_threads()))
+    for name, values in sample.table.items():
+        assert_array_equal(found.table[name], values[:count], err_msg=name)
+    mine, all_of_it = found.histories(), sample.histories()
+    assert_array_equal(mine.to_numpy(), all_of_it[all_of_it["case"] < count].to_numpy())
+
+
+def test_same_bits_without_histories(quiet, sample):
+    """Another text, which keeps nothing of a step: the same outcomes."""
+    found = quiet.run(cases=300)
+    for name, values in sample.table.items():
+        assert_array_equal(found.table[name], values, err_msg=name)
+
+
+def test_same_bits_in_any_lane(quiet, flight):
+    """Alone, in reverse, shuffled, shifted by one lane."""
+    drawn = draws(quiet, 100)
+    base = special(quiet, flight, drawn)
+    for order in (np.arange(100)[::-1], np.random.default_rng(5).permutation(100), np.roll(np.arange(100), 1)):
+        found = special(quiet, flight, drawn[order])
+        assert_array_equal(found.outcomes, base.outcomes[order])
+        assert_array_equal(found.status, base.status[order])
+    for i in (0, 1, LANES - 1, LANES, 99):
+        assert_array_equal(special(quiet, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i])
+
+
+def test_same_bits_beside_a_lost_case(quiet, flight):
+    """What is NaN, infinite or out of the air in one lane reaches no other."""
+    drawn = draws(quiet, 64)
+    base = special(quiet, flight, drawn)
+    hurt = drawn.copy()
+    paths = [d.parameter.path for d in quiet.file.dispersions]
+    for lane, (path, value) in enumerate(
+        [("body.upper.mass", np.nan), ("body.lower.mass", -1.0), ("initial.altitude", 2e5), ("initial.speed", np.inf), ("body.upper.mass", 0.0)]
+    ):
+        hurt[LANES * lane + lane, paths.index(path)] = value
+    found = special(quiet, flight, hurt)
+    lost = np.flatnonzero(found.status)
+    assert_array_equal(lost, [LANES * lane + lane for lane in range(5)])
+    rest = np.setdiff1d(np.arange(64), lost)
+    assert_array_equal(found.outcomes[rest], base.outcomes[rest])
+
+
+# -- cases it cannot vouch for ----------------------------------------------------------------------------------------------------
+
+
+def compare_statuses(campaign, drawn, step=0.01):
+    """`fly` gives the status of the general kernel, and its numbers to the accuracy; returns the statuses."""
+    flight = pilot.plan_flight(campaign)
+    assert flight.kernel is not None, flight.why
+    found, expected = pilot.fly(campaign, flight, drawn), general(campaign, drawn, step)
+    assert_array_equal(found.status, expected.status)
+    ok = found.status == Status.OK
+    assert difference(campaign, outcomes(campaign, found, ok), outcomes(campaign, expected, ok)) <= 1e-9
+    for number in np.flatnonzero(~ok):
+        nan = np.isnan(outcomes(campaign, expected, number))
+        assert_array_equal(np.isnan(outcomes(campaign, found, number)), nan)
+    return found.status
+
+
+def test_invalid_masses(quiet):
+    """A normal law with a tail below zero, through `run`."""
+    campaign = quiet.with_settings({"dispersion.body.upper.mass_kg": {"normal": 200.0}})
+    table = campaign.run(cases=300).table
+    impossible = table["in_body_upper_mass_kg"] <= 0.0
+    assert 0 < np.sum(impossible) < 100
+    assert_array_equal(table["status"] == "invalid-input", impossible)
+    assert np.isnan(table["upper_omega_z_deg_s"][impossible]).all()
+    assert np.isfinite(table["upper_omega_z_deg_s"][table["status"] == "ok"]).all()
+
+
+def test_draws_that_are_no_numbers(quiet):
+    drawn = draws(quiet, 40)
+    hit = np.arange(drawn.shape[1])
+    drawn[hit, hit] = np.resize([np.nan, np.inf, -np.inf], len(hit))
+    status = compare_statuses(quiet, drawn)
+    assert (status[hit] == Status.INVALID_INPUT).all()
+    assert (status[len(hit) :] == Status.OK).all()
+
+
+def test_beyond_the_atmosphere(quiet):
+    drawn = draws(quiet, 40)
+    height = [d.parameter.path for d in quiet.file.dispersions].index("initial.altitude")
+    drawn[[3, 17], height] = 86_010.0, -5.0
+    drawn[[5, 30], height] = 85_999.0, 71_802.0  # leaves it; crosses the edge of a layer, 71 km', on the way
+    status = compare_statuses(quiet, drawn)
+    assert (status[[3, 17]] == Status.OUTSIDE_ATMOSPHERE).all()
+    assert status[30] == Status.OK
+
+
+def test_across_an_edge_of_the_air(quiet):
+    """Flights from one layer of the standard into the next are the general kernel's; those beside it are not touched."""
+    edge = 6_356_766.0 * 71e3 / (6_356_766.0 - 71e3)
+    steep = quiet.with_settings({"initial.pitch_deg": 40.0, "initial.alpha_deg": 0.0, "initial.altitude_m": edge - 500.0, "dispersion": {}})
+    campaign = steep.with_settings({"dispersion.initial.altitude_m": {"uniform": 3000.0}, "dispersion.initial.roll_deg": {"uniform": 3.0}})
+    flight = pilot.plan_flight(campaign)
+    drawn = draws(campaign, 64)
+    alone = special(campaign, flight, drawn)
+    crossing = (drawn[:, 0] < edge) & (drawn[:, 0] > edge - 2000.0)
+    assert (alone.status[crossing] == -1).all()
+    assert (alone.status[~crossing & (np.abs(drawn[:, 0] - edge) > 2500.0)] == 0).all()
+    compare_statuses(campaign, drawn)
+
+
+def test_never_released(quiet):
+    """An end time before the stroke is through in some cases."""
+    campaign = quiet.with_settings({"run.end_time_s": 0.285})
+    status = compare_statuses(campaign, draws(campaign, 100))
+    assert 0 < np.count_nonzero(status == Status.NEVER_RELEASED) < 50
+    counts = campaign.run(cases=100).status_counts
+    assert counts["never-released"] == np.count_nonzero(status == Status.NEVER_RELEASED)
+
+
+def test_never_released_in_most_cases(quiet):
+    """So that the pilot gives up: the general kernel flies, and the run has its columns."""
+    campaign = quiet.with_settings({"run.end_time_s": 0.25})
+    result = campaign.run(cases=30)
+    slow = campaign.with_settings({"solver.step_s": 0.01}).run(cases=30)
+    assert_array_equal(result.table["status"], slow.table["status"])
+    assert result.status_counts["never-released"] > 15
+    assert list(result.table) == [column.name for column in campaign.columns]
+    assert np.isfinite(result.table["upper_omega_z_deg_s"]).all()
+
+
+def test_a_stroke_of_nothing(quiet):
+    """Released as the guided phase begins, not when it would have ended otherwise: an event that is met before it can be foretold."""
+    campaign = quiet.with_settings({"phase.guided.until.stroke_mm": 0.0})
+    table = campaign.run(cases=100).table
+    assert set(table["status"]) == {"ok"}
+    assert np.abs(table["release_time_s"] - 0.05).max() <= 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("distance", [500.0, 30.0, 41.0])
+def test_an_event_that_is_over_as_its_phase_begins(distance):
+    """The upper joint, released at 40 mm of stroke, some 45 mm away by then: a phase until less of it is over at once, never earlier."""
+    phases = [dict(phase) for phase in scene("stack").file.tree["phase"]]
+    phases[2]["until"] = {"joint": "upper", "distance_mm": distance}
+    campaign = scene("stack", {"phase": phases, "dispersion": {"body.top.mass_kg": {"uniform": 5.0}}})
+    compare_statuses(campaign, draws(campaign, 24), step=0.005)
+
+
+def test_an_event_touched_but_not_crossed(quiet):
+    """Pushed apart, then together: strokes from short of to beyond the furthest point. Released where the general kernel says, if at all."""
+    campaign = shipped("table2", {"motor.retro.thrust_N": 150.0, "phase.guided.until.stroke_mm": 5.0})
+    campaign = campaign.with_settings({"dispersion": {"phase.guided.until.stroke_mm": {"uniform": [0.01, 12.0]}}})
+    flight = pilot.plan_flight(campaign)
+    drawn = draws(campaign, 64)
+    found, expected = pilot.fly(campaign, flight, drawn), general(campaign, drawn, 0.005)
+    assert_array_equal(found.status, expected.status)
+    ok = found.status == Status.OK
+    assert difference(campaign, outcomes(campaign, found, ok), outcomes(campaign, expected, ok)) <= 1e-8
+
+
+# -- histories --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_histories_agree(quiet):
+    """Separations every 10 ms by the continuous extension, against the general kernel's at a fine step: 1e-8 of the largest."""
+    campaign = quiet.with_settings({"run.history_step_s": 0.01})
+    flight = pilot.plan_flight(campaign, history=True)
+    drawn, room = draws(campaign), 51
+    fast, slow = pilot.fly(campaign, flight, drawn, room), general(campaign, drawn, 0.005, room=room)
+    assert (fast.status == 0).all()
+    assert_array_equal(fast.rows, slow.rows)
+    np.testing.assert_allclose(fast.times, slow.times, rtol=1e-12, atol=1e-15)
+    size = np.abs(slow.history).max(axis=(0, 1))
+    error = (np.abs(fast.history - slow.history) / size).max()
+    print(f"histories: {error:.1e}")
+    assert error <= 1e-8
+
+
+def test_histories_of_lost_cases(quiet):
+    """Flown again by the general kernel, with their histories."""
+    campaign = quiet.with_settings({"run.history_step_s": 0.01, "run.end_time_s": 0.285})
+    fast = campaign.run(cases=60)
+    slow = campaign.with_settings({"solver.step_s": 0.005}).run(cases=60)
+    lost = np.flatnonzero(fast.table["status"] == "never-released")
+    assert 0 < len(lost) < 30
+    mine, theirs = fast.histories(), slow.histories()
+    assert_array_equal(mine[["case"]].to_numpy(), theirs[["case"]].to_numpy())
+    for column in mine.columns[1:]:
+        scale = np.abs(theirs[column]).max()
+        assert np.abs(mine[column] - theirs[column]).max() <= 1e-8 * scale, column
+
+
+# -- texts ------------------------------------------------------------------------------------------------------------------------
+
+NUMBERS = [
+    {"body.upper.mass_kg": 500.0},
+    {"run.seed": 5, "run.cases": 7, "run.end_time_s": 0.6, "solver.accuracy": 1e-6},
+    {"body.upper.aerodynamics.pitch.alpha": -0.5},
+    {"body.lower.inertia_products_kg_m2": [1.0, 2.0, 3.0]},
+    {"motor.retro.thrust_N": 800.0, "motor.retro.build_up_s": 0.2, "motor.retro.cant_deg": 170.0},
+    {"phase.guided.until.stroke_mm": 30.0, "phase.locked.until.time_s": 0.1},
+    {"initial.omega_deg_s": [1.0, 2.0, 3.0], "environment.wind.speed_m_s": 0.0},
+    {"joint.pins.point_mm": [2300.0, 1.0, 2.0]},
+    {"dispersion": {}},
+    {"dispersion.body.upper.mass_kg": {"normal": 5.0}},
+]
+STRUCTURE = [
+    {"load": [{"name": "tug", "body": "upper", "force_N": [1.0, 0.0, 0.0]}]},
+    {"load": [{"name": "tug", "body": "upper", "force_N": [1.0, 0.0, 0.0], "start_s": 0.1}]},
+    {"body.plug": {"mass_kg": 1.0, "inertia_kg_m2": [1.0, 1.0, 1.0], "cg_m": [3.0, 0.0, 0.0]}},
+    {"dispersion.joint.pins.fails": {"discrete": [0, 1]}},
+    {"motor.retro.burn_s": 0.2},
+    {"dispersion.motor.retro.delay_s": {"uniform": [0.0, 0.01]}},
+    {"body.upper.aerodynamics.pitch.beta": 0.1},
+    {"environment.gravity": "none"},
+    {"environment.atmosphere": "none"},
+    {"solver.method": "rk4"},
+    {"solver.drift": "none"},
+    {"output.tip_off": ["pins"]},
+    {"phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}}, {"name": "free"}]},
+]
+
+
+@pytest.mark.parametrize("settings", NUMBERS, ids=str)
+def test_numbers_do_not_stand_in_a_kernel(quiet, settings):
+    """Scenes of the same shape share it, so that a study compiles once."""
+    assert pilot.kernel_text(quiet.with_settings(settings)) == pilot.kernel_text(quiet)
+
+
+def test_every_structure_has_a_kernel_of_its_own(quiet):
+    texts = [pilot.kernel_text(quiet.with_settings(settings)) for settings in [{}, *STRUCTURE]]
+    assert len(set(texts)) == len(texts)
+    assert pilot.kernel_text(quiet, history=True) not in texts
+
+
+def test_a_dispersed_delay_has_a_kernel_of_its_own():
+    campaign = shipped("spring-pushers", {"output.loads": []})
+    laws = {key: law for key, law in campaign.file.tree["dispersion"].items() if key != "joint.clamp.delay_s"}
+    assert pilot.kernel_text(campaign) != pilot.kernel_text(campaign.with_settings({"dispersion": laws}))
+
+
+@pytest.mark.parametrize("name", [*COVERED, *SCENES])
+def test_a_text_is_a_module_that_says_what_it_does(name):
+    """It parses, has a docstring, no line too long to read, and the same words each time."""
+    campaign = shipped(name, COVERED[name][0]) if name in COVERED else scene(name)
+    text = pilot.kernel_text(campaign, history=True)
+    compile(text, name, "exec")
+    assert text.startswith('"""Flight of ')
+    assert text == pilot.kernel_text(campaign, history=True)
+    for phase in campaign.scene.phase:
+        assert f"def rates_{phase.name}(w):" in text
+
+
+# -- machine code -----------------------------------------------------------------------------------------------------------------
+
+ASSEMBLY = """
+import importlib.util, json, re, sys
+from sepmc import pilot
+from sepmc.kernels import specialised
+from sepmc.kernels._jit import CACHE_FOLDER
+import sepmc
+text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
+name = specialised.write(text)
+spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
+module = sys.modules[name] = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(module)
+found, function = {}, None
+for line in module.enter._library.get_asm_str().splitlines():
+    label = re.match(r"([A-Za-z_][^\\s:]*):", line)
+    if label:
+        function = next((f for f in ("rates_locked", "rates_guided", "rates_free") if f in label[1]), None)
+    if ".cfi_endproc" in line:
+        function = None
+    if function:
+        counts = found.setdefault(function, {"packed": 0, "scalar": 0, "calls": 0})
+        word = line.split()[0] if line.split() else ""
+        wide = "%ymm" in line or "%zmm" in line or "ymmword" in line or "zmmword" in line
+        counts["packed"] += bool(re.fullmatch(r"v(f?n?m(ul|add|sub)\\d*|add|sub|mul|div|sqrt|fn?madd\\d+|fn?msub\\d+)pd", word)) and wide
+        counts["scalar"] += bool(re.fullmatch(r"v?(add|sub|mul|div|sqrt|fn?madd\\d+|fn?msub\\d+)sd", word))
+        counts["calls"] += word.startswith("call")
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.slow
+def test_machine_code_is_straight_and_wide(tmp_path):
+    """The derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar 20 to 1, and nothing is called."""
+    flags = Path("/proc/cpuinfo")
+    if not flags.is_file() or " avx2 " not in flags.read_text(encoding="utf-8").replace("\n", " \n"):
+        pytest.skip("no AVX2, or no way to know")
+    environment = {**os.environ, "SEPMC_CACHE_DIR": str(tmp_path)}  # code from a cache cannot be looked at
+    done = subprocess.run([sys.executable, "-c", ASSEMBLY], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    print(found)
+    assert set(found) == {"rates_locked", "rates_guided", "rates_free"}
+    for function, counts in found.items():
+        assert counts["packed"] >= 200, function
+        assert counts["packed"] >= 20 * counts["scalar"], function
+        assert counts["calls"] == 0, function
+
+
+WITHOUT_JIT = """
+import json, sepmc
+result = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(cases=2, seed=7)
+print(json.dumps({"table": result.to_pandas().drop(columns="status").to_dict("list"), "steps": result.flight.steps.tolist()}))
+"""
+
+
+@pytest.mark.slow
+def test_python_and_compiled_agree():
+    """With the JIT off the written module is plain Python too, pilot and histories included."""
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run([sys.executable, "-c", WITHOUT_JIT], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    python = json.loads(done.stdout)
+    compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(cases=2, seed=7)
+    assert python["steps"] == compiled.flight.steps.tolist()
+    for name, values in python["table"].items():
+        if not name.endswith(("_residual_m", "_residual_rad", "_residual_m_s", "_residual_rad_s", "_residual_s", "attitude_drift")):
+            np.testing.assert_allclose(compiled.table[name], values, rtol=1e-9, atol=1e-10, err_msg=name)
+
+
+def test_a_flight_at_twice_the_resolution(flight):
+    sharper = flight.sharper()
+    assert_array_equal(sharper.steps, 2 * flight.steps)
+    assert dataclasses.replace(sharper, steps=flight.steps).kernel is flight.kernel
+    assert replace(flight, steps=None, step=0.1).sharper().step == 0.05
