@@ -82,9 +82,11 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
     draws, run = np.asfortranarray(study.draws[:, columns]), campaign.scene.run
     room = int(run.end_time / run.history_step + 1e-9) + 1 if run.history_step > 0.0 and campaign.plan.joints else 0
     if study.specialised:
-        assert study.flight.steps is not None
-        kernel, steps = specialised_kernel(kernel_text(campaign, history=room > 0), study.say), study.flight.steps
-        return lambda: fly_specialised(kernel, campaign.plan, steps, campaign.slots, draws, room)
+        steps, usual = study.flight.steps, study.flight.usual
+        assert steps is not None
+        assert usual is not None
+        kernel = specialised_kernel(kernel_text(campaign, history=room > 0), study.say)
+        return lambda: fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, room)
     plan, few = make_plan(campaign.scene, step=study.flight.step), draws[: study.few]
     width, level = (2 * len(plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
     return lambda: fly_block(plan, campaign.slots, few, room, width, level)

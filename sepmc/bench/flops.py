@@ -15,7 +15,6 @@ import json
 import re
 import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,7 +71,7 @@ def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
 
 def _each(text: str, phases: list[str]) -> dict[str, float]:
     """Flops of an evaluation, by phase; from the count kept beside the kernel if there is one."""
-    kept = Path(str(specialised.load(text).__file__)).with_suffix(".flops.json")
+    kept = specialised.CACHE_FOLDER / f"{specialised.write(text)}.flops.json"
     if kept.is_file():
         return json.loads(kept.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder:
@@ -83,10 +82,8 @@ def _each(text: str, phases: list[str]) -> dict[str, float]:
 
 def each_here(text: str, phases: list[str]) -> dict[str, float]:
     """Flops of an evaluation, by phase, of a kernel that is compiled here."""
-    module = specialised.load(text)
-    specialised.compile_door(module)
-    (code,) = module.fly.inspect_llvm().values()
-    return in_code(code, phases)
+    module = specialised.load(specialised.write(text))
+    return in_code(module.enter._library.get_llvm_str(), phases)
 
 
 def in_code(code: str, phases: list[str]) -> dict[str, float]:
@@ -109,7 +106,7 @@ def _of_a_lane(body: str) -> float:
 def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[str, int]:
     """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are plain Python."""
     campaign = Campaign(parse_campaign(tree, name))
-    module = specialised.load(kernel_text(campaign))
+    module = specialised.load(specialised.write(kernel_text(campaign)))
     seen: collections.Counter[str] = collections.Counter()
 
     def counted(phase: str, function: Any) -> Any:
@@ -123,5 +120,5 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[
     for phase in phases:
         setattr(module, f"rates_{phase}", counted(phase, getattr(module, f"rates_{phase}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_specialised(module, campaign.plan, np.array(steps, dtype=np.int64), campaign.slots, drawn)
+    fly_specialised(module, campaign.plan, np.array(steps, dtype=np.int64), np.full(len(steps), np.inf), campaign.slots, drawn)
     return {phase: seen[phase] for phase in phases}
