@@ -145,7 +145,7 @@ seed = 11
 accuracy = 1e-9
 [dispersion]
 "joint.elbow.delay_s" = { uniform = [0.0, 0.01] }
-"joint.rail.fails" = { discrete = [0, 1], weights = [0.9, 0.1] }
+"joint.rail.fails" = { discrete = [0, 1], weights = [0.9995, 0.0005] }
 "motor.kick.delay_s" = { uniform = [0.0, 0.02] }
 "motor.spin.thrust_N" = { uniform = 1.0 }
 "load.tug.force_N.y" = { normal = 1.0 }
@@ -222,7 +222,7 @@ until = { time_s = 0.45 }
 [[phase]]
 name = "open"
 joints = { ball = "spherical", eye = "spherical", seat = "point-on-line" }
-until = { joint = "link", distance_m = 1.0 }
+until = { joint = "link", distance_m = 0.86 }
 [[phase]]
 name = "loose"
 joints = { ball = "spherical" }
