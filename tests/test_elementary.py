@@ -70,7 +70,7 @@ def test_exponential_rises_across_its_seams():
 
 
 def test_power_of_two():
-    """Exact, from the least normal number to the largest power; the plain function, that stands for the compiled one without the JIT, too."""
+    """Exact, from the least normal number to the largest power; the plain function used without the JIT, too."""
     for k in (-1022, -1021, -1, 0, 1, 52, 1000, 1023):
         assert power_of_two(float(k)) == math.ldexp(1.0, k)
     assert math.isnan(power_of_two(NAN))
@@ -184,7 +184,7 @@ def geometric(h):
 
 
 def test_air_by_the_standards_own_formulas():
-    """Powers and exponentials of the standard against the one series that stands for both: round-off of exp of -13 and of ten operations."""
+    """Powers and exponentials of the standard against the one series that stands for both: round-off of exp(-13) and ten operations."""
     edges = [geometric(base) * (1.0 + s) for base, _ in BASES[1:7] for s in (-1e-12, 0.0, 1e-12)]
     for height in [*spread(0.0, 86e3, 300, seed=5).tolist(), *edges, 0.0, 86e3]:
         assert_allclose(us1976(height), [float(x) for x in exact_air(height)], rtol=4e-15, atol=0, err_msg=str(height))

@@ -73,9 +73,9 @@ def test_error_is_over_scatter_if_that_is_larger():
     """Numbers about zero: a case that happens to lie near zero does not count as wrong."""
     reference = np.array([[-1.0], [1e-9], [1.0]])
     spread = np.std(reference)
-    assert_allclose(error(reference + [[0.0], [0.01], [0.0]], reference), 0.01 / spread)
+    assert_allclose(error(reference + np.array([[0.0], [0.01], [0.0]]), reference), 0.01 / spread)
     offset = reference + 100.0  # then size counts
-    assert_allclose(error(offset + [[0.0], [0.01], [0.0]], offset), 1e-4, rtol=1e-6)
+    assert_allclose(error(offset + np.array([[0.0], [0.01], [0.0]]), offset), 1e-4, rtol=1e-6)
 
 
 def test_error_of_what_cancels():

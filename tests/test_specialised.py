@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from specialised_scenes import SCENES, scene
 
 import sepmc
 from sepmc import cases, pilot, schema
@@ -22,7 +23,6 @@ from sepmc.kernels.methods import METHODS, method
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 from sepmc.trust import lagrange
-from specialised_scenes import SCENES, scene
 
 COUNT = 40  # cases compared, five blocks of lanes
 QUIET = {"run.history_step_s": 0.0}
@@ -76,7 +76,7 @@ def special(campaign, flight, drawn, steps=None):
 
 
 def difference(campaign, found, expected):
-    """Largest relative difference of an outcome; of one that is zero but for round-off (a joint that holds), over the largest of its unit."""
+    """Largest relative difference; of one that is zero but for round-off (a joint that holds), over the largest of that unit."""
     units = [column.unit for column in campaign.outcome_columns]
     errors = pilot.relative_error(found, expected, units)
     sizes = np.abs(np.where(np.isnan(expected), 0.0, expected)).max(axis=0, initial=0.0)
@@ -138,7 +138,9 @@ def test_formulations_agree_where_no_kernel_is_written(name):
     one, two = (general(campaign, drawn, step, formulation) for formulation in ("reduced", "full"))
     assert_array_equal(one.status, two.status)
     sharp = [
-        i for i, column in enumerate(campaign.outcome_columns) if not column.name.endswith(("time_s", "_station_m", "clearance_y_m", "clearance_z_m"))
+        i
+        for i, column in enumerate(campaign.outcome_columns)
+        if not column.name.endswith(("time_s", "_station_m", "clearance_y_m", "clearance_z_m"))
     ]  # where a least distance or a peak lies is as sharp as its root
     units = [campaign.outcome_columns[i].unit for i in sharp]
     errors = pilot.relative_error(one.outcomes[:, sharp], two.outcomes[:, sharp], units)
@@ -282,7 +284,13 @@ def test_same_bits_beside_a_lost_case(quiet, flight):
     hurt = drawn.copy()
     paths = [d.parameter.path for d in quiet.file.dispersions]
     for lane, (path, value) in enumerate(
-        [("body.upper.mass", np.nan), ("body.lower.mass", -1.0), ("initial.altitude", 2e5), ("initial.speed", np.inf), ("body.upper.mass", 0.0)]
+        [
+            ("body.upper.mass", np.nan),
+            ("body.lower.mass", -1.0),
+            ("initial.altitude", 2e5),
+            ("initial.speed", np.inf),
+            ("body.upper.mass", 0.0),
+        ]
     ):
         hurt[LANES * lane + lane, paths.index(path)] = value
     found = special(quiet, flight, hurt)
@@ -392,7 +400,7 @@ def test_an_event_that_is_over_as_its_phase_begins(distance):
 
 
 def test_an_event_touched_but_not_crossed(quiet):
-    """Pushed apart, then together: strokes from short of to beyond the furthest point. Released where the general kernel says, if at all."""
+    """Strokes from short of to beyond what a weak motor reaches. Released where the general kernel says, if at all."""
     campaign = shipped("table2", {"motor.retro.thrust_N": 150.0, "phase.guided.until.stroke_mm": 5.0})
     campaign = campaign.with_settings({"dispersion": {"phase.guided.until.stroke_mm": {"uniform": [0.01, 12.0]}}})
     flight = pilot.plan_flight(campaign)
