@@ -174,9 +174,11 @@ class Chunks:
         how: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised", "method": self.campaign.scene.solver.method}
         how |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
         if not self.flown:
-            return how
+            return self.earlier.get("accuracy") or how
         worst, error = self.accuracy.worst
-        said = {"asked": self.accuracy.asked, "achieved": error, "worst_outcome": worst, "cases": self.accuracy.cases}
+        said: dict[str, Any] = {"achieved": error, "worst_outcome": worst, "cases": self.accuracy.cases}
+        if self.campaign.scene.solver.step is None:
+            said |= {"asked": self.accuracy.asked, "met": bool(error <= self.accuracy.asked)}
         return {**how, **said, "errors": self.accuracy.errors}
 
     @property

@@ -118,7 +118,7 @@ def warm_up(announce: Callable[[str], None] | None = None) -> float:
 
     if not batch.is_compiled():
         if announce:
-            announce("compiling the general kernel, once per installation (two to five minutes) ...")
+            announce("compiling the general kernel, once per installation (one to two minutes) ...")
         batch.compile_apart()
     batch.compile_door()
     return time.perf_counter() - start

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 CORNERS = 24  # cases flown besides the nominal one
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _SAFE = 0.5  # share of the accuracy asked for that the pilot's cases may use
-_MOST_STEPS = 4096  # of a phase
-_HALVINGS = 12
+_MOST_STEPS = 2048  # of a phase
+_MAY_BE_LOST = 0.1  # of the pilot's cases may be left to the general kernel
+_HALVINGS = 10
 _SMALL = 1e-6  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
 SAMPLE = 64  # cases of a campaign that are flown again at twice the resolution
 
@@ -107,7 +108,7 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
         found = _choose_steps(campaign, kernel)
         if found is not None:
             return found
-        why = ["the pilot: most of its cases need the general kernel, see README, Limits"]
+        why = ["its pilot: no number of steps made the corners agree with twice as many, to the accuracy asked"]
     warm_up(announce)
     return Flight(why, step=step) if step is not None else _choose_step(campaign, why)
 
@@ -133,7 +134,7 @@ def _fly_lost(
     assert flight.steps is not None
     assert flight.usual is not None
     lasts = flight.usual > 0.0
-    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
+    step = 0.5 * float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
     full = replace(campaign.plan.contents, specialised=False)
     plan = replace(make_plan(campaign.scene, step=step), contents=full)
     width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
@@ -154,7 +155,7 @@ def _units(campaign: "Campaign") -> list[str]:
 
 
 def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
-    """Fewest steps in every phase with which the corners come within the accuracy of a reference at many steps; None if they cannot."""
+    """Fewest steps in every phase with which the corners come within the accuracy of a reference at many steps; None if none is found."""
     draws, units, goal = corners(campaign), _units(campaign), _SAFE * campaign.scene.solver.accuracy
 
     def flown(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,22 +166,25 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         return _outcomes(campaign, block), sound
 
     def error(steps: np.ndarray) -> float:
+        """Infinite if more cases are lost than may be: the general kernel would fly them."""
         found, sound = flown(steps)
         both = sound & fair
-        return float(relative_error(found[both], reference[both], units).max()) if both.any() and not (fair & ~sound).any() else np.inf
+        if np.count_nonzero(fair & ~sound) > _MAY_BE_LOST * len(draws) or not both.any():
+            return np.inf
+        return float(relative_error(found[both], reference[both], units).max())
 
     usual = np.full(len(campaign.scene.phase), np.inf)
     steps = np.full(len(campaign.scene.phase), 2, dtype=np.int64)
     reference, fair = flown(steps)
-    best, found_error = steps, np.inf
-    while steps.max() < _MOST_STEPS and found_error > 0.02 * goal:
-        finer = 2 * steps
-        coarse, (reference, fair) = steps, flown(finer)
+    settled = np.inf  # what halving the steps of the reference changes
+    while settled > 0.02 * goal and 2 * steps.max() <= _MOST_STEPS:
+        coarse, steps = steps, 2 * steps
+        reference, fair = flown(steps)
         now = error(coarse)
-        if now >= found_error and found_error <= goal:  # round-off
+        if goal >= settled <= now < np.inf:  # round-off
             break
-        best, found_error, steps = (coarse, now, finer) if now < found_error else (best, found_error, finer)
-    if not fair.mean() > 0.5:
+        settled = min(settled, now)
+    if settled > 2.0 * goal or not fair.mean() > 0.5:
         return None
     chosen = steps.copy()
     for phase in range(len(chosen)):  # each alone, the others as fine as the reference
@@ -192,10 +196,13 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         chosen[phase] = high
     final = error(chosen)
     while final > goal and (chosen < steps).any():  # together: one more step where it helps most
-        trials = [chosen + unit for unit in np.eye(len(chosen), dtype=np.int64)]
-        errors = [error(trial) for trial in trials]
+        trials = [np.minimum(chosen + unit, steps) for unit in np.eye(len(chosen), dtype=np.int64)]
+        errors = [error(trial) if (trial > chosen).any() else np.inf for trial in trials]
+        if not min(errors) < np.inf:
+            chosen, final = np.minimum(2 * chosen, steps), error(np.minimum(2 * chosen, steps))
+            continue
         chosen, final = trials[int(np.argmin(errors))], min(errors)
-    return Flight(kernel=kernel, steps=chosen, usual=usual, error=final)
+    return Flight(kernel=kernel, steps=chosen, usual=usual, error=max(final, settled))
 
 
 def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
@@ -207,19 +214,28 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
 
 def settled_step(scene: Scene, slots: np.ndarray, draws: np.ndarray, units: list[str]) -> tuple[float, float]:
     """Longest step, s, of the general kernel, of end time / 8, / 16, ..., at which the outcomes of some draws (n, d), SI, change by no
-    more than the accuracy when it is halved; and by how much they do. The best found if none is as good."""
-    step, best, error, before = scene.run.end_time / 8.0, math.nan, math.inf, None
+    more than the accuracy when it is halved; and by how much they do.
+
+    Outcomes that no step settles (the time of a peak that is flat, say) do not count, unless none settles.
+    """
+    step, steps, changes, before = scene.run.end_time / 8.0, [], [], None
     for _ in range(_HALVINGS):
         block = fly_block(make_plan(scene, step=step), slots, draws, 0, 0, NO_HISTORY)
         now, ok = block.outcomes[:, : len(units)], block.status == Status.OK
         if before is not None and (both := ok & before[1]).any():
-            change = float(relative_error(before[0][both], now[both], units).max())
-            if change < error:
-                best, error = 2.0 * step, change
-            if error <= scene.solver.accuracy:
-                break
+            steps.append(2.0 * step)
+            changes.append(relative_error(before[0][both], now[both], units))
+            if changes[-1].max() <= scene.solver.accuracy:
+                return steps[-1], float(changes[-1].max())
         before, step = (now, ok), 0.5 * step
-    return (step if math.isnan(best) else best), error
+    if not changes:
+        return step, math.nan
+    table = np.array(changes)
+    settles = table.min(axis=0) <= scene.solver.accuracy
+    largest = table[:, settles].max(axis=1) if settles.any() else table.max(axis=1)
+    good = np.flatnonzero(largest <= scene.solver.accuracy)
+    chosen = int(good[0]) if len(good) else int(np.argmin(largest))
+    return steps[chosen], float(table[chosen].max())
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,10 @@ class Result:
 
     def statistics(self) -> pd.DataFrame:
         """Statistics of every outcome; see `sepmc.analysis.statistics.statistics`."""
-        return self.kept.summary.statistics(self.campaign.reference)
+        table = self.kept.summary.statistics(self.campaign.reference)
+        if self.accuracy:
+            table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
+        return table
 
     def case(self, number: int) -> "Case":
         """Case ``number`` as it was flown here, fully resolved in SI."""

@@ -52,7 +52,10 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(f"correct_{stage.name}(w)")
         text.block("for e in range(4 * LANES):")("w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])")
     c.slabs.add(f"ENDED_{stage.name}", 1)
-    text.lanes()(f"w[ENDED_{stage.name} + l] = w[T + l]")
+    inner = text.lanes()
+    if number:
+        inner(f"w[LOST + l] = w[LOST + l] if w[T + l] >= w[ENDED_{c.shape.stages[number - 1].name} + l] - 1e-12 else 1.0")
+    inner(f"w[ENDED_{stage.name} + l] = w[T + l]")
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
 
@@ -65,7 +68,7 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         inner(f"end = w[T + l] if w[DONE + l] > 0.0 else {end}")
     else:
         inner("w[DONE + l] = 0.0", f"end = {end}")
-    inner("w[END + l] = end if end < w[RUN_END + l] else w[RUN_END + l]")
+    inner("w[END + l] = end if end < w[RUN_END + l] else w[RUN_END + l]", "w[LONGEST + l] = math.inf")
     for event in stage.events:
         inner(f"w[LAST_{stage.name}_{event.which} + l] = math.inf")
     if c.shape.switches:

@@ -20,12 +20,14 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
     text("t = w[T + l]", "ahead = w[END + l] - t")
     for event in stage.events:
         name = f"{stage.name}_{event.which}"
-        c.slabs.add(f"VALUE_{name}", 1), c.slabs.add(f"LAST_{name}", 2)
+        c.slabs.add(f"VALUE_{name}", 1), c.slabs.add(f"LAST_{name}", 2), c.slabs.add(f"AT_ONCE_{name}", 1)
         _event(text, g, event)
         text(f"earlier, before = w[LAST_{name} + l], w[LAST_{name} + LANES + l]")
         text("jerk = (acceleration - before) / (t - earlier) if t > earlier else 0.0")
         text(f"w[VALUE_{name} + l], w[LAST_{name} + l], w[LAST_{name} + LANES + l] = value, t, acceleration")
-        text("wait = time_left(value, rate, acceleration, jerk)")
+        text(f"at_once = (1.0 if value >= -1e-12 else 0.0) if earlier == math.inf else w[AT_ONCE_{name} + l]")
+        text(f"w[AT_ONCE_{name} + l] = at_once", "wait = time_left(value, rate, acceleration, jerk)")
+        text("wait = 0.0 if at_once > 0.0 else wait  # met before it was waited for")
         if event.ends_phase:
             text("wait = usual if earlier == math.inf and wait > usual else wait")
         else:

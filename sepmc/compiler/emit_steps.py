@@ -54,6 +54,8 @@ def emit_advance(out: Text, c: Context) -> None:
     if c.history:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, "left, usual", c.history)
+    inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
+    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0", "w[LONGEST + l] = 3.0 * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name)
     if c.history:
         text("extend(w, phase)")

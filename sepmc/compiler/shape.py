@@ -146,7 +146,7 @@ def varying(plan: Plan, dispersed: frozenset[str]) -> list[str]:
         changed = _changed(plan.scene, phase, after)
         late = [name for name in changed if _may_be_late(plan.scene, name, dispersed)]
         if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
-            found.append(f"joint {late[0]}, which may let go late")
+            found.append(f"joint {late[0]}, which may let go late, not after a time")
     return found
 
 
