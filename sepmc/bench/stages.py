@@ -51,7 +51,7 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
     compiling = store.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
     rows = [_row("sepmc campaign FILE --no-plots", "command, cold", [whole]), _row("compile and pilot", "stage, cold", [compiling])]
     if study.specialised:
-        study.say("compiling the general kernel in an empty cache folder (two to five minutes) ...")
+        study.say("compiling the general kernel in an empty cache folder (one to two minutes) ...")
         rows.append(_row("compile the general kernel", "stage, cold", [seconds(lambda: apart.call("stages:general_here", [], cache))]))
     return rows
 
