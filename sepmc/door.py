@@ -29,11 +29,11 @@ class Block:
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
-    """One call of the general kernel's door; draws (n, d) in SI."""
+    """One call of the general kernel's door; draws (n, d) in SI. Its audit columns are all there are, whatever the plan's contents say."""
     from sepmc.kernels.batch import fly  # noqa: PLC0415
 
     n = len(draws)
-    outcomes = len(schema.result_columns(plan.contents))
+    outcomes = len(schema.result_columns(replace(plan.contents, specialised=False)))
     block = Block(
         np.full((n, outcomes), np.nan),
         np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),
@@ -58,7 +58,7 @@ def fly_specialised(
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (phases, n) at which phases end.
     """
     n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
-    outcomes, status, ends = np.full((len(columns), n), np.nan), np.zeros(n, dtype=np.int64), np.zeros((len(plan.phases), n))
+    outcomes, status, ends = np.empty((len(columns), n)), np.zeros(n, dtype=np.int64), np.empty((len(plan.phases), n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     every = plan.tableau.history_step

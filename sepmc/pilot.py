@@ -26,7 +26,7 @@ _SAFE = 0.5  # share of the accuracy asked for that the pilot's cases may use
 _MOST_STEPS = 2048  # of a phase
 _MAY_BE_LOST = 0.1  # of the pilot's cases may be left to the general kernel
 _HALVINGS = 10
-_SMALL = 1e-6  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
+_SMALL = 1e-4  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
 SAMPLE = 64  # cases of a campaign that are flown again at twice the resolution
 
 Say = Callable[[str], None]
@@ -79,6 +79,8 @@ def corners(campaign: "Campaign") -> np.ndarray:
     table = np.empty((CORNERS + 1, len(dispersions)), order="F")
     for i, dispersion in enumerate(dispersions):
         u = np.concatenate([[0.5], np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)])
+        if dispersion.parameter.path.endswith(".fails"):  # not a corner of anything
+            u[:] = 0.5
         table[:, i] = cases.quantile(dispersion, u) * campaign.factors[i]
     return table
 
@@ -86,8 +88,10 @@ def corners(campaign: "Campaign") -> np.ndarray:
 def relative_error(found: np.ndarray, reference: np.ndarray, units: list[str]) -> np.ndarray:
     """Largest difference of every outcome, (n, o) each, over its own size or, if that is larger, its standard deviation; (o,).
 
-    Outcomes that are zero but for round-off count as 1e-6 of the largest of the same unit. NaN at the same place agrees.
+    Outcomes that are zero but for round-off count as 1e-4 of the largest of the same unit. NaN at the same place agrees.
     """
+    if not len(found):
+        return np.zeros(len(units))
     with np.errstate(invalid="ignore", divide="ignore"):
         difference = np.where(np.isnan(found) & np.isnan(reference), 0.0, np.abs(found - reference))
         size = np.abs(np.where(np.isnan(reference), 0.0, reference))
@@ -117,8 +121,9 @@ def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, 
     """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
     width = 2 * len(campaign.plan.joints) if room else 0
     if flight.kernel is None or flight.steps is None or flight.usual is None:
-        plan = campaign.plan if flight.step is None else make_plan(campaign.scene, step=flight.step)
-        return fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
+        plan = make_plan(campaign.scene, step=flight.step)
+        block = fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
+        return replace(block, outcomes=block.outcomes[:, _columns(campaign)])
     block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
     lost = np.flatnonzero(block.status < 0)
     if len(lost):
@@ -135,15 +140,18 @@ def _fly_lost(
     assert flight.usual is not None
     lasts = flight.usual > 0.0
     step = 0.5 * float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
-    full = replace(campaign.plan.contents, specialised=False)
-    plan = replace(make_plan(campaign.scene, step=step), contents=full)
+    plan = make_plan(campaign.scene, step=step)
     width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
     again = fly_block(plan, campaign.slots, draws[lost], room, width, level)
-    names = [c.name for c in schema.result_columns(full)]
-    wanted = [names.index(c.name) for c in campaign.result_columns]
-    block.outcomes[lost], block.status[lost] = again.outcomes[:, wanted], again.status
+    block.outcomes[lost], block.status[lost] = again.outcomes[:, _columns(campaign)], again.status
     if room:
         block.history[lost], block.rows[lost] = again.history, again.rows
+
+
+def _columns(campaign: "Campaign") -> list[int]:
+    """Which columns of the general kernel a campaign keeps: one that a specialised kernel was to fly has fewer audits."""
+    names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
+    return [names.index(c.name) for c in campaign.result_columns]
 
 
 def _outcomes(campaign: "Campaign", block: Block) -> np.ndarray:
@@ -221,7 +229,7 @@ def settled_step(scene: Scene, slots: np.ndarray, draws: np.ndarray, units: list
     step, steps, changes, before = scene.run.end_time / 8.0, [], [], None
     for _ in range(_HALVINGS):
         block = fly_block(make_plan(scene, step=step), slots, draws, 0, 0, NO_HISTORY)
-        now, ok = block.outcomes[:, : len(units)], block.status == Status.OK
+        now, ok = block.outcomes[:, : len(units)], np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         if before is not None and (both := ok & before[1]).any():
             steps.append(2.0 * step)
             changes.append(relative_error(before[0][both], now[both], units))

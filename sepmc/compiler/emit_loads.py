@@ -89,7 +89,8 @@ def emit_centre(out: Text, c: Context) -> None:
         text(f"w[NEAR_{body} + 2 * LANES + l] = R0 * inverse")
         if c.shape.scene.environment.gravity == "inverse-square":
             text(f"w[NEAR_{body} + 3 * LANES + l] = w[MASS_{body} + l] * inverse_square(w[GRAVITY + l], height)")
-        text(f"put9(w, DENSITY_{body} + l, density_series(height, get4(w, AIR + l)))")
+        text(f"put9(w, DENSITY_{body} + l, density_series(height, get4(w, AIR + l)))", "level = geopotential(height)")
+        text("w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
 
 
 def _air(text: Text, g: Geometry, body: str, force: _Sum, moment: _Sum) -> None:
