@@ -542,9 +542,9 @@ def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     steps = ", ".join(f"{phase} {n}" for phase, n in zip(phases, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
-    said = f"numerical error of {accuracy['cases']} cases, flown again at twice the resolution: at most {accuracy['achieved']:.1e}"
+    said = f"numerical error at most {accuracy['achieved']:.1e} ({accuracy['worst_outcome']}) of size or sigma"
     asked = f", asked {accuracy['asked']:g}" if "asked" in accuracy else ""
-    return f"{said} of size or sigma ({accuracy['worst_outcome']}){asked}; {how}"
+    return f"{said} in {accuracy['cases']} cases flown again at twice the resolution{asked}; {how}"
 
 
 _BANDED = 20_000  # cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit into memory

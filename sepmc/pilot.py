@@ -243,7 +243,7 @@ def settled_step(scene: Scene, slots: np.ndarray, draws: np.ndarray, units: list
     largest = table[:, settles].max(axis=1) if settles.any() else table.max(axis=1)
     good = np.flatnonzero(largest <= scene.solver.accuracy)
     chosen = int(good[0]) if len(good) else int(np.argmin(largest))
-    return steps[chosen], float(table[chosen].max())
+    return steps[chosen], float(largest[chosen])
 
 
 @dataclass(frozen=True)

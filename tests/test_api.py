@@ -59,7 +59,9 @@ def test_result(campaign, result):
 
 def test_statistics(campaign, result):
     expected = statistics(result.to_pandas(), [c.name for c in campaign.outcome_columns], campaign.reference)
-    pd.testing.assert_frame_equal(result.statistics(), expected)
+    found = result.statistics()
+    assert found.pop("error").to_dict() == result.accuracy.errors
+    pd.testing.assert_frame_equal(found, expected)
     assert result.statistics().loc["upper_roll_deg", "ref_sigma"] == 2.2514
 
 
