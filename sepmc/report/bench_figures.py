@@ -119,7 +119,7 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     chosen = frame[frame["default"].astype(bool)]
     ax.plot(chosen["us"], _shown(chosen["error"], floor), label="sepmc, default", **STAR)
     _error_axes(ax, frame, floor)
-    _legend(figure, ax, 3)
+    _legend(figure, ax, 2)
     figure.suptitle(f"Other engines: {title}", fontsize=11)
     return figure
 
