@@ -15,7 +15,7 @@ import pandas as pd
 from sepmc import cases, schema, store
 from sepmc.chunks import Chunks
 from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.compiler.shape import obstacles, varying
+from sepmc.compiler.shape import reasons
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
 from sepmc.pilot import plan_flight, settled_step
@@ -87,9 +87,12 @@ class Campaign:
     @cached_property
     def plan(self) -> Plan:
         plan = make_plan(self.scene)
-        specialised = self.scene.solver.step is None and not obstacles(self.scene)
-        specialised = specialised and not varying(plan, frozenset(d.parameter.path for d in self.file.dispersions))
-        return replace(plan, contents=replace(plan.contents, specialised=specialised))
+        return replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
+
+    @cached_property
+    def dispersed(self) -> frozenset[str]:
+        """Paths of the parameters that vary."""
+        return frozenset(d.parameter.path for d in self.file.dispersions)
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""

@@ -254,7 +254,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         if why:
             click.echo(f"  kernel       general, because of {'; '.join(why)}")
         else:
-            shape = make_shape(loaded.plan, pilot.dispersed(loaded))
+            shape = make_shape(loaded.plan, loaded.dispersed)
             inside, outside = features(shape)
             click.echo("  kernel       specialised (print it with --code)")
             for stage in shape.stages:

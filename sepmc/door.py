@@ -58,7 +58,7 @@ def fly_specialised(
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (phases, n) at which phases end.
     """
     n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
-    outcomes, status, ends = np.empty((len(columns), n)), np.zeros(n, dtype=np.int64), np.empty((len(plan.phases), n))
+    outcomes, status, ends = np.full((len(columns), n), np.nan), np.zeros(n, dtype=np.int64), np.empty((len(plan.phases), n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     every = plan.tableau.history_step

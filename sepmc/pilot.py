@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sepmc import cases, schema
+from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import make_plan
-from sepmc.compiler.shape import make_shape, obstacles, varying
 from sepmc.door import Block, fly_block, fly_specialised, specialised_kernel, warm_up
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.scene.model import Scene
@@ -57,19 +57,12 @@ class Flight:
 
 def reasons(campaign: "Campaign") -> list[str]:
     """Why a campaign is flown by the general kernel; empty if a kernel of its own flies it."""
-    fixed = ["a fixed solver.step_s"] if campaign.scene.solver.step is not None else []
-    return fixed + obstacles(campaign.scene) + varying(campaign.plan, dispersed(campaign))
-
-
-def dispersed(campaign: "Campaign") -> frozenset[str]:
-    """Paths of the parameters that vary."""
-    return frozenset(d.parameter.path for d in campaign.file.dispersions)
+    return shape.reasons(campaign.plan, campaign.dispersed)
 
 
 def kernel_text(campaign: "Campaign", method: str | None = None, history: bool = False) -> str:
     """The kernel written for a campaign, as a Python module."""
-    shape = make_shape(campaign.plan, dispersed(campaign))
-    return emit(shape, method or campaign.scene.solver.method, history)
+    return emit(shape.make_shape(campaign.plan, campaign.dispersed), method or campaign.scene.solver.method, history)
 
 
 def corners(campaign: "Campaign") -> np.ndarray:
@@ -119,11 +112,8 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
 
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
     """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
-    width = 2 * len(campaign.plan.joints) if room else 0
     if flight.kernel is None or flight.steps is None or flight.usual is None:
-        plan = make_plan(campaign.scene, step=flight.step)
-        block = fly_block(plan, campaign.slots, draws, room, width, SEPARATION_HISTORY if room else NO_HISTORY)
-        return replace(block, outcomes=block.outcomes[:, _columns(campaign)])
+        return _fly_general(campaign, flight.step, draws, room)
     block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
     lost = np.flatnonzero(block.status < 0)
     if len(lost):
@@ -140,18 +130,18 @@ def _fly_lost(
     assert flight.usual is not None
     lasts = flight.usual > 0.0
     step = 0.5 * float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
-    plan = make_plan(campaign.scene, step=step)
-    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    again = fly_block(plan, campaign.slots, draws[lost], room, width, level)
-    block.outcomes[lost], block.status[lost] = again.outcomes[:, _columns(campaign)], again.status
+    again = _fly_general(campaign, step, draws[lost], room)
+    block.outcomes[lost], block.status[lost] = again.outcomes, again.status
     if room:
         block.history[lost], block.rows[lost] = again.history, again.rows
 
 
-def _columns(campaign: "Campaign") -> list[int]:
-    """Which columns of the general kernel a campaign keeps: one that a specialised kernel was to fly has fewer audits."""
+def _fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, room: int) -> Block:
+    """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
+    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
+    block = fly_block(make_plan(campaign.scene, step=step), campaign.slots, draws, room, width, level)
     names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
-    return [names.index(c.name) for c in campaign.result_columns]
+    return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
 
 
 def _outcomes(campaign: "Campaign", block: Block) -> np.ndarray:

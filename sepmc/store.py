@@ -59,13 +59,18 @@ def open_folder(folder: Path, overwrite: bool = False, resume: bool = False, res
     for name in _OURS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(f"{folder / name}: is a file where a run keeps a folder; choose another --out")
+    make_writable(folder)
+    return folder
+
+
+def make_writable(folder: Path) -> None:
+    """Make a folder if there is none. Raises StoreError if nothing can be written into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    return folder
 
 
 def _clear(folder: Path) -> None:

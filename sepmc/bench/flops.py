@@ -62,7 +62,7 @@ def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
     taken = apart.call("flops:evaluations_here", [campaign.file.tree, campaign.name, steps.tolist()], {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
     rk = method(campaign.scene.solver.method)
-    shape = make_shape(campaign.plan, frozenset(d.parameter.path for d in campaign.file.dispersions))
+    shape = make_shape(campaign.plan, campaign.dispersed)
     stages = len(rk.b)
     per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
     sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, shape.stages, strict=True))

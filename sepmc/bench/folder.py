@@ -1,9 +1,8 @@
 """The folder of a bench."""
 
-import tempfile
 from pathlib import Path
 
-from sepmc.store import StoreError
+from sepmc.store import StoreError, make_writable
 
 SUMMARY = "bench.json"
 
@@ -23,12 +22,7 @@ def open_folder(folder: Path, overwrite: bool = False) -> Path:
             raise StoreError(f"{folder}: holds other files and no {SUMMARY}, so it is not a bench; choose another --out")
         if not overwrite:
             raise StoreError(f"{folder}: holds a bench; add --overwrite to replace it, or choose another --out")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    make_writable(folder)
     for old in [folder / SUMMARY, *folder.glob("*.parquet"), *folder.glob("*.png")]:
         old.unlink(missing_ok=True)
     return folder

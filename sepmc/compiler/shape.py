@@ -98,7 +98,13 @@ class Shape:
         return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY
 
 
-def obstacles(scene: Scene) -> list[str]:
+def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
+    """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
+    fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
+    return fixed + _obstacles(plan.scene) + _late(plan, dispersed)
+
+
+def _obstacles(scene: Scene) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     found = []
     aero = [body.aerodynamics for body in scene.body.values() if body.aerodynamics is not None]
@@ -139,8 +145,8 @@ def _unfit(until: Until) -> str:
     return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
 
 
-def varying(plan: Plan, dispersed: frozenset[str]) -> list[str]:
-    """What delays, given or dispersed, add to `obstacles`."""
+def _late(plan: Plan, dispersed: frozenset[str]) -> list[str]:
+    """What delays, given or dispersed, add to the obstacles."""
     found = []
     for phase, after in pairwise(plan.scene.phase):
         changed = _changed(plan.scene, phase, after)
