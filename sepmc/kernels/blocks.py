@@ -98,8 +98,9 @@ def fly(module: ModuleType, scene, whole, numbers, nominal, slots, draws, steps,
     arrays = (nominal, slots, draws, steps, usual, np.array([every]), outcomes, ends, history, status, scene, whole, numbers)
     blocks = (draws.shape[1] + module.LANES - 1) // module.LANES
     if not hasattr(module.enter, "address"):  # plain Python
-        for number in range(blocks):
-            module.fly_block(number * module.LANES, *arrays[:5], every, *arrays[6:10], scene[0], whole, numbers)
+        with np.errstate(all="ignore"):  # as compiled code is
+            for number in range(blocks):
+                module.fly_block(number * module.LANES, *arrays[:5], every, *arrays[6:10], scene[0], whole, numbers)
         return
     for array in arrays:
         assert array.flags.c_contiguous

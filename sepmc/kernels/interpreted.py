@@ -4,9 +4,12 @@ The formulas that a text calls are imported a second time with the compiler off;
 """
 
 import contextlib
+import math
 import sys
 from collections.abc import Iterator
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
 
 import sepmc.kernels
 from sepmc.kernels._jit import config
@@ -14,6 +17,8 @@ from sepmc.kernels._jit import config
 _PACKAGE = "sepmc.kernels"
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, ModuleType] = {}  # kernels, by their text
+# Compiled code divides by zero as numpy does, so a root must be one of numpy's numbers.
+_MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: np.float64(math.sqrt(x) if x >= 0.0 else math.nan)})
 
 
 def _ours() -> dict[str, ModuleType]:
@@ -46,6 +51,9 @@ def load(text: str) -> ModuleType:
         module = ModuleType("sepmc_scene")
         with _without_compiler():
             exec(compile(text, "<kernel>", "exec"), module.__dict__)
+        for plain in (module, *_plain.values()):
+            if getattr(plain, "math", None) is math:
+                plain.math = _MATH  # type: ignore[attr-defined]
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = module
     return _loaded[text]
