@@ -1,0 +1,297 @@
+"""One case from start to end: stretches between known switches, steps of DOP853, events located as roots."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from sepmc.trust.independent.case import GROUND, read
+from sepmc.trust.independent.conditions import Leaf
+from sepmc.trust.independent.events import Sequence
+from sepmc.trust.independent.joints import Constraints, Joint, Pull
+from sepmc.trust.independent.loads import GRAIN, Loads
+from sepmc.trust.independent.outcomes import Follower, columns, report
+from sepmc.trust.independent.roots import first_root
+from sepmc.trust.independent.state import Array, State, Vehicle, cross
+
+_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
+_EDGE = 1e-9  # m beyond the edge of a layer of air at which the next one begins
+_MOST_STRETCHES = 10_000
+
+
+@dataclass
+class Flown:
+    """How a case ended.
+
+    ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where there is none; ``events`` are pairs
+    of a time, s, and what happened. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per
+    second), and whether roll and pitch may have jumped (yaw near 90 deg).
+    """
+
+    status: str
+    outcomes: dict[str, float]
+    events: list[tuple[float, str]] = field(default_factory=list)
+    audit: dict[str, float] = field(default_factory=dict)
+
+
+class Ended(Exception):
+    """The flight ends with a status."""
+
+
+class Flight:
+    """A case under way."""
+
+    def __init__(self, scene: dict[str, Any], vehicle: Vehicle, rtol: float):
+        self.scene, self.vehicle, self.rtol = scene, vehicle, rtol
+        self.joints = {name: Joint(name, table, vehicle) for name, table in scene["joint"].items()}
+        self.loads = Loads(scene, vehicle, self.joints)
+        self.sequence = Sequence(scene, self.joints, self.loads)
+        self.t, self.end = 0.0, scene["run"]["end_time"]
+        self.y = vehicle.start(self._pivot())
+        self.follower = Follower(vehicle)
+        self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
+        self.hold()
+        self.steps, self.evaluations, self.drift, self.step = 0, 0, 0.0, math.nan
+
+    def _pivot(self) -> Array:
+        """About what the vehicle turns at the start: its mass centre, or the point of the first joint that holds the ground."""
+        for name, joint in self.joints.items():
+            if GROUND in joint.bodies and self.scene["phase"][0]["joints"].get(name, "free") != "free":
+                point = joint.points[joint.bodies.index(GROUND)]
+                return self.vehicle.arm(GROUND, point)
+        return np.zeros(3)
+
+    def hold(self) -> None:
+        """Constraints as the joints hold now."""
+        held = [(joint, self.sequence.held[name]) for name, joint in self.joints.items()]
+        self.constraints = Constraints([(joint, rows) for joint, rows in held if rows], self.vehicle)
+
+    def state(self, t: float, y: Array) -> State:
+        return self.vehicle.state(t, y)
+
+    def motion(self, t: float, s: State) -> Pull:
+        """Accelerations at a state, and the constraints' part in them."""
+        vehicle, n = self.vehicle, self.vehicle.n
+        force, moment = self.loads.on_bodies(t, s)
+        free = np.empty((n, 6))
+        free[:, :3] = force[:n] / vehicle.mass[:, None]
+        for b in range(n):
+            turning = moment[b] - cross(s.w[b], vehicle.inertia[b] @ s.w[b])
+            free[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
+        self.evaluations += 1
+        return self.constraints.accelerate(s, free)
+
+    def derivative(self, t: float, y: Array) -> Array:
+        s = self.state(t, y)
+        return self.vehicle.derivative(y, s, self.motion(t, s).acceleration)
+
+    def wrench(self, name: str, t: float, s: State) -> tuple[Array, Array]:
+        """Force and moment of a joint on its second body now, ground axes."""
+        if not self.sequence.held[name]:
+            return np.zeros(3), np.zeros(3)
+        pull = self.motion(t, s)
+        return self.constraints.wrench(self.joints[name], s, pull, self.constraints.multipliers(pull))
+
+    def value(self, leaf: Leaf, t: float, s: State) -> float:
+        """How far a condition on the state is beyond its threshold."""
+        what, which = leaf.what, str(leaf.which)
+        if what == "altitude":
+            return leaf.side * (self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold)
+        if what == "spring":
+            found = next(spring for spring in self.loads.springs if spring.name == which).extension(s)
+        elif what == "stroke":
+            found = self.joints[which].separation(s)[0]
+        elif what == "distance":
+            found = float(np.linalg.norm(self.joints[which].gap(s)[0]))
+        elif what == "angle":
+            found = self.joints[which].angle(s)
+        else:
+            found = float(np.linalg.norm(self.wrench(which, t, s)[0 if what == "force" else 1]))
+        return found - leaf.threshold
+
+    def watched(self) -> list[tuple[Callable[[float, State], float], Callable[[], None]]]:
+        """Functions that become positive where something happens, and what then does: conditions, edges of air and of tables."""
+        found: list[tuple[Callable[[float, State], float], Callable[[], None]]] = []
+        for leaf in self.sequence.armed():
+            if not leaf.on_time:
+                found.append((lambda t, s, leaf=leaf: self.value(leaf, t, s), lambda leaf=leaf: setattr(leaf, "met", True)))
+        for flow in self.loads.flows:
+            edges = self.loads.air.edges  # type: ignore[union-attr]
+            for side, edge in ((-1.0, edges[flow.layer]), (1.0, edges[flow.layer + 1])):
+
+                def beyond(t: float, s: State, flow=flow, side=side, edge=edge) -> float:
+                    return side * (self.vehicle.height(t, s, flow.body) - edge) - _EDGE
+
+                found.append((beyond, lambda flow=flow, side=side: self._change_layer(flow, int(side))))
+            for i in range(2 * len(flow.coefficients.axes)):
+                found.append((lambda t, s, flow=flow, i=i: self._beyond_table(flow, i, t, s), self._leave_table))
+        return found
+
+    def _beyond_table(self, flow: Any, i: int, t: float, s: State) -> float:
+        _, _, mach, alpha, beta = self.loads.flow(t, s, flow)
+        return flow.coefficients.beyond(mach, alpha, beta)[i]
+
+    def _leave_table(self) -> None:
+        raise Ended("outside-table")
+
+    def _change_layer(self, flow: Any, by: int) -> None:
+        flow.layer += by
+        if not 0 <= flow.layer < len(self.loads.air.edges) - 1:  # type: ignore[union-attr]
+            raise Ended("outside-atmosphere")
+
+    def _begin(self) -> None:
+        """The joints of the first phase allow the first state, and its air is known."""
+        s = self.state(0.0, self.y)
+        if not self.constraints.residual(s) <= _CONSISTENT:
+            raise Ended("inconsistent-start")
+        for flow in self.loads.flows:
+            edges, height = self.loads.air.edges, self.vehicle.height(0.0, s, flow.body)  # type: ignore[union-attr]
+            if not edges[0] - _EDGE <= height <= edges[-1] + _EDGE:
+                raise Ended("outside-atmosphere")
+            flow.layer = min(max(int(np.searchsorted(edges, height, side="right")) - 1, 0), len(edges) - 2)
+            if any(self._beyond_table(flow, i, 0.0, s) > 0.0 for i in range(2 * len(flow.coefficients.axes))):
+                raise Ended("outside-table")
+        self.sequence.begin(self._height(s))
+
+    def _height(self, s: State) -> Callable[[str], float]:
+        return lambda body: self.vehicle.height(self.t, s, self.vehicle.index[body])
+
+    def _settle(self) -> None:
+        """What happens at this instant, and what the joints hold from now on."""
+        self.loads.set_stretch(self.t + GRAIN)
+        s = self.state(self.t, self.y)
+        self._settle_held(s)
+        for name in self.joints:
+            if not self.sequence.held[name] and self.sequence.kinds[0][name] and name not in self.released:
+                self.released[name] = (self.t, s.w.copy())
+
+    def _settle_held(self, s: State) -> None:
+        def value(leaf: Leaf) -> float:
+            self.hold()
+            return self.value(leaf, self.t, s)
+
+        self.sequence.settle(self.t, value, self._height(s))
+        self.hold()
+
+    def fly(self) -> str:
+        """Fly to the end; returns the status."""
+        try:
+            self._begin()
+            self._settle()
+            stretches = 0
+            while self.t < self.end:
+                stretches += 1
+                if stretches > _MOST_STRETCHES:
+                    raise Ended("too-many-events")
+                self._stretch()
+                self._settle()
+        except Ended as reason:
+            return str(reason)
+        except np.linalg.LinAlgError:
+            return "not-finite"
+        return "never-released" if self.sequence.never_released() else "ok"
+
+    def _stretch(self) -> None:
+        """Integrate to the next switch, or to the first event."""
+        switches = [time for time in self.loads.switches if time > self.t + GRAIN]
+        stop = min([self.end, self.sequence.next_time(self.t), *switches])
+        self.loads.set_stretch(0.5 * (self.t + stop))
+        watched, solver = self.watched(), self._solver(self.t, self.y, stop)
+        while solver.status == "running":
+            with np.errstate(all="ignore"):
+                solver.step()
+            self.steps += 1
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                raise Ended("not-finite")
+            before, self.step = solver.t_old, solver.t - solver.t_old
+            dense, start = solver.dense_output() if watched else None, self.y
+            first, time = self._first(watched, dense, before, solver.t)
+            if first is not None:
+                self.t, self.y = self._located(first[0], dense, before, start, time)
+            else:
+                self.t, self.y = solver.t, solver.y.copy()
+            s = self.state(self.t, self.y)
+            self.follower.follow(s, self.step)
+            if self.constraints.count:
+                self.drift = max(self.drift, self.constraints.residual(s))
+            if first is not None:
+                first[1]()
+                return
+
+    def _solver(self, t: float, y: Array, stop: float) -> DOP853:
+        first = min(self.step, stop - t) if self.step > 0.0 else None
+        return DOP853(self.derivative, t, y, stop, rtol=self.rtol, atol=0.01 * self.rtol, first_step=first)
+
+    def _first(self, watched: list, dense: Any, before: float, after: float) -> tuple[Any, float]:
+        """The first of what is watched that happens in a step, and when."""
+        first, end = None, after
+        for each in watched:
+            root = first_root(lambda t, each=each: each[0](t, self.state(t, dense(t))), before, end)
+            if root is not None:
+                first, end = each, root
+        return first, end
+
+    def _located(self, value: Callable[[float, State], float], dense: Any, before: float, start: Array, time: float) -> tuple[float, Array]:
+        """Time of a root that a step's interpolation gave, corrected on the integration itself, and the state there."""
+        y = self._reach(before, start, time)
+        width = 1e-3 * self.step
+        slope = (value(time + width, self.state(time + width, dense(time + width))) - value(time, self.state(time, dense(time)))) / width
+        for _ in range(4):
+            off = value(time, self.state(time, y))
+            if not slope > 0.0 or not abs(off) < slope * width or abs(off) < 1e-15 * slope:
+                break
+            time = max(before, time - off / slope)
+            y = self._reach(before, start, time)
+        return time, y
+
+    def _reach(self, before: float, start: Array, time: float) -> Array:
+        """State at a time, integrated from the start of a step."""
+        if time <= before:
+            return start
+        solver = DOP853(self.derivative, before, start, time, rtol=self.rtol, atol=0.01 * self.rtol, first_step=time - before)
+        while solver.status == "running":
+            solver.step()
+        return solver.y.copy()
+
+
+def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
+    """Fly one fully resolved case.
+
+    Parameters
+    ----------
+    case : mapping
+        Nested like the campaign file, in SI and radians, keys without unit suffix, as `sepmc.campaign.Case.to_dict` gives it; what is
+        absent or None has its default.
+    rtol : float
+        Relative tolerance of DOP853; the absolute one is a hundredth of it in SI units.
+
+    Raises
+    ------
+    ValueError
+        If the case has a key that this flight does not know.
+    """
+    scene = read(case)
+    vehicle, nothing = Vehicle(scene), dict.fromkeys(columns(scene), math.nan)
+    if vehicle.fault() or not _is_finite(scene):
+        return Flown("invalid-input", nothing)
+    vehicle.prepare()
+    flight = Flight(scene, vehicle, rtol)
+    status = flight.fly()
+    audit = {
+        "steps": flight.steps, "evaluations": flight.evaluations, "drift": flight.drift,
+        "attitude_singular": float(flight.follower.singular),
+    }  # fmt: skip
+    outcomes = nothing | (report(flight) if status in ("ok", "never-released") else {})
+    return Flown(status, outcomes, flight.sequence.log, audit)
+
+
+def _is_finite(node: Any) -> bool:
+    """Whether no number of a scene is NaN."""
+    if isinstance(node, dict):
+        return all(_is_finite(value) for value in node.values())
+    if isinstance(node, list | tuple):
+        return all(_is_finite(value) for value in node)
+    return not (isinstance(node, float) and math.isnan(node))
