@@ -119,8 +119,6 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["joint"] = {name: filled(table, JOINT, f"joint.{name}") for name, table in (scene["joint"] or {}).items()}
     for name, joint in scene["joint"].items():
         _inner(joint, "guide", GUIDE, f"joint.{name}")
-        if joint["guide"] and joint["guide"]["friction"]:
-            raise ValueError(f"the independent flight knows no joint.{name}.guide.friction")
         joint["kind"] = {own: filled(table, CUSTOM, f"joint.{name}.kind.{own}") for own, table in (joint["kind"] or {}).items()}
     scene["phase"] = _list(scene["phase"], PHASE, "phase")
     for phase in scene["phase"]:
@@ -130,9 +128,6 @@ def read(case: Mapping[str, Any]) -> Table:
     for release in scene["release"]:
         release["when"] = condition(release["when"], f"release.{release['name']}.when")
     scene["output"] = filled(scene["output"], OUTPUT, "output")
-    for key in ("loads", "guide"):
-        if scene["output"][key]:
-            raise ValueError(f"the independent flight knows no output.{key}")
     scene["initial"] = filled(scene["initial"], INITIAL, "initial")
     scene["run"] = filled(scene["run"], RUN, "run")
     scene["solver"] = filled(scene["solver"], SOLVER, "solver")

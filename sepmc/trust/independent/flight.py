@@ -10,12 +10,15 @@ from scipy.integrate import DOP853
 
 from sepmc.trust.independent.case import GROUND, read
 from sepmc.trust.independent.conditions import Leaf
+from sepmc.trust.independent.constraints import Constraints, Rows
 from sepmc.trust.independent.events import Sequence
-from sepmc.trust.independent.joints import Constraints, Joint, Pull
+from sepmc.trust.independent.guides import friction, rub
+from sepmc.trust.independent.joints import Joint
 from sepmc.trust.independent.loads import GRAIN, Loads
-from sepmc.trust.independent.outcomes import Follower, columns, report
+from sepmc.trust.independent.outcomes import Follower, columns, report, vague
 from sepmc.trust.independent.roots import first_root
-from sepmc.trust.independent.state import Array, State, Vehicle, cross
+from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, cross, quaternion_rates
+from sepmc.trust.independent.watch import Watch
 
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
 _EDGE = 1e-9  # m beyond the edge of a layer of air at which the next one begins
@@ -27,14 +30,16 @@ class Flown:
     """How a case ended.
 
     ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where there is none; ``events`` are pairs
-    of a time, s, and what happened. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per
-    second), and whether roll and pitch may have jumped (yaw near 90 deg).
+    of a time, s, and what happened. ``vague`` are outcomes that round-off decides: flow angles of a body that hardly moves against
+    the air. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per second), and whether roll and
+    pitch may have jumped (yaw near 90 deg).
     """
 
     status: str
     outcomes: dict[str, float]
     events: list[tuple[float, str]] = field(default_factory=list)
     audit: dict[str, float] = field(default_factory=dict)
+    vague: tuple[str, ...] = ()
 
 
 class Ended(Exception):
@@ -54,6 +59,7 @@ class Flight:
         self.follower = Follower(vehicle)
         self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
         self.hold()
+        self.watch, self.jammed = Watch(self), False
         self.steps, self.evaluations, self.drift, self.step = 0, 0, 0.0, math.nan
 
     def _pivot(self) -> Array:
@@ -72,28 +78,52 @@ class Flight:
     def state(self, t: float, y: Array) -> State:
         return self.vehicle.state(t, y)
 
-    def motion(self, t: float, s: State) -> Pull:
-        """Accelerations at a state, and the constraints' part in them."""
-        vehicle, n = self.vehicle, self.vehicle.n
-        force, moment = self.loads.on_bodies(t, s)
-        free = np.empty((n, 6))
-        free[:, :3] = force[:n] / vehicle.mass[:, None]
+    def free(self, s: State, force: Array, moment: Array) -> Array:
+        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass centres in body axes."""
+        vehicle, n, found = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
+        found[:, :3] = force[:n] / vehicle.mass[:, None]
         for b in range(n):
             turning = moment[b] - cross(s.w[b], vehicle.inertia[b] @ s.w[b])
-            free[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
+            found[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
+        return found
+
+    def motion(self, t: float, s: State) -> tuple[Array, Array, Rows | None, dict[str, float]]:
+        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and the friction of guides."""
         self.evaluations += 1
-        return self.constraints.accelerate(s, free)
+        force, moment = self.loads.on_bodies(t, s)
+        if not self.constraints.count:
+            return self.free(s, force, moment), np.zeros(6 * self.vehicle.n), None, {}
+        rows = self.constraints.at(s)
+        rubbing = friction(self, s, rows, (force, moment))
+        self.jammed = rubbing is None
+        for name, size in (rubbing or {}).items():
+            rub(self.joints[name], s, size, force, moment)
+        return *rows.accelerate(self.free(s, force, moment)), rows, rubbing or {}
 
     def derivative(self, t: float, y: Array) -> Array:
         s = self.state(t, y)
-        return self.vehicle.derivative(y, s, self.motion(t, s).acceleration)
+        return self.vehicle.derivative(y, s, self.motion(t, s)[0])
 
-    def wrench(self, name: str, t: float, s: State) -> tuple[Array, Array]:
-        """Force and moment of a joint on its second body now, ground axes."""
-        if not self.sequence.held[name]:
-            return np.zeros(3), np.zeros(3)
-        pull = self.motion(t, s)
-        return self.constraints.wrench(self.joints[name], s, pull, self.constraints.multipliers(pull))
+    def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
+        """Force and moment of every joint on its second body now, ground axes."""
+        _, added, rows, _ = self.motion(t, s)
+        found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
+        if rows is not None:
+            multipliers = rows.multipliers(added)
+            found |= {name: rows.wrench(j, s, multipliers) for name, j in self.joints.items() if self.sequence.held[name]}
+        return found
+
+    def drive(self, name: str, t: float, s: State) -> float:
+        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub."""
+        joint, (_, _, _, rubbing) = self.joints[name], self.motion(t, s)
+        force, moment = self.loads.on_bodies(t, s)
+        for other, size in rubbing.items():
+            if other != name:
+                rub(self.joints[other], s, size, force, moment)
+        held = [(j, self.sequence.held[each] | ({("along", 0)} if each == name else set())) for each, j in self.joints.items()]
+        rows = Constraints(held, self.vehicle).at(s)
+        on_b, _ = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
+        return max(0.0, -joint.apart * float(on_b @ (s.r[joint.a] @ joint.axes[0])))
 
     def value(self, leaf: Leaf, t: float, s: State) -> float:
         """How far a condition on the state is beyond its threshold."""
@@ -109,7 +139,7 @@ class Flight:
         elif what == "angle":
             found = self.joints[which].angle(s)
         else:
-            found = float(np.linalg.norm(self.wrench(which, t, s)[0 if what == "force" else 1]))
+            found = float(np.linalg.norm(self.wrenches(t, s)[which][0 if what == "force" else 1]))
         return found - leaf.threshold
 
     def watched(self) -> list[tuple[Callable[[float, State], float], Callable[[], None]]]:
@@ -159,8 +189,24 @@ class Flight:
     def _height(self, s: State) -> Callable[[str], float]:
         return lambda body: self.vehicle.height(self.t, s, self.vehicle.index[body])
 
+    def _project(self) -> None:
+        """Bring positions and attitudes, then speeds, back onto the constraints: the least change by mass, of some round-off."""
+        for what in ("position", "speed"):
+            s, y = self.state(self.t, self.y), self.y.reshape(-1, SIZE)
+            rows = self.constraints.at(s)
+            off = self.constraints.values(s) if what == "position" else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
+            change = rows.unweighted(rows.change(-off))
+            if what == "position":
+                y[:, 0:3] += change[:, :3]
+                y[:, 6:10] += quaternion_rates(y[:, 6:10], change[:, 3:])
+                y[:, 6:10] /= np.linalg.norm(y[:, 6:10], axis=1)[:, None]
+            else:
+                y[:, 3:6], y[:, 10:13] = y[:, 3:6] + change[:, :3], y[:, 10:13] + change[:, 3:]
+
     def _settle(self) -> None:
         """What happens at this instant, and what the joints hold from now on."""
+        if self.constraints.count:
+            self._project()
         self.loads.set_stretch(self.t + GRAIN)
         s = self.state(self.t, self.y)
         self._settle_held(s)
@@ -204,19 +250,23 @@ class Flight:
             with np.errstate(all="ignore"):
                 solver.step()
             self.steps += 1
+            if solver.status == "failed" and self.jammed:
+                raise Ended("jammed")
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Ended("not-finite")
             before, self.step = solver.t_old, solver.t - solver.t_old
-            dense, start = solver.dense_output() if watched else None, self.y
+            dense, start = solver.dense_output() if watched or self.watch.quantities() else None, self.y
             first, time = self._first(watched, dense, before, solver.t)
             if first is not None:
                 self.t, self.y = self._located(first[0], dense, before, start, time)
             else:
-                self.t, self.y = solver.t, solver.y.copy()
+                self.t, self.y = float(solver.t), solver.y.copy()
             s = self.state(self.t, self.y)
             self.follower.follow(s, self.step)
-            if self.constraints.count:
-                self.drift = max(self.drift, self.constraints.residual(s))
+            self.drift = max(self.drift, self.constraints.residual(s))
+            self.watch.step(dense, before, self.t)
+            if self.motion(self.t, s) and self.jammed:
+                raise Ended("jammed")
             if first is not None:
                 first[1]()
                 return
@@ -284,8 +334,9 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
         "steps": flight.steps, "evaluations": flight.evaluations, "drift": flight.drift,
         "attitude_singular": float(flight.follower.singular),
     }  # fmt: skip
-    outcomes = nothing | (report(flight) if status in ("ok", "never-released") else {})
-    return Flown(status, outcomes, flight.sequence.log, audit)
+    if status not in ("ok", "never-released"):
+        return Flown(status, nothing, flight.sequence.log, audit)
+    return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight))
 
 
 def _is_finite(node: Any) -> bool:

@@ -91,9 +91,7 @@ class Spring:
         act(s, self.a, self.b, self.arm_a, self.arm_b, d if self.axis is not None else None, size * e, force, moment)
 
 
-def act(
-    s: State, a: int, b: int, arm_a: Array, arm_b: Array, across: Array | None, on_b: Array, force: Array, moment: Array
-) -> None:
+def act(s: State, a: int, b: int, arm_a: Array, arm_b: Array, across: Array | None, on_b: Array, force: Array, moment: Array) -> None:
     """Add a force on body b at its point, and the opposite on body a, at its point or, if ``across`` is d, where the line through
     the point of b meets it."""
     force[b] += on_b

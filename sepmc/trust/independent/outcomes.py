@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sepmc.trust.independent.flight import Flight
 
 _SINGULAR = math.radians(89.0)
+_SLOW = 1e-6  # m/s: airspeed below which its direction is not known to 1e-9 of a turn
 
 
 def columns(scene: dict[str, Any]) -> list[str]:
@@ -53,6 +54,18 @@ def _nearest(angle: Any, last: Any) -> Any:
     return angle + 2.0 * math.pi * np.round((last - angle) / (2.0 * math.pi))
 
 
+def vague(flight: "Flight") -> tuple[str, ...]:
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left."""
+    s, found = flight.state(flight.t, flight.y), []
+    for b, name in enumerate(flight.vehicle.names):
+        u = flight.loads.air_velocity(flight.t, s, b)
+        if math.hypot(u[0], u[1]) < _SLOW:
+            found.append(f"{name}_alpha_deg")
+        if np.linalg.norm(u) < _SLOW:
+            found.append(f"{name}_beta_deg")
+    return tuple(found)
+
+
 def report(flight: "Flight") -> dict[str, float]:
     """Outcomes at the end of a flight."""
     vehicle, out = flight.vehicle, {}
@@ -78,4 +91,4 @@ def report(flight: "Flight") -> dict[str, float]:
                 if body in vehicle.names:
                     for axis, rate in zip("xyz", flight.released[name][1][vehicle.index[body]], strict=True):
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
-    return out
+    return out | flight.watch.report()
