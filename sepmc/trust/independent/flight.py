@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from sepmc.trust.independent.constraints import Constraints, Rows
 from sepmc.trust.independent.events import Sequence
 from sepmc.trust.independent.guides import friction, rub
 from sepmc.trust.independent.joints import Joint
-from sepmc.trust.independent.loads import GRAIN, Loads
+from sepmc.trust.independent.loads import GRAIN, Flow, Loads
 from sepmc.trust.independent.outcomes import Follower, columns, report, vague
 from sepmc.trust.independent.roots import first_root
 from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, cross, quaternion_rates
@@ -40,6 +41,11 @@ class Flown:
     events: list[tuple[float, str]] = field(default_factory=list)
     audit: dict[str, float] = field(default_factory=dict)
     vague: tuple[str, ...] = ()
+
+
+Value = Callable[[float, State], float]
+Watched = tuple[Value, Callable[[], None]]
+Dense = Callable[[float], Array]
 
 
 class Ended(Exception):
@@ -142,34 +148,36 @@ class Flight:
             found = float(np.linalg.norm(self.wrenches(t, s)[which][0 if what == "force" else 1]))
         return found - leaf.threshold
 
-    def watched(self) -> list[tuple[Callable[[float, State], float], Callable[[], None]]]:
+    def watched(self) -> list[Watched]:
         """Functions that become positive where something happens, and what then does: conditions, edges of air and of tables."""
-        found: list[tuple[Callable[[float, State], float], Callable[[], None]]] = []
+        found: list[Watched] = []
         for leaf in self.sequence.armed():
             if not leaf.on_time:
-                found.append((lambda t, s, leaf=leaf: self.value(leaf, t, s), lambda leaf=leaf: setattr(leaf, "met", True)))
+                found.append((partial(self.value, leaf), partial(setattr, leaf, "met", True)))
         for flow in self.loads.flows:
-            edges = self.loads.air.edges  # type: ignore[union-attr]
-            for side, edge in ((-1.0, edges[flow.layer]), (1.0, edges[flow.layer + 1])):
-
-                def beyond(t: float, s: State, flow=flow, side=side, edge=edge) -> float:
-                    return side * (self.vehicle.height(t, s, flow.body) - edge) - _EDGE
-
-                found.append((beyond, lambda flow=flow, side=side: self._change_layer(flow, int(side))))
+            for side in (-1, 1):
+                found.append((partial(self._beyond_layer, flow, side, flow.layer), partial(self._change_layer, flow, side)))
             for i in range(2 * len(flow.coefficients.axes)):
-                found.append((lambda t, s, flow=flow, i=i: self._beyond_table(flow, i, t, s), self._leave_table))
+                found.append((partial(self._beyond_table, flow, i), self._leave_table))
         return found
 
-    def _beyond_table(self, flow: Any, i: int, t: float, s: State) -> float:
+    def _edges(self) -> Array:
+        return self.loads.air.edges if self.loads.air else np.zeros(0)
+
+    def _beyond_layer(self, flow: Flow, side: int, layer: int, t: float, s: State) -> float:
+        edge = self._edges()[layer + (side > 0)]
+        return side * (self.vehicle.height(t, s, flow.body) - edge) - _EDGE
+
+    def _beyond_table(self, flow: Flow, i: int, t: float, s: State) -> float:
         _, _, mach, alpha, beta = self.loads.flow(t, s, flow)
         return flow.coefficients.beyond(mach, alpha, beta)[i]
 
     def _leave_table(self) -> None:
         raise Ended("outside-table")
 
-    def _change_layer(self, flow: Any, by: int) -> None:
+    def _change_layer(self, flow: Flow, by: int) -> None:
         flow.layer += by
-        if not 0 <= flow.layer < len(self.loads.air.edges) - 1:  # type: ignore[union-attr]
+        if not 0 <= flow.layer < len(self._edges()) - 1:
             raise Ended("outside-atmosphere")
 
     def _begin(self) -> None:
@@ -178,7 +186,7 @@ class Flight:
         if not self.constraints.residual(s) <= _CONSISTENT:
             raise Ended("inconsistent-start")
         for flow in self.loads.flows:
-            edges, height = self.loads.air.edges, self.vehicle.height(0.0, s, flow.body)  # type: ignore[union-attr]
+            edges, height = self._edges(), self.vehicle.height(0.0, s, flow.body)
             if not edges[0] - _EDGE <= height <= edges[-1] + _EDGE:
                 raise Ended("outside-atmosphere")
             flow.layer = min(max(int(np.searchsorted(edges, height, side="right")) - 1, 0), len(edges) - 2)
@@ -255,7 +263,7 @@ class Flight:
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Ended("not-finite")
             before, self.step = solver.t_old, solver.t - solver.t_old
-            dense, start = solver.dense_output() if watched or self.watch.quantities() else None, self.y
+            dense, start = solver.dense_output() if watched or self.watch.quantities() else _nowhere, self.y
             first, time = self._first(watched, dense, before, solver.t)
             if first is not None:
                 self.t, self.y = self._located(first[0], dense, before, start, time)
@@ -275,16 +283,21 @@ class Flight:
         first = min(self.step, stop - t) if self.step > 0.0 else None
         return DOP853(self.derivative, t, y, stop, rtol=self.rtol, atol=0.01 * self.rtol, first_step=first)
 
-    def _first(self, watched: list, dense: Any, before: float, after: float) -> tuple[Any, float]:
+    def _first(self, watched: list[Watched], dense: Dense, before: float, after: float) -> tuple[Watched | None, float]:
         """The first of what is watched that happens in a step, and when."""
-        first, end = None, after
+        first: Watched | None = None
+        end = after
         for each in watched:
-            root = first_root(lambda t, each=each: each[0](t, self.state(t, dense(t))), before, end)
+            root = first_root(partial(self._along, each[0], dense), before, end)
             if root is not None:
                 first, end = each, root
         return first, end
 
-    def _located(self, value: Callable[[float, State], float], dense: Any, before: float, start: Array, time: float) -> tuple[float, Array]:
+    def _along(self, value: Value, dense: Dense, t: float) -> float:
+        """A function of time and state on a step."""
+        return value(t, self.state(t, dense(t)))
+
+    def _located(self, value: Value, dense: Dense, before: float, start: Array, time: float) -> tuple[float, Array]:
         """Time of a root that a step's interpolation gave, corrected on the integration itself, and the state there."""
         y = self._reach(before, start, time)
         width = 1e-3 * self.step
@@ -337,6 +350,10 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
     if status not in ("ok", "never-released"):
         return Flown(status, nothing, flight.sequence.log, audit)
     return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight))
+
+
+def _nowhere(_: float) -> Array:
+    raise AssertionError("nothing is watched in this step")
 
 
 def _is_finite(node: Any) -> bool:

@@ -68,7 +68,8 @@ def vague(flight: "Flight") -> tuple[str, ...]:
 
 def report(flight: "Flight") -> dict[str, float]:
     """Outcomes at the end of a flight."""
-    vehicle, out = flight.vehicle, {}
+    vehicle = flight.vehicle
+    out: dict[str, float] = {}
     s, first = flight.state(flight.t, flight.y), flight.vehicle.initial
     reference = first["path_reference"] if first["path_reference"] is not None else first["pitch"] - first["alpha"]
     follower = flight.follower

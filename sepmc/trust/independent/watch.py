@@ -2,6 +2,8 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,9 +67,10 @@ class Watch:
         times = np.linspace(start, end, _SAMPLES + 1)
         table = np.array([all_at(t) for t in times])
         for i, what in enumerate(wanted):
-            kinks = self._extremes(what, lambda t, i=i: float(all_at(t)[i]), times, table[:, i])
+            one = partial(_item, all_at, i)
+            kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
-                self.integrals[what] += _integral(lambda t, i=i: float(all_at(t)[i]), [start, *kinks, end])
+                self.integrals[what] += _integral(one, [start, *kinks, end])
 
     def _extremes(self, what: Any, value: Callable[[float], float], times: Array, found: Array) -> list[float]:
         """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a vector may have a kink."""
@@ -78,20 +81,24 @@ class Watch:
             low, high = times[max(i - 1, 0)], times[min(i + 1, len(times) - 1)]
             if not np.isfinite(near).all() or np.ptp(near) == 0.0:
                 continue
-            if found[i] == near.max():
+            if found[i] == near.max() and 2.0 * found[i] - near.min() > self._best(what):
                 top = minimize_scalar(lambda x: -value(x), bounds=(low, high), method="bounded", options={"xatol": 1e-11}).x
                 self._keep(what, value(top), float(top))
-            elif found[i] == near.min() and 0 < i < len(times) - 1 and what in self.integrals:
+            elif found[i] == near.min() and 0 < i < len(times) - 1 and 2.0 * found[i] < near.max() and what in self.integrals:
                 kinks.append(float(minimize_scalar(value, bounds=(low, high), method="bounded", options={"xatol": 1e-13}).x))
         return kinks
 
+    def _best(self, what: Any) -> float:
+        """Greatest value so far. Of a joint load it begins at zero."""
+        return self.peaks.get(what, (0.0 if what in self.integrals else -math.inf, math.nan))[0]
+
     def _keep(self, what: Any, value: float, t: float) -> None:
-        if value > self.peaks.get(what, (0.0 if what in self.integrals else -math.inf, math.nan))[0]:
+        if value > self._best(what):
             self.peaks[what] = value, t
 
     def report(self) -> dict[str, float]:
         """Outcomes under their public names."""
-        out = {}
+        out: dict[str, float] = {}
         for name in self.loads:
             for what, unit in (("force", "N"), ("moment", "N_m")):
                 value, time = self.peaks.get((name, what), (0.0, math.nan))
@@ -105,10 +112,14 @@ class Watch:
         return out
 
 
+def _item(values: Callable[[float], Array], i: int, t: float) -> float:
+    return float(values(t)[i])
+
+
 def _integral(value: Callable[[float], float], ends: list[float]) -> float:
     """Integral by Gauss-Legendre between neighbouring ends."""
     found = 0.0
-    for low, high in zip(ends[:-1], ends[1:], strict=True):
+    for low, high in pairwise(ends):
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         found += half * sum(w * value(middle + half * x) for x, w in zip(_NODES, _WEIGHTS, strict=True))
     return found
