@@ -120,6 +120,8 @@ class Rows:
         mine = np.array([owner == joint.name for owner in self.constraints.owners])
         on_b = self.rows[mine].reshape(-1, self.vehicle.n + 1, 6)[:, joint.b]
         force, moment = (on_b.T @ multipliers[mine]).reshape(2, 3)
+        if not mine[self.constraints.points :].any():  # a force through the point, without the round-off of its moment
+            return force, np.zeros(3)
         r = s.r[joint.b]
         return force, r @ moment - cross(r @ joint.arm_b, force)
 

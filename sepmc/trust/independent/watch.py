@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _SAMPLES = 8  # intervals of a step between which peaks and kinks are sought
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_QUADRATURE, _HALVINGS = 1e-11, 20  # of an impulse so far, by which whole and halves may differ; most halvings
 
 
 class Watch:
@@ -61,16 +62,17 @@ class Watch:
         if not wanted or end <= start:
             return
 
+        @cache
         def all_at(t: float) -> Array:
             return self.values(t, self.flight.state(t, dense(t)), wanted)
 
         times = np.linspace(start, end, _SAMPLES + 1)
-        table = np.array([all_at(t) for t in times])
+        table = np.array([all_at(float(t)) for t in times])
         for i, what in enumerate(wanted):
             one = partial(_item, all_at, i)
             kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
-                self.integrals[what] += _integral(one, [start, *kinks, end])
+                self.integrals[what] += sum(_integral(one, *ends, self.integrals[what]) for ends in pairwise([start, *kinks, end]))
 
     def _extremes(self, what: Any, value: Callable[[float], float], times: Array, found: Array) -> list[float]:
         """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a vector may have a kink."""
@@ -116,10 +118,17 @@ def _item(values: Callable[[float], Array], i: int, t: float) -> float:
     return float(values(t)[i])
 
 
-def _integral(value: Callable[[float], float], ends: list[float]) -> float:
-    """Integral by Gauss-Legendre between neighbouring ends."""
-    found = 0.0
-    for low, high in pairwise(ends):
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        found += half * sum(w * value(middle + half * x) for x, w in zip(_NODES, _WEIGHTS, strict=True))
-    return found
+def _integral(value: Callable[[float], float], low: float, high: float, so_far: float, whole: float | None = None, depth: int = 0) -> float:
+    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size near zero are sharp."""
+    middle = 0.5 * (low + high)
+    whole = _gauss(value, low, high) if whole is None else whole
+    halves = _gauss(value, low, middle), _gauss(value, middle, high)
+    if depth == _HALVINGS or abs(sum(halves) - whole) <= _QUADRATURE * (so_far + whole):
+        return sum(halves)
+    first = _integral(value, low, middle, so_far, halves[0], depth + 1)
+    return first + _integral(value, middle, high, so_far + first, halves[1], depth + 1)
+
+
+def _gauss(value: Callable[[float], float], low: float, high: float) -> float:
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    return half * sum(float(w) * value(middle + half * float(x)) for x, w in zip(_NODES, _WEIGHTS, strict=True))
