@@ -20,8 +20,18 @@ from sepmc.trust.independent.flight import Flight
 from sepmc.trust.independent.joints import rows_of
 from sepmc.trust.independent.roots import first_root
 
-RETRO = {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}  # 2 m/s2 on the aft body alone
-UP = {"initial.alpha_deg": -90.0, "initial.speed_m_s": 10.0, "environment.gravity": "constant"}  # level, and climbing
+RETRO = {
+    "name": "retro",
+    "body": "aft",
+    "thrust_N": 2.0,
+    "station_m": 3.0,
+    "cant_deg": 180.0,
+}  # 2 m/s2 on the aft body alone
+UP = {
+    "initial.alpha_deg": -90.0,
+    "initial.speed_m_s": 10.0,
+    "environment.gravity": "constant",
+}  # level, and climbing
 G = 9.80665
 
 
@@ -69,14 +79,21 @@ def test_against_the_general_kernel(name):
 
 def test_stroke_of_a_pushed_body(pair):
     """2 m/s2: 90 mm after 0.3 s."""
-    settings = {"motor": [RETRO], "phase": phases(("slider", {"joint": "pins", "stroke_mm": 90.0}), ("free", None))}
+    settings = {
+        "motor": [RETRO],
+        "phase": phases(("slider", {"joint": "pins", "stroke_mm": 90.0}), ("free", None)),
+    }
     assert_allclose(released(pair, settings), 0.3, rtol=0, atol=1e-13)
 
 
 def test_late_joint(pair):
     """The phase ends at 0.1 s and the joint lets go 0.05 s later; the next phase's stroke of 10 mm is awaited meanwhile."""
     settings = {"motor": [RETRO], "joint.pins.delay_s": 0.05}
-    steps = ("slider", {"time_s": 0.1}), ("point-on-line", {"joint": "pins", "stroke_mm": 12.25}), ("free", None)
+    steps = (
+        ("slider", {"time_s": 0.1}),
+        ("point-on-line", {"joint": "pins", "stroke_mm": 12.25}),
+        ("free", None),
+    )
     found, events = flown(pair(settings | {"phase": phases(*steps)}))
     ends = {what: time for time, what in events}
     assert_allclose(ends["phase p1 ended"], math.sqrt(0.01225), rtol=0, atol=1e-13)
@@ -85,7 +102,12 @@ def test_late_joint(pair):
 
 def test_conditions_already_met(pair):
     """A stroke of nothing and a time gone by end their phases as they begin."""
-    steps = ("fixed", {"time_s": 0.2}), ("slider", {"time_s": 0.1}), ("point-on-line", {"joint": "pins", "stroke_mm": 0.0}), ("free", None)
+    steps = (
+        ("fixed", {"time_s": 0.2}),
+        ("slider", {"time_s": 0.1}),
+        ("point-on-line", {"joint": "pins", "stroke_mm": 0.0}),
+        ("free", None),
+    )
     case = pair({"phase": phases(("fixed", {"time_s": 0.2}), ("slider", {"time_s": 0.3}), *steps[2:])}).nominal().to_dict()
     case["phase"][1]["until"]["time"] = 0.1
     assert fly(case).outcomes["release_time_s"] == 0.2
@@ -108,7 +130,10 @@ def test_any_and_all(pair, any_or_all, expected):
 def test_height_from_above_and_below(pair):
     """Thrown up at 10 m/s: the first body passes 1 m above its start on the way up, and half a metre on the way down."""
     up, down = ({"body": "fore", "altitude_m": height} for height in (1001.0, 1000.5))
-    settings = UP | {"phase": phases(("slider", up), ("point-on-line", down), ("free", None)), "run.end_time_s": 3.0}
+    settings = UP | {
+        "phase": phases(("slider", up), ("point-on-line", down), ("free", None)),
+        "run.end_time_s": 3.0,
+    }
     _, events = flown(pair(settings))
     times = [(10.0 + sign * math.sqrt(100.0 - 2.0 * G * rise)) / G for sign, rise in ((-1.0, 1.0), (1.0, 0.5))]
     assert_allclose([time for time, what in events if "ended" in what], times, rtol=0, atol=1e-12)
@@ -124,7 +149,14 @@ def test_break_load(pair):
 def test_thrust_from_ignition_to_tail_off(pair):
     """Speed gained: the integral of build-up times profile over the burn, then of the tail, over 1 kg."""
     profile = {"time_s": [0.0, 0.1, 0.3], "fraction": [0.2, 1.0, 0.5]}
-    motor = RETRO | {"build_up_s": 0.04, "ignition_s": 0.03, "delay_s": 0.02, "burn_s": 0.2, "tail_off_s": 0.05, "profile": profile}
+    motor = RETRO | {
+        "build_up_s": 0.04,
+        "ignition_s": 0.03,
+        "delay_s": 0.02,
+        "burn_s": 0.2,
+        "tail_off_s": 0.05,
+        "profile": profile,
+    }
     found, _ = flown(pair({"motor": [motor], "phase": phases(("free", None))}))
 
     def thrust(t):
@@ -137,7 +169,12 @@ def test_thrust_from_ignition_to_tail_off(pair):
 @pytest.mark.parametrize("axis", [None, [-1.0, 0.0, 0.0]])
 def test_spring_to_its_stroke(pair, axis):
     """24 N less 100 N/m over 0.2 m, between 3 kg and 1 kg: energy 24 x 0.2 - 50 x 0.04 = 2.8 J; speed sqrt(2 E / 0.75 kg)."""
-    spring = {"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "second_point_m": [2.3, 0.0, 0.0]}
+    spring = {
+        "name": "push",
+        "bodies": ["fore", "aft"],
+        "point_m": [2.0, 0.0, 0.0],
+        "second_point_m": [2.3, 0.0, 0.0],
+    }
     spring |= {"force_N": 24.0, "stiffness_N_per_m": 100.0, "stroke_mm": 200.0} | ({"axis": axis} if axis else {})
     found, _ = flown(pair({"spring": [spring], "phase": phases(("slider", None))}))
     assert_allclose(found["separation_speed_m_s"], math.sqrt(2.0 * 2.8 / 0.75), rtol=1e-12)
@@ -145,7 +182,14 @@ def test_spring_to_its_stroke(pair, axis):
 
 def test_load_from_start_to_end(pair):
     """3 N in ground axes across a body of 1 kg that pitches at 1 rad/s, for 0.2 s: 0.6 m/s upward whatever its attitude."""
-    load = {"name": "side", "body": "aft", "force_N": [0.0, 3.0, 0.0], "frame": "ground", "start_s": 0.1, "end_s": 0.3}
+    load = {
+        "name": "side",
+        "body": "aft",
+        "force_N": [0.0, 3.0, 0.0],
+        "frame": "ground",
+        "start_s": 0.1,
+        "end_s": 0.3,
+    }
     turning = {"initial.omega_rad_s": [0.0, 0.0, 1.0], "run.end_time_s": 0.5}
     found, _ = flown(pair(turning | {"load": [load], "phase": phases(("free", None))}))
     still, _ = flown(pair(turning | {"phase": phases(("free", None))}))
@@ -166,7 +210,10 @@ def test_turns_are_counted(pair):
         ({"body.fore.mass": -1.0}, "invalid-input"),
         ({"body.fore.inertia_products": (9.0, 0.0, 0.0)}, "invalid-input"),
         ({"body.fore.mass": math.nan}, "invalid-input"),
-        ({"joint.pins.bodies": ("ground", "aft"), "initial.omega": (0.0, 1.0, 0.0)}, "inconsistent-start"),
+        (
+            {"joint.pins.bodies": ("ground", "aft"), "initial.omega": (0.0, 1.0, 0.0)},
+            "inconsistent-start",
+        ),
     ],
 )
 def test_statuses(pair, settings, status):
@@ -192,7 +239,11 @@ def test_beyond_the_atmosphere(table2):
 
 def test_what_is_not_known_is_refused(pair):
     case = pair().nominal().to_dict()
-    for place, table in (("scene", case), ("body.fore", case["body"]["fore"]), ("joint.pins", case["joint"]["pins"])):
+    for place, table in (
+        ("scene", case),
+        ("body.fore", case["body"]["fore"]),
+        ("joint.pins", case["joint"]["pins"]),
+    ):
         table["novelty"] = 1.0
         with pytest.raises(ValueError, match=rf"{place}.novelty"):
             fly(case)
@@ -209,7 +260,19 @@ def test_a_joint_only_lets_go():
     assert not is_less(rows_of("fixed", {}), rows_of("slider", {}))
 
 
-KINDS = ["fixed", "slider", "revolute", "cylindrical", "universal", "spherical", "planar", "point-on-line", "point-on-plane", "rod", "own"]
+KINDS = [
+    "fixed",
+    "slider",
+    "revolute",
+    "cylindrical",
+    "universal",
+    "spherical",
+    "planar",
+    "point-on-line",
+    "point-on-plane",
+    "rod",
+    "own",
+]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -221,7 +284,7 @@ def test_rates_are_those_of_the_constraints(kind):
     flight = _flight(case)
     rng = np.random.default_rng(1)
     y = flight.y + 0.3 * rng.standard_normal(flight.y.shape)
-    constraints: Constraints = flight.constraints
+    constraints: Constraints = flight.motion.constraints
     step = 1e-5
 
     def at(h):

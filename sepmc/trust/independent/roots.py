@@ -19,7 +19,12 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
                 continue
             if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:  # too far below for a smooth peak to reach
                 continue
-            high = minimize_scalar(lambda t: -value(t), bounds=(low, times[i + 1]), method="bounded", options={"xatol": 1e-12}).x
+            high = minimize_scalar(
+                lambda t: -value(t),
+                bounds=(low, times[i + 1]),
+                method="bounded",
+                options={"xatol": 1e-12},
+            ).x
             if value(high) < 0.0:
                 continue
         while low > start and value(low) >= 0.0:
