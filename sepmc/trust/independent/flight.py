@@ -247,7 +247,7 @@ class Flight:
             off = value(time, self.state(time, y))
             if not slope > 0.0 or not abs(off) < slope * width or abs(off) < 1e-15 * slope:
                 break
-            time = max(before, time - off / slope)
+            time = max(before, float(time - off / slope))
             y = self._reach(before, start, time)
         return time, y
 

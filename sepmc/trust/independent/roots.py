@@ -10,7 +10,7 @@ _SAMPLES = 8  # of a step in which a function is looked at; peaks between them a
 
 def first_root(value: Callable[[float], float], start: float, end: float) -> float | None:
     """First time in (start, end] at which ``value`` is not negative, or None. It is negative at the start."""
-    times = np.linspace(start, end, _SAMPLES + 1)
+    times = np.linspace(start, end, _SAMPLES + 1).tolist()
     found = [value(t) for t in times]
     for i in range(1, _SAMPLES + 1):
         low, high = times[i - 1], times[i]
@@ -19,7 +19,7 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
                 continue
             if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:  # too far below for a smooth peak to reach
                 continue
-            high = minimize_scalar(
+            high = float(minimize_scalar(
                 lambda t: -value(t),
                 bounds=(low, times[i + 1]),
                 method="bounded",
