@@ -19,15 +19,16 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
                 continue
             if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:  # too far below for a smooth peak to reach
                 continue
-            high = float(minimize_scalar(
-                lambda t: -value(t),
-                bounds=(low, times[i + 1]),
-                method="bounded",
-                options={"xatol": 1e-12},
-            ).x
+            high = _peak(value, low, times[i + 1])
             if value(high) < 0.0:
                 continue
         while low > start and value(low) >= 0.0:
             low -= 0.5 * (end - start) / _SAMPLES
         return float(brentq(value, low, high, xtol=1e-15)) if value(low) < 0.0 else float(low)
     return None
+
+
+def _peak(value: Callable[[float], float], low: float, high: float) -> float:
+    """Time of the greatest value between two times."""
+    found = minimize_scalar(lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+    return float(found.x)
