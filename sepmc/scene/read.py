@@ -158,7 +158,7 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
             corner = {}
             for axis, dispersion in enumerate(axes):
                 if dispersion is not None:
-                    bound = dispersion.support[1 if axis == heavy else 0] * dispersion.parameter.factor
+                    bound = dispersion.reach[1 if axis == heavy else 0] * dispersion.parameter.factor
                     corner[dispersion.parameter.path] = bound
             fault = inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             if fault:
