@@ -20,7 +20,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status
 from sepmc.search import Search, usual_phases
-from sepmc.settle import FIRST, changes, fly_general, settled_step
+from sepmc.settle import FIRST, HALVINGS, changes, fly_general, settled_step
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -123,6 +123,7 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         return None
     units = [c.unit for c in campaign.outcome_columns]
     goal = SAFE * campaign.scene.solver.accuracy
+    beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
@@ -131,6 +132,7 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
     few, sound = flown(np.full(len(usual), _SPREAD_STEPS), np.vstack([tried[:1], drawn[: (len(drawn) + 1) // 2]]))
     scale = scales(few[sound], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
+        tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal)
         steps = search.fewest(len(usual))
         if steps is None:
@@ -138,10 +140,9 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         worst = found.max(axis=1, initial=0.0)
-        beyond = np.argsort(worst)[::-1][: min(_WORST, np.count_nonzero(worst > goal))]
+        beyond = _beyond(worst, search.goal)
         if not len(beyond):
             break
-        tried = np.vstack([tried, drawn[beyond]])
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
     count = int(np.count_nonzero(fair & finely)) + search.count
     told = achieved(campaign, largest, count)
@@ -149,29 +150,43 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
     return Flight([], kernel, steps, usual, None, scale, float(largest.max(initial=0.0)), told, nominal)
 
 
+def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
+    """The worst of the cases whose errors (n,) are larger than the goal."""
+    return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
+
+
 def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
     """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given."""
     columns, given = campaign.outcome_columns, campaign.scene.solver.step
     units, decides = [c.unit for c in columns], decisive(columns)
-    drawn = sample(campaign, SAMPLE // _OF_GENERAL)
-    draws = np.vstack([corners(campaign), drawn]) if campaign.file.dispersions else np.empty((1, 0))
-    own, every = scene_scales(campaign.scene, units), np.arange(len(draws))
+    tried = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
+    drawn = sample(campaign, SAMPLE // _OF_GENERAL if campaign.file.dispersions else 0)
+    own, goal = scene_scales(campaign.scene, units), SAFE * campaign.scene.solver.accuracy
 
-    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block = fly_general(campaign, step, draws[which])
+    def flown(step: float, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = fly_general(campaign, step, draws)
         return block.outcomes[:, : len(units)].copy(), block.status
 
-    def scale(outcomes: np.ndarray) -> np.ndarray:
-        return scales(outcomes, units, own, deviation(outcomes[len(draws) - len(drawn) :]))
-
-    goal = SAFE * campaign.scene.solver.accuracy
-    step = given or settled_step(flown, len(draws), campaign.scene.run.end_time / FIRST, goal, scale, decides)
-    one, two = flown(step, every), flown(0.5 * step, every)
-    size = scale(two[0])
-    largest = changes(*one, *two, size, decides).max(axis=0)
+    step = given or campaign.scene.run.end_time / FIRST
+    least = step / 2.0**HALVINGS
+    spread = deviation(flown(step, np.vstack([tried[:1], drawn]))[0])
+    for _ in range(_ROUNDS):
+        if not given:
+            step = settled_step(flown, tried, step, least, goal, lambda outcomes: scales(outcomes, units, own, spread), decides)
+        draws = np.vstack([tried, drawn])
+        one, two = flown(step, draws), flown(0.5 * step, draws)
+        spread = deviation(two[0][len(tried) :])
+        scale = scales(two[0], units, own, spread)
+        found = changes(*one, *two, scale, decides)
+        worst = found[:, decides].max(axis=1, initial=0.0)
+        beyond = _beyond(worst[len(tried) :], max(goal, worst[: len(tried)].max()))
+        if given or step < 2.0 * least or not len(beyond):
+            break
+        tried = np.vstack([tried, drawn[beyond]])
+    largest = found.max(axis=0)
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
-    return Flight(why, None, None, None, step, size, float(largest[decides].max(initial=0.0)), told, nominal)
+    return Flight(why, None, None, None, step, scale, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 __all__ = [

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sepmc.campaign import Campaign
 
 FIRST = 8  # steps of a flight that are tried first
-_HALVINGS = 10
+HALVINGS = 9  # at most
 _AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
 _PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
 
@@ -65,7 +65,7 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-    for _ in range(_HALVINGS):
+    for _ in range(HALVINGS):
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
@@ -101,15 +101,22 @@ def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
     return float(found.step[0]), [f"{told} that was asked, however short the step: the error of this case is about as large"]
 
 
-def settled_step(fly: Fly, count: int, step: float, goal: float, scale: Callable[[np.ndarray], np.ndarray], decides: np.ndarray) -> float:
-    """Longest step, s, of ``step``, half of it, ..., at which halving it changes no outcome of ``count`` cases by more than the goal.
+def settled_step(
+    fly: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    draws: np.ndarray,
+    step: float,
+    least: float,
+    goal: float,
+    scale: Callable[[np.ndarray], np.ndarray],
+    decides: np.ndarray,
+) -> float:
+    """Longest step, s, of ``step``, half of it, ..., at which halving it changes no outcome of ``draws`` (n, d) by more than the goal.
 
-    If an outcome never comes so far, the step is no longer than the one at which it changes least.
+    None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
     """
-    every = np.arange(count)
-    steps, table, before = [], [], fly(step, every)
-    for _ in range(_HALVINGS):
-        now = fly(0.5 * step, every)
+    steps, table, before = [], [], fly(step, draws)
+    while step >= least:
+        now = fly(0.5 * step, draws)
         steps.append(step)
         table.append(changes(*before, *now, scale(now[0]), decides)[:, decides].max(axis=0, initial=0.0))
         if ((table[-1] <= goal) | _stopped(np.array(table))).all():
