@@ -110,7 +110,7 @@ class Chunks:
         t1 = clock()
         block = fly(campaign, self.flight, drawn * campaign.factors, self.room, self.announce)
         if block.lost:
-            self.left, self.unsettled = self.left + block.lost.cases, self.unsettled + block.lost.unsettled
+            self.left, self.unsettled = self.left + len(block.lost.which), self.unsettled + block.lost.unsettled
             self._change = np.maximum(self._change, block.lost.change)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1

@@ -19,10 +19,10 @@ from sepmc.schema import Status
 
 @dataclass
 class Lost:
-    """Cases that a specialised kernel could not vouch for: how many, how many of them no step of the general kernel settled, and the
+    """Cases that a specialised kernel could not vouch for: which, how many of them no step of the general kernel settled, and the
     largest change (o,) of outcomes by the last halvings of their steps."""
 
-    cases: int
+    which: np.ndarray
     unsettled: int
     change: np.ndarray
 

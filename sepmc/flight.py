@@ -9,6 +9,7 @@ import numpy as np
 
 from sepmc.accuracy import Achieved, decisive, scene_scales
 from sepmc.door import Block, Lost, fly_specialised, warm_up
+from sepmc.schema import Status
 from sepmc.settle import fly_general, settle
 
 if TYPE_CHECKING:
@@ -77,4 +78,5 @@ def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int
     step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
     scale = 1e-4 * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     found = settle(flown, len(lost), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
-    return Lost(len(lost), int(np.count_nonzero(~found.settled)), found.change.max(axis=0, initial=0.0))
+    ok = found.status == Status.OK
+    return Lost(lost, int(np.count_nonzero(ok & ~found.settled)), found.change[ok].max(axis=0, initial=0.0))

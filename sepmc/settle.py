@@ -12,7 +12,7 @@ from sepmc.compiler.plan import make_plan
 from sepmc.door import Block, fly_block
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.scene.model import Scene
-from sepmc.schema import Column
+from sepmc.schema import Column, Status
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -20,7 +20,11 @@ if TYPE_CHECKING:
 FIRST = 8  # steps of a flight that are tried first
 HALVINGS = 9  # at most
 _AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
+DEEP = 16  # times finer are a few cases flown once more: what is shorter than a step, neither it nor its half may see
 _PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
+
+_FLOWN = (Status.OK, Status.NEVER_RELEASED)
+_TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED)  # a shorter step may help
 
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
 
@@ -35,9 +39,11 @@ def fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, roo
 
 @dataclass
 class Settled:
-    """Steps (n,) in s at which cases were flown last, what the last halvings changed, (n, o), and whether that has settled, (n,)."""
+    """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the last halvings changed, (n, o), and
+    whether that has settled, (n,)."""
 
     step: np.ndarray
+    status: np.ndarray
     change: np.ndarray
     settled: np.ndarray
 
@@ -45,11 +51,11 @@ class Settled:
 def changes(
     found: np.ndarray, status: np.ndarray, finer: np.ndarray, finer_status: np.ndarray, scale: np.ndarray, decides: np.ndarray
 ) -> np.ndarray:
-    """Errors (n, o) of outcomes against those at a finer resolution. A case that ends otherwise there is infinitely wrong in what
-    ``decides`` (o,); one that does not reach the end in either has no error."""
+    """Errors (n, o) of outcomes against those at a finer resolution. In what ``decides`` (o,), a case that ends otherwise there is
+    infinitely wrong, and one that both steps are too long for is wrong altogether. A case that cannot be flown has no error."""
     table = errors(found, finer, scale)
-    flown = (status == schema.Status.OK) | (status == schema.Status.NEVER_RELEASED)
-    table[(status == finer_status) & ~flown] = 0.0
+    table[(status == finer_status) & ~np.isin(status, _FLOWN)] = 0.0
+    table[np.ix_((status == finer_status) & np.isin(status, _TOO_LONG), decides)] = 1.0
     table[np.ix_(status != finer_status, decides)] = np.inf
     return table
 
@@ -72,13 +78,13 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
         stale[left] = np.where(worst <= 0.5 * least[left], 0, stale[left] + 1)
-        least[left] = np.minimum(worst, least[left])
+        least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
         outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now
         left = left[(agreed[left] < _AGREEMENTS) & (stale[left] < _PATIENCE)]
         if not len(left):
             break
-    return Settled(steps, change, agreed >= _AGREEMENTS)
+    return Settled(steps, status, change, agreed >= _AGREEMENTS)
 
 
 def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
@@ -90,15 +96,24 @@ def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
         block = fly_block(make_plan(scene, step=step), none, np.empty((len(which), 0)), 0, 0, NO_HISTORY)
         return block.outcomes[:, : len(units)], block.status
 
-    first, one = scene.run.end_time / FIRST, np.zeros(1, dtype=np.int64)
-    scale = scales(flown(first, one)[0], units, scene_scales(scene, units))
-    found = settle(flown, 1, first, scene.solver.accuracy, scale, decides)
-    if found.settled[0]:
-        return float(found.step[0]), []
-    change = np.where(decides, found.change[0], 0.0)
+    step, one, goal = scene.run.end_time / FIRST, np.zeros(1, dtype=np.int64), scene.solver.accuracy
+    least = step / 2.0**HALVINGS
+    scale = scales(flown(step, one)[0], units, scene_scales(scene, units))
+    while True:
+        found = settle(flown, 1, step, goal, scale, decides)
+        step = float(found.step[0])
+        deep = changes(*flown(step, one), *flown(step / DEEP, one), scale, decides)[0]
+        change = np.where(decides, np.maximum(deep, found.change[0]), 0.0)
+        if found.settled[0] and change.max() <= goal:
+            return step, []
+        step /= DEEP if found.settled[0] else 2.0
+        if step < least:
+            break
     worst = int(change.argmax())
-    told = f"halving the step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {scene.solver.accuracy:g}"
-    return float(found.step[0]), [f"{told} that was asked, however short the step: the error of this case is about as large"]
+    return 2.0 * step, [
+        f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
+        "asked, however short the step: the error of this case is about as large"
+    ]
 
 
 def settled_step(
@@ -124,7 +139,7 @@ def settled_step(
         before, step = now, 0.5 * step
     found = np.array(table)
     met = found <= goal
-    best = np.where(met.any(axis=0), met.argmax(axis=0), found.argmin(axis=0))
+    best = np.where(met.any(axis=0), met.argmax(axis=0), len(found) - 1 - found[::-1].argmin(axis=0))
     return steps[int(best.max(initial=0))]
 
 

@@ -53,7 +53,7 @@ VARIANTS = {
     ),
     "a joint that stays shut": ("table2", {"phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}),
 }
-SECONDS = 60.0  # about that long may the reference take
+SECONDS = 30.0  # about that long may the reference take
 
 
 def measure(name, campaign, count):
@@ -73,6 +73,10 @@ def measure(name, campaign, count):
     sharp = trial.sharper().sharper().sharper()
     reference = fly(fine, sharp, draws)
     own = fly(campaign, trial, draws)
+    if own.lost:  # at more steps the specialised kernel flies some of them, badly
+        which = own.lost.which
+        left = fly(fine, trial, draws[which])
+        reference.outcomes[which], reference.status[which] = left.outcomes, left.status
     columns = campaign.outcome_columns
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]
@@ -87,7 +91,7 @@ def measure(name, campaign, count):
     asked = "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     failed = ratio < 1 / 3 or (asked.endswith(" met") and true[worst] > told.asked)
     how = trial.steps.tolist() if trial.steps is not None else f"{trial.step:.4g} s"
-    lost = f", {own.lost.cases} left ({own.lost.unsettled} unsettled)" if own.lost else ""
+    lost = f", {len(own.lost.which)} left ({own.lost.unsettled} unsettled)" if own.lost else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} ({columns[worst].name}) | {ratio:.2g} | "
