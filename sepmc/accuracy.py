@@ -17,8 +17,10 @@ SMALL = 1e-4  # of the largest outcome of the same unit, and of the scene's own 
 SAFETY = 2.0  # errors are told so many times as large as trial cases show them, for the cases that were not tried
 # Where and when an extreme lies is as uncertain as the extreme is flat, and whether outlines met is yes
 # or no: no step settles these.
-_PLACES = ("_peak_force_time_s", "_peak_moment_time_s", "_clearance_time_s")
-_PLACES += ("_clearance_station_m", "_clearance_y_m", "_clearance_z_m", "_recontact")
+_PLACES = (
+    *("_peak_force_time_s", "_peak_moment_time_s", "_clearance_time_s"),
+    *("_clearance_station_m", "_clearance_y_m", "_clearance_z_m", "_recontact"),
+)
 
 
 def scene_scales(scene: Scene, units: Iterable[str]) -> np.ndarray:

@@ -4,6 +4,7 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 """
 
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -135,9 +136,10 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal)
-        steps = search.fewest(len(usual))
-        if steps is None:
+        fewest = search.fewest(len(usual))
+        if fewest is None:
             return None
+        steps = fewest
         (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         worst = found.max(axis=1, initial=0.0)
@@ -173,14 +175,15 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
     spread = deviation(flown(step, np.vstack([tried[:1], drawn]))[0])
     for number in range(_ROUNDS):
         if not given:
-            step = settled_step(flown, tried, step, least, goal, lambda outcomes: scales(outcomes, units, own, spread), decides)
+            size = partial(scales, units=units, scene_scale=own, spread=spread)
+            step = settled_step(flown, tried, step, least, goal, size, decides)
         draws = np.vstack([tried, drawn])
         one, two = flown(step, draws), flown(0.5 * step, draws)
         spread = deviation(two[0][len(tried) :])
         scale = scales(two[0], units, own, spread)
         found = changes(*one, *two, scale, decides)
-        few = [x[:_FEW] for x in one]
-        found[:_FEW] = np.maximum(found[:_FEW], changes(*few, *flown(step / DEEP, draws[:_FEW]), scale, decides))
+        deep = changes(one[0][:_FEW], one[1][:_FEW], *flown(step / DEEP, draws[:_FEW]), scale, decides)
+        found[:_FEW] = np.maximum(found[:_FEW], deep)
         worst = found[:, decides].max(axis=1, initial=0.0)
         beyond = _beyond(worst[len(tried) :], goal)
         if given or step < 4.0 * least or worst.max() <= goal or number == _ROUNDS - 1:

@@ -55,6 +55,7 @@ def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
             first, second = scene.joint[name].bodies
             found.append(
                 f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of {first} from which it should separate "
-                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring the other way round, or joint.{name}.apart?"
+                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring the other way round, or "
+                f"joint.{name}.apart?"
             )
     return found

@@ -49,7 +49,12 @@ VARIANTS = {
     "climbs fast through a layer": ("table2", {"initial.altitude_m": 70500.0, "initial.pitch_deg": 20.0}),
     "climbs into a layer of another kind": (
         "table2",
-        {"initial.altitude_m": 50900.0, "initial.speed_m_s": 1500.0, "initial.pitch_deg": 30.0, "dispersion.initial.altitude_m": {"uniform": 150.0}},
+        {
+            "initial.altitude_m": 50900.0,
+            "initial.speed_m_s": 1500.0,
+            "initial.pitch_deg": 30.0,
+            "dispersion.initial.altitude_m": {"uniform": 150.0},
+        },
     ),
     "a joint that stays shut": ("table2", {"phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}),
 }

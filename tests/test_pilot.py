@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
-from sepmc import cases, cli, pilot
+from sepmc import cases, chunks, cli, flight, pilot, search
 from sepmc.accuracy import scene_scales
 from sepmc.compiler.plan import make_plan
 from sepmc.door import fly_block
@@ -342,3 +342,59 @@ def test_sepmc_load_is_not_slowed(table2):
     campaign = sepmc.load("table2")
     assert "plan" not in campaign.__dict__
     assert campaign.digest == table2.digest
+
+
+def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
+    """The error is known before the flight: leaving a run flies no case more, and what is left behind tells it all the same."""
+    calls = []
+    monkeypatch.setattr(chunks, "fly", lambda *given: calls.append("flown") or pilot.fly(*given))
+
+    def stop(done, total, failures):
+        if done:
+            calls.append("stopped")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        table2.run(cases=2000, out=tmp_path / "run", progress=stop)
+    assert calls == ["flown", "stopped"]
+    written = told(tmp_path / "run", "manifest.json")
+    assert written["complete"] is False
+    assert 0.0 < written["accuracy"]["achieved"] <= 1e-9
+    resumed = table2.run(cases=2000, out=tmp_path / "run", resume=True)
+    assert resumed.accuracy.errors == written["accuracy"]["errors"]
+
+
+def test_a_kernel_that_lost_cases_need_is_announced(table2, monkeypatch):
+    """The first case left to the general kernel may have it compiled: whoever listens is told, in the middle of a flight too."""
+    heard = []
+    monkeypatch.setattr(flight, "warm_up", lambda announce=None: announce("compiling"))
+    name = next(name for name in HARD if "left" in name)
+    table2.with_settings({"run.history_step_s": 0.0} | HARD[name]).run(cases=100, announce=heard.append)
+    assert "compiling" in heard
+
+
+def test_lost_cases_enter_the_error_that_is_told(table2, tmp_path):
+    """And are counted, with those that no step settles."""
+    name = next(name for name in HARD if "left" in name)
+    result = table2.with_settings({"run.history_step_s": 0.0} | HARD[name]).run(cases=2000, out=tmp_path / "run")
+    written = told(tmp_path / "run", "manifest.json")["accuracy"]
+    assert written["left_cases"] > 50
+    assert written["unsettled_cases"] == 0
+    assert result.accuracy.worst[1] > result.flight.achieved.worst[1]
+
+
+def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
+    """No number of steps below the most allowed meets the goal: as many as bring the cases to what the reference settles to, and said."""
+    monkeypatch.setattr(search, "_MOST_STEPS", 16)
+    settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "rk4"}
+    result = table2.with_settings(settings).run(cases=20)
+    coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
+    assert result.flight.why == []
+    assert (result.flight.steps >= coarse.flight.steps).all()
+    assert result.flight.steps.sum() > 1.5 * coarse.flight.steps.sum()
+    assert not result.accuracy.met
+    assert result.accuracy.worst[1] > 1e-12
+    (note,) = result.notes
+    name, error = result.accuracy.worst
+    for part in ("accuracy 1e-12", f"{error:.1e}", name, "solver.accuracy"):
+        assert part in note
