@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from sepmc.campaign import Campaign
 
 CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
-SAMPLE = 1024  # trial cases drawn from the laws; their check takes 4 ms on table2
-_OF_GENERAL = 16  # the general kernel takes a thousand times as long: it flies one sixteenth of the sample
+SAMPLE = 512  # trial cases drawn from the laws
+_OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
-_SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread
+_SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
@@ -131,7 +131,7 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
-    few, sound = flown(np.full(len(usual), _SPREAD_STEPS), np.vstack([tried[:1], drawn[: (len(drawn) + 1) // 2]]))
+    few, sound = flown(np.full(len(usual), _SPREAD_STEPS), np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]))
     scale = scales(few[sound], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
