@@ -57,8 +57,7 @@ def corners(campaign: "Campaign") -> np.ndarray:
     laws = campaign.file.dispersions
     count = max([CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.law == "discrete")])
     random = np.random.Generator(np.random.Philox(key=20))
-    tosses = random.integers(0, 2, (CORNERS, max(1, len(laws))))
-    tosses = np.resize(tosses, (count, tosses.shape[1])) if CORNERS else tosses
+    tosses = np.resize(random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws))))
     table = np.empty((count + 1, len(laws)), order="F")
     for i, law in enumerate(laws):
         u = np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)
@@ -120,7 +119,7 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
 def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
-    usual = usual_phases(campaign, kernel, tried)
+    first, usual = len(tried), usual_phases(campaign, kernel, tried)
     if usual is None:
         return None
     units = [c.unit for c in campaign.outcome_columns]
@@ -147,7 +146,7 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         if not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    count = int(np.count_nonzero(fair & finely)) + search.count
+    count = int(np.count_nonzero(fair & finely) + np.count_nonzero(search.fair[:first]))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
     return Flight([], kernel, steps, usual, None, scale, float(largest.max(initial=0.0)), told, nominal)

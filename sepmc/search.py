@@ -40,11 +40,6 @@ class Search:
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
-    @property
-    def count(self) -> int:
-        """Number of cases that are compared."""
-        return int(np.count_nonzero(self.fair))
-
     def fewest(self, phases: int) -> np.ndarray | None:
         """Fewest steps (phases,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
 

@@ -58,7 +58,7 @@ VARIANTS = {
     ),
     "a joint that stays shut": ("table2", {"phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}),
 }
-SECONDS = 30.0  # about that long may the reference take
+SECONDS = 20.0  # about that long may the reference take
 
 
 def measure(name, campaign, count):

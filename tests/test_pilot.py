@@ -398,3 +398,14 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
     name, error = result.accuracy.worst
     for part in ("accuracy 1e-12", f"{error:.1e}", name, "solver.accuracy"):
         assert part in note
+
+
+@pytest.mark.parametrize(("corners", "sample"), [(0, 0), (1, 1), (3, 4)])
+@pytest.mark.parametrize("settings", [{}, {"solver.step_s": 0.05}], ids=["fast", "step"])
+def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
+    """Both numbers are read when they are needed, and may be small: for flights that are interpreted."""
+    monkeypatch.setattr(pilot, "CORNERS", corners)
+    monkeypatch.setattr(pilot, "SAMPLE", sample)
+    law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
+    flight = pilot.plan_flight(table2.with_settings(law | settings))
+    assert flight.achieved.cases == max(corners, 6) + 1 + sample // (8 if settings else 1)
