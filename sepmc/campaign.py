@@ -18,14 +18,17 @@ from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.compiler.shape import reasons
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
-from sepmc.pilot import plan_flight, settled_step
+from sepmc.pilot import plan_flight
+from sepmc.remarks import together
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column, Status
+from sepmc.settle import settle_case
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
@@ -169,19 +172,19 @@ class Campaign:
     def simulate(self, case: Case | None = None, step_s: float = 0.001) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
 
-        Flown by the general kernel: at ``solver.step_s``, or else at a step at which halving it changes no outcome by more than
-        ``solver.accuracy``. Its outcomes are then those of the campaign's row to that accuracy.
+        Flown by the general kernel: at ``solver.step_s``, or else at a step at which two halvings in a row changed no outcome by more
+        than ``solver.accuracy``. Its outcomes are then those of the campaign's row to that accuracy.
 
         Returns
         -------
         history : DataFrame
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
-            the case and its ``status``.
+            the case, its ``status`` and ``notes``, sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
         warm_up()
         scene, none = (case or self.nominal()).scene, np.empty(0, dtype=np.int64)
-        step = scene.solver.step or settled_step(scene, none, np.empty((1, 0)), [c.unit for c in self.outcome_columns])[0]
+        step, notes = (scene.solver.step, []) if scene.solver.step else settle_case(scene, self.outcome_columns)
         plan = make_plan(scene, history_step=step_s, step=step)
         columns = schema.history_columns(plan.contents)
         counts = plan.model.scene[0]
@@ -193,10 +196,13 @@ class Campaign:
         data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
         found = schema.result_columns(plan.contents)
+        outcomes = {c.name: float(x * c.scale) for c, x in zip(found, block.outcomes[0], strict=True)}
+        which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
-            "outcomes": {c.name: float(x * c.scale) for c, x in zip(found, block.outcomes[0], strict=True)},
+            "outcomes": outcomes,
             "status": Status(int(block.status[0])).label,
+            "notes": notes + together(scene, outcomes, which),
         }
         return frame
 
@@ -267,7 +273,7 @@ class Campaign:
         seed = self._seed(seed)
         threads = check_threads(threads)
         if stats_only and resume:
-            raise ValueError("stats_only keeps no cases to go on from; fly without resume")
+            raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
         done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
         if announce:
@@ -281,7 +287,7 @@ class Campaign:
             held, failed = store.cases_held(folder, Status.OK.label)
             earlier = store.read_manifest(folder) | {"cases_held": held, "failures": failed}
         left = total - len(done)
-        chunks = Chunks(self, flight, seed, total, timing, folder, earlier, stats_only)
+        chunks = Chunks(self, flight, seed, total, timing, folder, earlier, stats_only, announce)
         if folder:
             chunks.write_manifest(threads, complete=False)
         try:

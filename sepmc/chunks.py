@@ -6,7 +6,6 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -14,7 +13,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sepmc import cases, schema, store
-from sepmc.pilot import SAMPLE, Achieved, Flight, achieved, fly
+from sepmc.accuracy import SAFETY, Achieved
+from sepmc.flight import Flight, Say, fly
+from sepmc.remarks import unmet, unsettled
 from sepmc.schema import Status
 from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 
@@ -40,13 +41,17 @@ class Chunks:
         folder: Path | None = None,
         earlier: dict[str, Any] | None = None,
         stats_only: bool = False,
+        announce: Say | None = None,
     ):
         self.campaign, self.flight, self.seed, self.total, self.timing, self.folder = campaign, flight, seed, total, timing, folder
-        self.stats_only = stats_only
+        self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
         self.held, self.failures_held = 0, 0  # those that the sink has taken
         self.earlier = earlier or {}  # the manifest of the run that is resumed
         self.implausible = self.earlier.get("implausible_inertias", 0)
+        how = self.earlier.get("accuracy", {})
+        self.left, self.unsettled = how.get("left_cases", 0), how.get("unsettled_cases", 0)  # by the specialised kernel to the general one
+        self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
@@ -103,7 +108,10 @@ class Chunks:
         drawn = cases.draw(campaign.file.dispersions, self.seed, first, end - first)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
-        block = fly(campaign, self.flight, drawn * campaign.factors, self.room)
+        block = fly(campaign, self.flight, drawn * campaign.factors, self.room, self.announce)
+        if block.lost:
+            self.left, self.unsettled = self.left + len(block.lost.which), self.unsettled + block.lost.unsettled
+            self._change = np.maximum(self._change, block.lost.change)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
         return Piece(first, drawn, block)
@@ -144,6 +152,7 @@ class Chunks:
             "failures": self.earlier.get("failures", 0) + self.failures_held,
             "implausible_inertias": self.implausible,
             "accuracy": self._accuracy(),
+            "notes": self.notes,
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
         try:
@@ -163,28 +172,35 @@ class Chunks:
             **store.versions(),
         }
 
-    @cached_property
+    @property
     def accuracy(self) -> Achieved:
-        """What the run's first cases show of its error."""
-        drawn = cases.draw(self.campaign.file.dispersions, self.seed, 0, min(SAMPLE, self.total))
-        return achieved(self.campaign, self.flight, drawn * self.campaign.factors)
+        """Error of the run: what trial cases show, and cases that the general kernel flew in place of the specialised one."""
+        assert self.flight.achieved is not None
+        own = {c.name: float(SAFETY * x) for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)}
+        return self.flight.achieved.with_errors(own).with_errors(self.earlier.get("accuracy", {}).get("errors", {}))
 
     def _accuracy(self) -> dict[str, Any]:
-        flight = self.flight
-        how: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised", "method": self.campaign.scene.solver.method}
-        how |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
-        if not self.flown:
-            return self.earlier.get("accuracy") or how
-        worst, error = self.accuracy.worst
-        said: dict[str, Any] = {"achieved": error, "worst_outcome": worst, "cases": self.accuracy.cases}
+        flight, told = self.flight, self.accuracy
+        said: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised"}
+        said["method"] = self.campaign.scene.solver.method
+        said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
+        worst, error = told.worst
+        said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
+        if self.left:
+            said |= {"left_cases": self.left, "unsettled_cases": self.unsettled}
         if self.campaign.scene.solver.step is None:
-            said |= {"asked": self.accuracy.asked, "met": bool(error <= self.accuracy.asked)}
-        return {**how, **said, "errors": self.accuracy.errors}
+            said |= {"asked": told.asked, "met": told.met}
+        if told.worst_place:
+            said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
+        return {**said, "errors": told.errors}
 
     @property
     def notes(self) -> list[str]:
+        """What a person should know of the run."""
+        told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
-        return [note] if note else []
+        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.left)]
+        return found + [note for note in self.flight.notes if note not in found]
 
     def kept(self) -> Kept:
         """What the run leaves, once all is flown."""

@@ -13,13 +13,24 @@ import numpy as np
 from sepmc import schema
 from sepmc.compiler.plan import Plan
 from sepmc.scene.checks import MOST_ROWS
+from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
 
 @dataclass
+class Lost:
+    """Cases that a specialised kernel could not vouch for: which, how many of them no step of the general kernel settled, and the
+    largest change (o,) of outcomes by the last halvings of their steps."""
+
+    which: np.ndarray
+    unsettled: int
+    change: np.ndarray
+
+
+@dataclass
 class Block:
-    """Arrays a call of the door fills."""
+    """Arrays a call of the door fills, and what is to be told of the cases that another kernel flew."""
 
     outcomes: np.ndarray
     status: np.ndarray
@@ -27,6 +38,7 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
+    lost: Lost | None = None
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
@@ -75,33 +87,33 @@ def fly_specialised(
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number in range; raises ValueError with the name, the value and what is allowed."""
+    """A whole number in range; raises InputError (a ValueError) with the name, the value and what is allowed."""
     try:
         if isinstance(value, bool):
             raise TypeError
         number = operator.index(value)
     except TypeError:
-        raise ValueError(f"{name} = {value!r}: must be a whole number") from None
+        raise InputError(f"{name} = {value!r}: must be a whole number") from None
     if number < least or (most is not None and number > most):
-        raise ValueError(f"{name} = {number}: must be >= {least}" + (f" and <= {most}" if most is not None else ""))
+        raise InputError(f"{name} = {number}: must be >= {least}" + (f" and <= {most}" if most is not None else ""))
     return number
 
 
 def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
-    """Raise ValueError if a history cannot have a row every ``step_s``."""
+    """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
     most = 10 * MOST_ROWS
     if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
-        raise ValueError(f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there are at most {most} rows")
+        raise InputError(f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there are at most {most} rows")
 
 
 def check_threads(threads: int | None) -> int | None:
-    """``threads`` if this machine can use so many; raises ValueError otherwise."""
+    """``threads`` if this machine can use so many; raises InputError (a ValueError) otherwise."""
     if threads is None:
         return None
     from sepmc.kernels.batch import max_threads  # noqa: PLC0415
 
     if isinstance(threads, bool) or not 1 <= threads <= max_threads():
-        raise ValueError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
+        raise InputError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
     return threads
 
 

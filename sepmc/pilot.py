@@ -1,58 +1,41 @@
-"""How a campaign is flown: by which kernel, in how many steps; found by flying a few cases at the corners of the dispersions first."""
+"""How to fly a campaign to the accuracy it asks for, found by flying trial cases first: corners of the dispersions and a sample of them.
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+Trial cases depend on the scene and its laws only, not on the seed or the number of cases; so does how a campaign is flown.
+"""
+
+from dataclasses import replace
+from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sepmc import cases, schema
+from sepmc import cases
+from sepmc.accuracy import SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
-from sepmc.compiler.plan import make_plan
-from sepmc.door import Block, fly_block, fly_specialised, specialised_kernel, warm_up
-from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
-from sepmc.scene.model import Scene
+from sepmc.door import fly_specialised, specialised_kernel, warm_up
+from sepmc.flight import SAFE, Flight, Say, fly
+from sepmc.remarks import remarks
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.units import UNITS
 from sepmc.schema import Status
+from sepmc.search import Search, usual_phases
+from sepmc.settle import DEEP, FIRST, HALVINGS, changes, fly_general, settled_step
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
 
-CORNERS = 24  # cases flown besides the nominal one
+CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
+SAMPLE = 512  # trial cases drawn from the laws
+_OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
-_SAFE = 0.5  # share of the accuracy asked for that the pilot's cases may use
-_MOST_STEPS = 2048  # of a phase
-_MAY_BE_LOST = 0.1  # of the pilot's cases may be left to the general kernel
-_HALVINGS = 10
-_SMALL = 1e-4  # of the largest outcome of the same unit: an outcome below counts as that large, since what it is made of cancels
-SAMPLE = 64  # cases of a campaign that are flown again at twice the resolution
-
-Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Flight:
-    """How a campaign is flown.
-
-    ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
-    last ``usual`` (phases,) s; ``step`` (s) is that of the general one; ``error`` is what the pilot found: the largest difference of
-    an outcome to a reference, see `relative_error`.
-    """
-
-    why: list[str] = field(default_factory=list)
-    kernel: ModuleType | None = None
-    steps: np.ndarray | None = None
-    usual: np.ndarray | None = None
-    step: float | None = None
-    error: float = np.nan
-
-    def sharper(self) -> "Flight":
-        """The same at twice the resolution."""
-        if self.steps is not None:
-            return replace(self, steps=2 * self.steps)
-        return replace(self, step=0.5 * self.step) if self.step else self
+_WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
+_EACH = 3  # corners at least with every value of a discrete law
+_SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a quarter of the sample
+_ROUNDS = 4  # searches for steps, each with the sample's worst cases added
+_WORST = 24
+_FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
 
 def reasons(campaign: "Campaign") -> list[str]:
@@ -66,195 +49,155 @@ def kernel_text(campaign: "Campaign", method: str | None = None, history: bool =
 
 
 def corners(campaign: "Campaign") -> np.ndarray:
-    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses. They do not depend on the seed."""
-    dispersions = campaign.file.dispersions
-    tosses = np.random.Generator(np.random.Philox(key=20)).integers(0, 2, (CORNERS, max(1, len(dispersions))))
-    table = np.empty((CORNERS + 1, len(dispersions)), order="F")
-    for i, dispersion in enumerate(dispersions):
-        u = np.concatenate([[0.5], np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)])
-        if dispersion.parameter.path.endswith(".fails"):  # not a corner of anything
-            u[:] = 0.5
-        table[:, i] = cases.quantile(dispersion, u) * campaign.factors[i]
+    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses.
+
+    Angles that spread over more than a quarter turn are spaced over all of it instead, and discrete laws take every value they
+    have, however rare.
+    """
+    laws = campaign.file.dispersions
+    count = max([CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.law == "discrete")])
+    random = np.random.Generator(np.random.Philox(key=20))
+    tosses = np.resize(random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws))))
+    table = np.empty((count + 1, len(laws)), order="F")
+    for i, law in enumerate(laws):
+        u = np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)
+        if law.parameter.path.endswith(".fails"):  # not a corner of anything
+            u = np.full(count, 0.5)
+        elif law.law == "discrete":
+            u = random.permutation(np.resize(_middles(law), count))
+        elif _is_wide(law):
+            u = (random.permutation(count) + 0.5) / max(1, count)
+        table[:, i] = cases.quantile(law, np.concatenate([[0.5], u])) * campaign.factors[i]
     return table
 
 
-def relative_error(found: np.ndarray, reference: np.ndarray, units: list[str]) -> np.ndarray:
-    """Largest difference of every outcome, (n, o) each, over its own size or, if that is larger, its standard deviation; (o,).
+def sample(campaign: "Campaign", count: int) -> np.ndarray:
+    """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in random order (a Latin hypercube).
 
-    Outcomes that are zero but for round-off count as 1e-4 of the largest of the same unit. NaN at the same place agrees.
+    In the second half all values of a discrete law are equally frequent.
     """
-    if not len(found):
-        return np.zeros(len(units))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        difference = np.where(np.isnan(found) & np.isnan(reference), 0.0, np.abs(found - reference))
-        size = np.abs(np.where(np.isnan(reference), 0.0, reference))
-        largest = size.max(axis=0, initial=0.0)
-        floor = np.array([_SMALL * max(x for x, other in zip(largest, units, strict=True) if other == unit) for unit in units])
-        spread = np.std(np.where(np.isnan(reference), 0.0, reference), axis=0)
-        scale = np.maximum(size, np.maximum(spread, floor))
-        share = np.where(difference == 0.0, 0.0, difference / scale)
-    return np.where(np.isnan(share), np.inf, share).max(axis=0, initial=0.0)
+    laws, half = campaign.file.dispersions, (count + 1) // 2
+    random = np.random.Generator(np.random.Philox(key=21))
+    table = np.empty((count, len(laws)), order="F")
+    for i, law in enumerate(laws):
+        u = np.concatenate([(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)])
+        if law.law == "discrete" and not law.parameter.path.endswith(".fails"):
+            u[half:] = random.permutation(np.resize(_middles(law), count - half))
+        table[:, i] = cases.quantile(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53)) * campaign.factors[i]
+    return table
+
+
+def _middles(law: Dispersion) -> np.ndarray:
+    """Probabilities at which a discrete law gives each value that it can give."""
+    weights = np.array(law.weights)
+    edges = np.cumsum(weights) / np.sum(weights)
+    return (edges - 0.5 * weights / np.sum(weights))[weights > 0.0]
+
+
+def _is_wide(law: Dispersion) -> bool:
+    """Whether a parameter is an angle that spreads further than its ends tell."""
+    if law.parameter.unit not in UNITS["angle"]:
+        return False
+    low, high = cases.quantile(law, np.array([_EDGE, 1.0 - _EDGE])) * law.parameter.factor
+    return bool(high - low > _WIDE)
 
 
 def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
     why = reasons(campaign)
-    step = campaign.scene.solver.step
     if not why:
         kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
         found = _choose_steps(campaign, kernel)
         if found is not None:
-            return found
-        why = ["its pilot: no number of steps made the corners agree with twice as many, to the accuracy asked"]
+            return replace(found, notes=remarks(campaign, found))
+        why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
     warm_up(announce)
-    return Flight(why, step=step) if step is not None else _choose_step(campaign, why)
-
-
-def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
-    if flight.kernel is None or flight.steps is None or flight.usual is None:
-        return _fly_general(campaign, flight.step, draws, room)
-    block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
-    lost = np.flatnonzero(block.status < 0)
-    if len(lost):
-        _fly_lost(campaign, flight, draws, room, block, lost, announce)
-    return block
-
-
-def _fly_lost(
-    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray, announce: Say | None
-) -> None:
-    """Fly the cases ``lost`` by the general kernel, into their rows of ``block``."""
-    warm_up(announce)
-    assert flight.steps is not None
-    assert flight.usual is not None
-    lasts = flight.usual > 0.0
-    step = 0.5 * float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
-    again = _fly_general(campaign, step, draws[lost], room)
-    block.outcomes[lost], block.status[lost] = again.outcomes, again.status
-    if room:
-        block.history[lost], block.rows[lost] = again.history, again.rows
-
-
-def _fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, room: int) -> Block:
-    """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
-    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
-    names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
-    return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
-
-
-def _outcomes(campaign: "Campaign", block: Block) -> np.ndarray:
-    return block.outcomes[:, : len(campaign.outcome_columns)]
-
-
-def _units(campaign: "Campaign") -> list[str]:
-    return [c.unit for c in campaign.outcome_columns]
+    found = _choose_step(campaign, why)
+    return replace(found, notes=remarks(campaign, found))
 
 
 def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
-    """Fewest steps in every phase with which the corners come within the accuracy of a reference at many steps; None if none is found."""
-    draws, units, goal = corners(campaign), _units(campaign), _SAFE * campaign.scene.solver.accuracy
-
-    def flown(steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        sound = block.status == 0
-        if np.isinf(usual).any() and sound.any():
-            usual[:] = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
-        return _outcomes(campaign, block), sound
-
-    def error(steps: np.ndarray) -> float:
-        """Infinite if more cases are lost than may be: the general kernel would fly them."""
-        found, sound = flown(steps)
-        both = sound & fair
-        if np.count_nonzero(fair & ~sound) > _MAY_BE_LOST * len(draws) or not both.any():
-            return np.inf
-        return float(relative_error(found[both], reference[both], units).max())
-
-    usual = np.full(len(campaign.scene.phase), np.inf)
-    steps = np.full(len(campaign.scene.phase), 2, dtype=np.int64)
-    reference, fair = flown(steps)
-    settled = np.inf  # what halving the steps of the reference changes
-    while settled > 0.02 * goal and 2 * steps.max() <= _MOST_STEPS:
-        coarse, steps = steps, 2 * steps
-        reference, fair = flown(steps)
-        now = error(coarse)
-        if goal >= settled <= now < np.inf:  # round-off
-            break
-        settled = min(settled, now)
-    if settled > 2.0 * goal or not fair.mean() > 0.5:
+    """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
+    tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
+    first, usual = len(tried), usual_phases(campaign, kernel, tried)
+    if usual is None:
         return None
-    chosen = steps.copy()
-    for phase in range(len(chosen)):  # each alone, the others as fine as the reference
-        low, high = 0, int(steps[phase])
-        while high - low > 1:
-            trial = steps.copy()
-            trial[phase] = middle = (low + high) // 2
-            low, high = (low, middle) if error(trial) <= goal else (middle, high)
-        chosen[phase] = high
-    final = error(chosen)
-    while final > goal and (chosen < steps).any():  # together: one more step where it helps most
-        trials = [np.minimum(chosen + unit, steps) for unit in np.eye(len(chosen), dtype=np.int64)]
-        errors = [error(trial) if (trial > chosen).any() else np.inf for trial in trials]
-        if not min(errors) < np.inf:
-            chosen, final = np.minimum(2 * chosen, steps), error(np.minimum(2 * chosen, steps))
-            continue
-        chosen, final = trials[int(np.argmin(errors))], min(errors)
-    return Flight(kernel=kernel, steps=chosen, usual=usual, error=max(final, settled))
+    units = [c.unit for c in campaign.outcome_columns]
+    goal = SAFE * campaign.scene.solver.accuracy
+    beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
+
+    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        return block.outcomes[:, : len(units)], block.status == Status.OK
+
+    few, sound = flown(np.full(len(usual), _SPREAD_STEPS), np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]))
+    scale = scales(few[sound], units, scene_scales(campaign.scene, units))
+    for _ in range(_ROUNDS):
+        tried = np.vstack([tried, drawn[beyond]])
+        search = Search(flown, tried, scale, goal)
+        fewest = search.fewest(len(usual))
+        if fewest is None:
+            return None
+        steps = fewest
+        (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
+        found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
+        worst = found.max(axis=1, initial=0.0)
+        beyond = _beyond(worst, search.goal)
+        if not len(beyond):
+            break
+    largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
+    count = int(np.count_nonzero(fair & finely) + np.count_nonzero(search.fair[:first]))
+    told = achieved(campaign, largest, count)
+    nominal = search.reference[0] if search.fair[0] else None
+    return Flight([], kernel, steps, usual, None, scale, float(largest.max(initial=0.0)), told, nominal)
+
+
+def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
+    """The worst of the cases whose errors (n,) are larger than the goal."""
+    return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
 
 
 def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
-    """Step of the general kernel at which halving it changes the corners by no more than the accuracy."""
-    draws = corners(campaign)[:9]
-    step, error = settled_step(campaign.scene, campaign.slots, draws, _units(campaign))
-    return Flight(why, step=step, error=error)
+    """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given."""
+    columns, given = campaign.outcome_columns, campaign.scene.solver.step
+    units, decides = [c.unit for c in columns], decisive(columns)
+    tried = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
+    drawn = sample(campaign, SAMPLE // _OF_GENERAL if campaign.file.dispersions else 0)
+    own, goal = scene_scales(campaign.scene, units), SAFE * campaign.scene.solver.accuracy
+
+    def flown(step: float, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = fly_general(campaign, step, draws)
+        return block.outcomes[:, : len(units)].copy(), block.status
+
+    step = given or campaign.scene.run.end_time / FIRST
+    least = step / 2.0**HALVINGS
+    spread = deviation(flown(step, np.vstack([tried[:1], drawn]))[0])
+    for number in range(_ROUNDS):
+        if not given:
+            size = partial(scales, units=units, scene_scale=own, spread=spread)
+            step = settled_step(flown, tried, step, least, goal, size, decides)
+        draws = np.vstack([tried, drawn])
+        one, two = flown(step, draws), flown(0.5 * step, draws)
+        spread = deviation(two[0][len(tried) :])
+        scale = scales(two[0], units, own, spread)
+        found = changes(*one, *two, scale, decides)
+        deep = changes(one[0][:_FEW], one[1][:_FEW], *flown(step / DEEP, draws[:_FEW]), scale, decides)
+        found[:_FEW] = np.maximum(found[:_FEW], deep)
+        worst = found[:, decides].max(axis=1, initial=0.0)
+        beyond = _beyond(worst[len(tried) :], goal)
+        if given or step < 4.0 * least or worst.max() <= goal or number == _ROUNDS - 1:
+            break
+        if worst[:_FEW].max() > goal:
+            step *= 0.25
+        tried = np.vstack([tried, drawn[beyond]])
+    sound = (one[1] == Status.OK) | (two[1] == Status.OK)  # of the others no row is ok
+    largest = found[sound].max(axis=0, initial=0.0)
+    told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
+    nominal = two[0][0] if two[1][0] == Status.OK else None
+    return Flight(why, None, None, None, step, scale, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
-def settled_step(scene: Scene, slots: np.ndarray, draws: np.ndarray, units: list[str]) -> tuple[float, float]:
-    """Longest step, s, of the general kernel, of end time / 8, / 16, ..., at which the outcomes of some draws (n, d), SI, change by no
-    more than the accuracy when it is halved; and by how much they do.
-
-    Outcomes that no step settles (the time of a peak that is flat, say) do not count, unless none settles.
-    """
-    step, steps, changes, before = scene.run.end_time / 8.0, [], [], None
-    for _ in range(_HALVINGS):
-        block = fly_block(make_plan(scene, step=step), slots, draws, 0, 0, NO_HISTORY)
-        now, ok = block.outcomes[:, : len(units)], np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
-        if before is not None and (both := ok & before[1]).any():
-            steps.append(2.0 * step)
-            changes.append(relative_error(before[0][both], now[both], units))
-            if changes[-1].max() <= scene.solver.accuracy:
-                return steps[-1], float(changes[-1].max())
-        before, step = (now, ok), 0.5 * step
-    if not changes:
-        return step, math.nan
-    table = np.array(changes)
-    settles = table.min(axis=0) <= scene.solver.accuracy
-    largest = table[:, settles].max(axis=1) if settles.any() else table.max(axis=1)
-    good = np.flatnonzero(largest <= scene.solver.accuracy)
-    chosen = int(good[0]) if len(good) else int(np.argmin(largest))
-    return steps[chosen], float(largest[chosen])
-
-
-@dataclass(frozen=True)
-class Achieved:
-    """Error of a campaign: of every outcome, the largest over a sample flown again at twice the resolution."""
-
-    asked: float
-    errors: dict[str, float]
-    cases: int
-
-    @property
-    def worst(self) -> tuple[str, float]:
-        """The outcome with the largest error, and that."""
-        name = max(self.errors, key=lambda n: self.errors[n])
-        return name, self.errors[name]
-
-
-def achieved(campaign: "Campaign", flight: Flight, draws: np.ndarray) -> Achieved:
-    """Fly a sample of a campaign, draws (n, d) in SI, again at twice the resolution."""
-    one, two = fly(campaign, flight, draws), fly(campaign, flight.sharper(), draws)
-    both = (one.status == Status.OK) & (two.status == Status.OK)
-    errors = relative_error(_outcomes(campaign, one)[both], _outcomes(campaign, two)[both], _units(campaign))
-    names = [c.name for c in campaign.outcome_columns]
-    return Achieved(campaign.scene.solver.accuracy, dict(zip(names, errors.tolist(), strict=True)), int(both.sum()))
+__all__ = [
+    "CORNERS", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "reasons", "relative_error",
+    "sample",
+]  # fmt: skip

@@ -9,7 +9,9 @@ import numpy as np
 import pandas as pd
 
 from sepmc import store
-from sepmc.pilot import Achieved, Flight
+from sepmc.accuracy import Achieved
+from sepmc.flight import Flight
+from sepmc.scene.messages import InputError
 from sepmc.sinks import Kept
 
 if TYPE_CHECKING:
@@ -22,7 +24,8 @@ class Result:
 
     Rows of a run into a folder are read from there when they are asked for; a run without one keeps them in memory. ``timing`` is in
     seconds by stage: compile, sample, kernel, write; the last goes on while the kernel flies, so the sum can exceed the time taken.
-    ``flight`` is how it was flown, ``accuracy`` its numerical error, from a sample flown again at twice the resolution.
+    ``flight`` is how it was flown, ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
+    nominal case that goes together instead of apart.
     """
 
     campaign: "Campaign"
@@ -86,7 +89,7 @@ class Result:
 
     def _rows(self) -> Mapping[str, np.ndarray]:
         if self.kept.rows is None:
-            raise ValueError(
+            raise InputError(
                 "this run kept statistics only, so it has no rows; run without stats_only, or fly single cases by case(number)"
             )
         return self.kept.rows

@@ -1,5 +1,6 @@
 """The Python door: load, settings, cases, runs in memory or in a folder, single flights."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -208,3 +209,28 @@ def test_reference_of_an_unknown_outcome(campaign):
     """Only `load` looks at the names of the reference."""
     with pytest.raises(SceneError, match="did you mean 'upper_roll_deg'"):
         campaign.with_settings({"reference.outcome.uper_roll_deg.mean": 0.0})
+
+
+# -- what deserves a look -----------------------------------------------------------------------------------------------------------
+
+PUSHED = {"spring": [{"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0], "force_N": 40.0}]}
+APART = {"phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.1}}, {"name": "free"}]}
+
+
+@pytest.mark.parametrize("settings", [{}, {"joint.pins.apart": 1}, {"spring": [PUSHED["spring"][0] | {"axis": [-1.0, 0.0, 0.0]}]}])
+def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
+    """A spring or joint the other way round: rows are ok, and the run says what it looks like, wherever it is told."""
+    campaign = pair(PUSHED | APART | {"run.cases": 3} | settings)
+    result = campaign.run(out=tmp_path / "run")
+    distance = 1e-3 * result.table["separation_distance_mm"][0]
+    assert result.status_counts == {"ok": 3}
+    if distance > 0.0:
+        assert result.notes == []
+        assert campaign.simulate().attrs["notes"] == []
+        return
+    (note,) = result.notes
+    for part in ("joint pins", "the nominal case", "fore", "aft", f"{distance:.3g} m", "the other way round", "joint.pins.apart"):
+        assert part in note
+    assert json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["notes"] == [note]
+    assert campaign.simulate().attrs["notes"] == [note]
+    assert "case 2" in campaign.simulate(campaign.case(2)).attrs["notes"][0]

@@ -266,3 +266,16 @@ def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
     monkeypatch.setattr(verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]})
     result = CliRunner().invoke(cli.main, ["verify", "--quiet"])
     assert (result.exit_code, "1 lines" in result.stdout) == (code, True)
+
+
+def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
+    """A ValueError from within is raised as such, with its traceback; only what was asked for wrongly ends with exit code 2."""
+    from sepmc.campaign import Campaign
+
+    def broken(self, *given, **named):
+        raise ValueError("operands could not be broadcast together")
+
+    monkeypatch.setattr(Campaign, "run", broken)
+    found = CliRunner().invoke(cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")])
+    assert isinstance(found.exception, ValueError)
+    assert found.exit_code != 2

@@ -87,7 +87,7 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
         assert usual is not None
         kernel = specialised_kernel(kernel_text(campaign, history=room > 0), study.say)
         return lambda: fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, room)
-    plan, few = make_plan(campaign.scene, step=study.flight.step), draws[: study.few]
+    plan, few = make_plan(campaign.scene, step=study.flight.step, dispersed=campaign.dispersed), draws[: study.few]
     width, level = (2 * len(plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
     return lambda: fly_block(plan, campaign.slots, few, room, width, level)
 

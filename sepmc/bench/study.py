@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sepmc import cases
+from sepmc.accuracy import scene_scales
 from sepmc.bench.clock import rounds
 from sepmc.campaign import Campaign
 from sepmc.door import Block, warm_up
@@ -106,7 +107,7 @@ class Study:
             return np.inf, ""
         whole = reference.copy()
         whole[both] = found[both]
-        errors = relative_error(whole[sound], reference[sound], self.units)
+        errors = relative_error(whole[sound], reference[sound], self.units, scene_scales(self.campaign.scene, self.units))
         worst = int(np.argmax(errors))
         return float(errors[worst]), self.names[worst]
 

@@ -3,7 +3,11 @@
 import difflib
 
 
-class SceneError(ValueError):
+class InputError(ValueError):
+    """What was asked for cannot be done as asked. The program says so and ends; any other ValueError is a fault of its own."""
+
+
+class SceneError(InputError):
     """Bad input. One line per problem: ``file: place = value: what is allowed``."""
 
     def __init__(self, problems: list[str]):

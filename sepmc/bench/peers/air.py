@@ -3,6 +3,7 @@
 import numpy as np
 
 from sepmc.bench.peers.inputs import Inputs
+from sepmc.scene.messages import InputError
 from sepmc.trust.peers import loads
 
 
@@ -11,7 +12,7 @@ def atmosphere(inputs: Inputs) -> tuple[float, float, float, float]:
     reach = np.abs(inputs.velocity[:, 1]) * inputs.end + 10.0
     layers = {loads.layer_at(h) for h in ((inputs.altitude - reach).min(), (inputs.altitude + reach).max())}
     if len(layers) > 1 or loads.LAPSES[min(layers)] == 0.0:
-        raise ValueError("the other engines of the bench fly within one layer of the atmosphere, not an isothermal one")
+        raise InputError("the other engines of the bench fly within one layer of the atmosphere, not an isothermal one")
     (layer,) = layers
     temperature, pressure = loads.to_base(layer)
     slope = loads.LAPSES[layer] / temperature

@@ -13,6 +13,7 @@ import numpy as np
 from sepmc.bench.peers.vectors import Array, attitude, cross
 from sepmc.cases import draw
 from sepmc.scene import parameters
+from sepmc.scene.messages import InputError
 
 SCENES = "table1 and table2: two bodies, one joint fixed, slider, free; one motor, no springs, loads, tables or releases"
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
@@ -116,7 +117,7 @@ def check(scene: Any) -> None:
             plain = plain and aero is not None and aero.table is None and aero.moment_point is None and not any(body.inertia_products)
             plain = plain and all(set(getattr(aero, c)) <= set(TERMS) for c in COEFFICIENTS)
     if not plain:
-        raise ValueError(f"the other engines of the bench fly scenes like {SCENES}")
+        raise InputError(f"the other engines of the bench fly scenes like {SCENES}")
 
 
 def _body(value: _Values, name: str, point: Array, centre: Array) -> BodyRows:
@@ -184,5 +185,5 @@ def read(campaign: Any, count: int) -> Inputs:
     )
     unread = set(value.drawn) - value.asked
     if unread:
-        raise ValueError(f"the other engines of the bench cannot vary {', '.join(sorted(unread))}")
+        raise InputError(f"the other engines of the bench cannot vary {', '.join(sorted(unread))}")
     return inputs

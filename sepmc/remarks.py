@@ -1,0 +1,61 @@
+"""What a person should know of a campaign that is flown: an accuracy that is not met, a nominal case that goes together, not apart."""
+
+from typing import TYPE_CHECKING
+
+from sepmc.accuracy import Achieved, scene_scales
+from sepmc.scene.model import Scene
+
+if TYPE_CHECKING:
+    from sepmc.campaign import Campaign
+    from sepmc.flight import Flight
+
+_NAMED = 3  # outcomes that a sentence names
+_TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each other than that did not separate
+
+
+def remarks(campaign: "Campaign", flight: "Flight") -> list[str]:
+    """Sentences on the scene of a campaign, from the flight of its nominal case."""
+    if flight.nominal is None:
+        return []
+    outcomes = {c.name: float(x * c.scale) for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)}
+    return together(campaign.scene, outcomes, "the nominal case")
+
+
+def unmet(told: Achieved, fixed: bool) -> list[str]:
+    """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy; none if it is met."""
+    if fixed or told.met:
+        return []
+    beyond = {name: error for name, error in told.errors.items() if name not in told.places and error > told.asked}
+    names = sorted(beyond, key=lambda name: -beyond[name])
+    shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+    return [
+        f"the accuracy {told.asked:g} that was asked is not met: error up to {told.worst[1]:.1e} of size or sigma ({shown}); "
+        "ask for no more (solver.accuracy), look at what these outcomes have in common, or give a shorter solver.step_s"
+    ]
+
+
+def unsettled(count: int, left: int) -> list[str]:
+    """The sentence that counts cases whose outcomes no step of the general kernel settled."""
+    if not count:
+        return []
+    return [
+        f"{count} of the {left} cases that the specialised kernel left to the general one did not settle to the accuracy asked, "
+        "however short the step; the error that is told includes them"
+    ]
+
+
+def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
+    """A sentence for each joint whose separation ends negative in a case with these outcomes, by column."""
+    least = -_TOGETHER * float(scene_scales(scene, ["m"])[0])
+    found = []
+    for name in scene.joint:
+        prefix = "" if len(scene.joint) == 1 else f"{name}_"
+        distance = 1e-3 * outcomes[f"{prefix}separation_distance_mm"]
+        if distance < least:
+            first, second = scene.joint[name].bodies
+            found.append(
+                f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of {first} from which it should separate "
+                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring the other way round, or "
+                f"joint.{name}.apart?"
+            )
+    return found

@@ -1,0 +1,111 @@
+"""Search for the fewest steps of a specialised kernel: in every phase, such that some cases come within a goal of a reference."""
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sepmc.accuracy import errors
+from sepmc.door import fly_specialised
+
+if TYPE_CHECKING:
+    from sepmc.campaign import Campaign
+
+_MOST_STEPS = 2048  # of a phase
+_MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
+
+Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
+
+
+def usual_phases(campaign: "Campaign", kernel: ModuleType, draws: np.ndarray) -> np.ndarray | None:
+    """How long phases usually last, s, shape (phases,): the median of some cases (n, d), SI. None if the kernel can fly none."""
+    phases = len(campaign.scene.phase)
+    usual, steps = np.full(phases, np.inf), np.full(phases, 2, dtype=np.int64)
+    while steps.max() <= _MOST_STEPS:
+        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        sound = block.status == 0
+        if sound.any():
+            return np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
+        steps *= 2
+    return None
+
+
+class Search:
+    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,) against a reference at many steps."""
+
+    def __init__(self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float):
+        self.flown, self.draws, self.scale, self.goal = flown, draws, scale, goal
+        self.reference, self.fair = np.empty((0, len(scale))), np.zeros(len(draws), dtype=bool)
+        self.settled = np.inf  # what halving the steps of the reference changes
+        self._of_reference = np.full(len(scale), np.inf)  # that by outcome
+
+    def fewest(self, phases: int) -> np.ndarray | None:
+        """Fewest steps (phases,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
+
+        If the reference itself does not settle within twice the goal, what it settled to becomes the goal.
+        """
+        steps = self._refer(phases)
+        if np.isinf(self.settled) or not self.fair.mean() > 0.5:
+            return None
+        if self.settled > 2.0 * self.goal:
+            self.goal = 2.0 * self.settled
+        return self._together(self._alone(steps), steps)
+
+    def largest(self, steps: np.ndarray) -> np.ndarray:
+        """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
+        found, sound = self.flown(steps, self.draws)
+        both = sound & self.fair
+        return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
+
+    def _refer(self, phases: int) -> np.ndarray:
+        """Fly the reference; returns its steps."""
+        steps = np.full(phases, 2, dtype=np.int64)
+        self.reference, self.fair = self.flown(steps, self.draws)
+        while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
+            coarse, steps = steps, 2 * steps
+            self.reference, self.fair = self.flown(steps, self.draws)
+            now = self.error(coarse)
+            if self.goal >= self.settled <= now < np.inf:  # round-off
+                break
+            if now <= self.settled:
+                self._of_reference = self._errors(coarse)
+            self.settled = min(self.settled, now)
+        return steps
+
+    def _errors(self, steps: np.ndarray) -> np.ndarray:
+        """Largest error of each outcome, (o,); infinite if more cases are lost than may be: the general kernel would fly them."""
+        found, sound = self.flown(steps, self.draws)
+        both = sound & self.fair
+        if np.count_nonzero(self.fair & ~sound) > _MAY_BE_LOST * len(self.draws) or not both.any():
+            return np.full(len(self.scale), np.inf)
+        return errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0)
+
+    def error(self, steps: np.ndarray) -> float:
+        return float(self._errors(steps).max(initial=0.0))
+
+    def _alone(self, steps: np.ndarray) -> np.ndarray:
+        """Fewest steps of every phase by itself, the others as fine as the reference."""
+        chosen = steps.copy()
+        for phase in range(len(chosen)):
+            low, high = 0, int(steps[phase])
+            while high - low > 1:
+                trial = steps.copy()
+                trial[phase] = middle = (low + high) // 2
+                low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
+            chosen[phase] = high
+        return chosen
+
+    def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """One more step, or a sixteenth, where it helps most, until all phases together come within the goal."""
+        error = self.error(chosen)
+        while error > self.goal and (chosen < most).any():
+            more = np.diag(np.maximum(1, chosen // 16))
+            trials = [np.minimum(chosen + unit, most) for unit in more]
+            found = [self.error(trial) if (trial > chosen).any() else np.inf for trial in trials]
+            if min(found) < np.inf:
+                chosen, error = trials[int(np.argmin(found))], min(found)
+            else:
+                chosen = np.minimum(2 * chosen, most)
+                error = self.error(chosen)
+        return chosen

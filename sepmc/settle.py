@@ -1,0 +1,150 @@
+"""Steps of the general kernel: how short they have to be for outcomes to settle, of each case by itself or of many together."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sepmc import schema
+from sepmc.accuracy import decisive, errors, scales, scene_scales
+from sepmc.compiler.plan import make_plan
+from sepmc.door import Block, fly_block
+from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.scene.model import Scene
+from sepmc.schema import Column, Status
+
+if TYPE_CHECKING:
+    from sepmc.campaign import Campaign
+
+FIRST = 8  # steps of a flight that are tried first
+HALVINGS = 9  # at most
+_AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
+DEEP = 16  # times finer are a few cases flown once more: what is shorter than a step, neither it nor its half may see
+_PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
+
+_FLOWN = (Status.OK, Status.NEVER_RELEASED)
+_TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED)  # a shorter step may help
+
+Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
+
+
+def fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, room: int = 0) -> Block:
+    """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
+    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
+    block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
+    names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
+    return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
+
+
+@dataclass
+class Settled:
+    """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the last halvings changed, (n, o), and
+    whether that has settled, (n,)."""
+
+    step: np.ndarray
+    status: np.ndarray
+    change: np.ndarray
+    settled: np.ndarray
+
+
+def changes(
+    found: np.ndarray, status: np.ndarray, finer: np.ndarray, finer_status: np.ndarray, scale: np.ndarray, decides: np.ndarray
+) -> np.ndarray:
+    """Errors (n, o) of outcomes against those at a finer resolution. In what ``decides`` (o,), a case that ends otherwise there is
+    infinitely wrong, and one that both steps are too long for is wrong altogether. A case that cannot be flown has no error."""
+    table = errors(found, finer, scale)
+    table[(status == finer_status) & ~np.isin(status, _FLOWN)] = 0.0
+    table[np.ix_((status == finer_status) & np.isin(status, _TOO_LONG), decides)] = 1.0
+    table[np.ix_(status != finer_status, decides)] = np.inf
+    return table
+
+
+def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, decides: np.ndarray) -> Settled:
+    """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by no more than the goal.
+
+    ``fly`` is called with a step and the numbers of the cases that have not settled, so its last call for a case is at the step
+    told. Outcomes that do not ``decides`` (o,) do not count. A case whose changes have stopped falling is left as it is.
+    """
+    left = np.arange(count)
+    outcomes, status = fly(step, left)
+    steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
+    last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
+    agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+    for _ in range(HALVINGS):
+        step *= 0.5
+        finer, finer_status = fly(step, left)
+        now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
+        worst = now[:, decides].max(axis=1, initial=0.0)
+        agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
+        stale[left] = np.where(worst <= 0.5 * least[left], 0, stale[left] + 1)
+        least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
+        change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
+        outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now
+        left = left[(agreed[left] < _AGREEMENTS) & (stale[left] < _PATIENCE)]
+        if not len(left):
+            break
+    return Settled(steps, status, change, agreed >= _AGREEMENTS)
+
+
+def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
+    """Step, s, at which the outcomes of one case, as ``scene`` has it, have settled to its accuracy; and what is to be told of that."""
+    units, decides = [c.unit for c in columns], decisive(columns)
+    none = np.empty(0, dtype=np.int64)
+
+    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = fly_block(make_plan(scene, step=step), none, np.empty((len(which), 0)), 0, 0, NO_HISTORY)
+        return block.outcomes[:, : len(units)], block.status
+
+    step, one, goal = scene.run.end_time / FIRST, np.zeros(1, dtype=np.int64), scene.solver.accuracy
+    least = step / 2.0**HALVINGS
+    scale = scales(flown(step, one)[0], units, scene_scales(scene, units))
+    while True:
+        found = settle(flown, 1, step, goal, scale, decides)
+        step = float(found.step[0])
+        deep = changes(*flown(step, one), *flown(step / DEEP, one), scale, decides)[0]
+        change = np.where(decides, np.maximum(deep, found.change[0]), 0.0)
+        if found.settled[0] and change.max() <= goal:
+            return step, []
+        step /= DEEP if found.settled[0] else 2.0
+        if step < least:
+            break
+    worst = int(change.argmax())
+    return 2.0 * step, [
+        f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
+        "asked, however short the step: the error of this case is about as large"
+    ]
+
+
+def settled_step(
+    fly: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    draws: np.ndarray,
+    step: float,
+    least: float,
+    goal: float,
+    scale: Callable[[np.ndarray], np.ndarray],
+    decides: np.ndarray,
+) -> float:
+    """Longest step, s, of ``step``, half of it, ..., at which halving it changes no outcome of ``draws`` (n, d) by more than the goal.
+
+    None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
+    """
+    steps, table, before = [], [], fly(step, draws)
+    while step >= least:
+        now = fly(0.5 * step, draws)
+        steps.append(step)
+        table.append(changes(*before, *now, scale(now[0]), decides)[:, decides].max(axis=0, initial=0.0))
+        if ((table[-1] <= goal) | _stopped(np.array(table))).all():
+            break
+        before, step = now, 0.5 * step
+    found = np.array(table)
+    met = found <= goal
+    best = np.where(met.any(axis=0), met.argmax(axis=0), len(found) - 1 - found[::-1].argmin(axis=0))
+    return steps[int(best.max(initial=0))]
+
+
+def _stopped(table: np.ndarray) -> np.ndarray:
+    """Which of the changes (halvings, o) have stopped falling, (o,)."""
+    if len(table) <= _PATIENCE:
+        return np.zeros(table.shape[1], dtype=bool)
+    return table[-_PATIENCE:].min(axis=0) > 0.5 * table[:-_PATIENCE].min(axis=0)

@@ -1,0 +1,108 @@
+"""Steps of the general kernel: cases that settle by themselves, outcomes that none settles, and what a single run says of that."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from sepmc import settle
+from sepmc.schema import Status
+
+ONE = np.ones(2)
+BOTH = np.array([True, True])
+
+
+def flier(error):
+    """A stand-in for the kernel: outcomes 1 + ``error(step, case)`` and 2, and the steps each case was flown at, last first."""
+    flown = {}
+
+    def fly(step, which):
+        for case in which:
+            flown.setdefault(int(case), []).insert(0, step)
+        return np.array([[1.0 + error(step, case), 2.0] for case in which]), np.zeros(len(which), dtype=int)
+
+    return fly, flown
+
+
+def test_each_case_settles_by_itself():
+    """An error of order 4, ten times as large in each case: the step told is the one each case was flown at last."""
+    fly, flown = flier(lambda step, case: 10.0**case * step**4)
+    found = settle.settle(fly, 4, 0.1, 1e-9, ONE, BOTH)
+    assert found.settled.all()
+    assert np.all(np.diff(found.step) <= 0.0)
+    assert found.step[3] < found.step[0]
+    for case, steps in flown.items():
+        assert steps[0] == found.step[case]
+        assert 10.0**case * steps[0] ** 4 <= 1e-9
+    assert_array_equal(found.change[:, 1], 0.0)
+
+
+def test_one_agreement_may_be_luck():
+    """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not settled."""
+    fly, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
+    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    assert found.settled[0]
+    assert found.step[0] ** 4 <= 1e-9
+
+
+def test_a_case_that_does_not_settle_is_given_up():
+    """Noise of 1e-6: not after all halvings, and its change is told."""
+    fly, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
+    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    assert not found.settled[0]
+    assert 1e-8 < found.change[0, 0] <= 2e-6
+    assert len(flown[0]) < 8
+
+
+def test_a_case_that_ends_otherwise_has_not_settled():
+    def fly(step, which):
+        return np.ones((len(which), 2)), np.full(len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED)
+
+    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    assert found.settled[0]
+    assert found.step[0] == 0.0125
+
+
+def group(error, decides=BOTH, goal=1e-9):
+    def fly(step, draws):
+        return np.column_stack([1.0 + error(step), 2.0 + 0.0 * error(step)]) * np.ones((len(draws), 1)), np.zeros(len(draws), dtype=int)
+
+    return settle.settled_step(fly, np.zeros((3, 1)), 1.0, 2.0**-10, goal, lambda outcomes: ONE, decides)
+
+
+def test_the_longest_step_that_has_settled():
+    assert_allclose(group(lambda step: 1e-3 * step**4 * np.ones(1)), 2.0**-5)
+
+
+def test_the_finest_step_if_none_has_settled():
+    """Errors of order 1 that no step brings below the goal: the finest one, never the first."""
+    assert group(lambda step: 1e-3 * step * np.ones(1)) == 2.0**-10
+
+
+def test_not_finer_than_what_noise_allows():
+    """Changes that have stopped falling: the step at which they are least."""
+    step = group(lambda step: np.array([max(step**4, 1e-7 * (1.5 + np.sin(1.0 / step)))]))
+    assert 2.0**-8 <= step <= 2.0**-4
+
+
+def test_the_place_of_an_extreme_does_not_decide():
+    """An outcome that does not count may be as uncertain as it likes."""
+    assert group(lambda step: np.random.default_rng(int(1e6 * step)).normal(size=1), np.array([False, True])) == 1.0
+
+
+def test_a_status_that_does_not_last_is_infinitely_wrong():
+    ok, lost = np.zeros(1, dtype=int), np.array([Status.UNRESOLVED])
+    same = np.ones((1, 2))
+    assert_array_equal(settle.changes(same, ok, same, lost, ONE, np.array([True, False])), [[np.inf, 0.0]])
+    assert_array_equal(settle.changes(same, lost, 2.0 * same, lost, ONE, BOTH), [[1.0, 1.0]])
+    invalid = np.array([Status.INVALID_INPUT])
+    assert_array_equal(settle.changes(same, invalid, 2.0 * same, invalid, ONE, BOTH), [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-9])
+def test_a_single_run_is_as_accurate_as_asked(table2, accuracy):
+    campaign = table2.with_settings({"solver.accuracy": accuracy})
+    found = campaign.simulate(step_s=0.1).attrs
+    fine = table2.with_settings({"solver.accuracy": 1e-11}).simulate(step_s=0.1).attrs
+    assert found["notes"] == []
+    for name in ("upper_omega_z_deg_s", "separation_distance_mm", "release_time_s"):
+        assert found["outcomes"][name] == pytest.approx(fine["outcomes"][name], rel=accuracy)
