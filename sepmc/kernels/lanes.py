@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from sepmc.kernels._jit import formula
+from sepmc.kernels._jit import config, formula
 
-LANES = 8
+LANES = 1 if config.DISABLE_JIT else 8  # plain Python flies one case at a time: lanes only cost there
 
 
 @formula
