@@ -1,0 +1,113 @@
+"""What happens at an instant: conditions met, phases ended, joints let go, springs spent."""
+
+import math
+from collections.abc import Callable, Iterator
+
+from sepmc.trust.independent.case import Table
+from sepmc.trust.independent.conditions import TOUCH, Event, Leaf, make_event, spring_event
+from sepmc.trust.independent.joints import Joint, Row, rows_of
+from sepmc.trust.independent.loads import GRAIN, Loads
+
+Held = dict[str, frozenset[Row]]
+Value = Callable[[Leaf], float]  # how far a leaf is beyond its threshold now
+
+
+class Sequence:
+    """Phases, releases and springs of a case as they go on. An event tells joints what to hold; each is late by its delay."""
+
+    def __init__(self, scene: Table, joints: dict[str, Joint], loads: Loads):
+        ends = {motor.table["name"]: motor.end for motor in loads.motors}
+        self.joints, self.names = joints, [phase["name"] for phase in scene["phase"]]
+        self.kinds: list[Held] = [
+            {name: rows_of(phase["joints"].get(name, "free"), joint.own) for name, joint in joints.items()} for phase in scene["phase"]
+        ]
+        self.phases = [make_event(f"phase {phase['name']} ended", phase["until"], ends.__getitem__) for phase in scene["phase"]]
+        self.releases = [make_event(f"release {table['name']}", table["when"], ends.__getitem__) for table in scene["release"]]
+        self.tells = [{table["joint"]: rows_of(table["to"], joints[table["joint"]].own)} for table in scene["release"]]
+        self.loads = loads
+        self.springs = [spring_event(s.name, s.table["stroke"]) for s in loads.springs if math.isfinite(s.table["stroke"])]
+        self.phase, self.held = 0, dict(self.kinds[0])
+        self.log: list[tuple[float, str]] = []
+
+    def armed(self) -> list[Leaf]:
+        """Leaves that are waited for: of the phase that is on, and of releases and springs that have not gone."""
+        waiting = [event for event in (*self.releases, *self.springs) if math.isinf(event.time)]
+        if self.phase < len(self.phases) - 1:
+            waiting.append(self.phases[self.phase])
+        return [leaf for event in waiting for leaf in event.leaves if not leaf.met]
+
+    def set_sides(self, height: Callable[[str], float], of: list[Event]) -> None:
+        """From which side the heights of events are approached that are waited for from now on."""
+        for leaf in (leaf for event in of for leaf in event.leaves if leaf.what == "altitude"):
+            leaf.side = -1.0 if height(str(leaf.which)) > leaf.threshold else 1.0
+
+    def begin(self, height: Callable[[str], float]) -> None:
+        self.set_sides(height, [self.phases[0], *self.releases])
+
+    def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:
+        """Everything that happens at time t, until nothing more does."""
+        for _ in range(1000):
+            again = self._meet(t, value)
+            if self.phase < len(self.phases) - 1 and self.phases[self.phase].satisfied():
+                self._happened(self.phases[self.phase], t)
+                self.phase += 1
+                self.set_sides(height, [self.phases[self.phase]])
+                again = True
+            for event in (*self.releases, *self.springs):
+                if math.isinf(event.time) and event.satisfied():
+                    self._happened(event, t)
+                    again = True
+            for spring in self.loads.springs:
+                spring.spent = any(e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs)
+            if not (self._let_go(t) or again):
+                return
+        raise RuntimeError("events followed each other without time passing")
+
+    def _happened(self, event: Event, t: float) -> None:
+        event.time = t
+        self.log.append((t, event.name))
+
+    def _meet(self, t: float, value: Value) -> bool:
+        found = False
+        for leaf in self.armed():
+            if leaf.on_time:
+                leaf.met = t >= leaf.threshold - GRAIN
+            else:
+                leaf.met = value(leaf) >= -TOUCH * max(1.0, abs(leaf.threshold))
+            found = found or leaf.met
+        return found
+
+    def _told(self) -> Iterator[tuple[Event, str, frozenset[Row]]]:
+        """What every event that has come tells joints to hold, where that is less than they hold."""
+        following = [*self.kinds[1:], {}]
+        for event, tells in [*zip(self.phases, following, strict=True), *zip(self.releases, self.tells, strict=True)]:
+            if math.isfinite(event.time):
+                for name, rows in tells.items():
+                    if is_less(rows, self.held[name]):
+                        yield event, name, rows
+
+    def _let_go(self, t: float) -> bool:
+        changed = False
+        for event, name, rows in list(self._told()):
+            joint = self.joints[name]
+            if is_less(rows, self.held[name]) and not joint.fails and event.time + joint.delay <= t + GRAIN:
+                self.held[name], changed = rows, True
+                self.log.append((t, f"joint {name} holds {len(rows)} rows"))
+        return changed
+
+    def next_time(self, t: float) -> float:
+        """Earliest time after t at which something happens by the clock."""
+        times = [leaf.threshold for leaf in self.armed() if leaf.on_time]
+        times += [event.time + self.joints[name].delay for event, name, _ in self._told() if not self.joints[name].fails]
+        return min((time for time in times if time > t), default=math.inf)
+
+    def never_released(self) -> bool:
+        """Whether a phase other than the last is on, or a joint holds what it was told to let go."""
+        return self.phase < len(self.phases) - 1 or any(True for _ in self._told())
+
+
+def is_less(rows: frozenset[Row], held: frozenset[Row]) -> bool:
+    """Whether rows hold a part of what is held: a joint lets go, and never takes hold."""
+    turns = frozenset(row for row in held if row[0] == "turn")
+    implied = all(row in held or (len(turns) == 3 and row[0] == "turn") for row in rows)
+    return implied and len(rows) < len(held)

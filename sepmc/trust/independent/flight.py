@@ -1,0 +1,365 @@
+"""One case from start to end: stretches between known switches, steps of DOP853, events located as roots."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DOP853
+
+from sepmc.trust.independent.case import GROUND, read
+from sepmc.trust.independent.conditions import Leaf
+from sepmc.trust.independent.constraints import Constraints, Rows
+from sepmc.trust.independent.events import Sequence
+from sepmc.trust.independent.guides import friction, rub
+from sepmc.trust.independent.joints import Joint
+from sepmc.trust.independent.loads import GRAIN, Flow, Loads
+from sepmc.trust.independent.outcomes import Follower, columns, report, vague
+from sepmc.trust.independent.roots import first_root
+from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, cross, quaternion_rates
+from sepmc.trust.independent.watch import Watch
+
+_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
+_EDGE = 1e-9  # m beyond the edge of a layer of air at which the next one begins
+_MOST_STRETCHES = 10_000
+
+
+@dataclass
+class Flown:
+    """How a case ended.
+
+    ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where there is none; ``events`` are pairs
+    of a time, s, and what happened. ``vague`` are outcomes that round-off decides: flow angles of a body that hardly moves against
+    the air. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per second), and whether roll and
+    pitch may have jumped (yaw near 90 deg).
+    """
+
+    status: str
+    outcomes: dict[str, float]
+    events: list[tuple[float, str]] = field(default_factory=list)
+    audit: dict[str, float] = field(default_factory=dict)
+    vague: tuple[str, ...] = ()
+
+
+Value = Callable[[float, State], float]
+Watched = tuple[Value, Callable[[], None]]
+Dense = Callable[[float], Array]
+
+
+class Ended(Exception):
+    """The flight ends with a status."""
+
+
+class Flight:
+    """A case under way."""
+
+    def __init__(self, scene: dict[str, Any], vehicle: Vehicle, rtol: float):
+        self.scene, self.vehicle, self.rtol = scene, vehicle, rtol
+        self.joints = {name: Joint(name, table, vehicle) for name, table in scene["joint"].items()}
+        self.loads = Loads(scene, vehicle, self.joints)
+        self.sequence = Sequence(scene, self.joints, self.loads)
+        self.t, self.end = 0.0, scene["run"]["end_time"]
+        self.y = vehicle.start(self._pivot())
+        self.follower = Follower(vehicle)
+        self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
+        self.hold()
+        self.watch, self.jammed = Watch(self), False
+        self.steps, self.evaluations, self.drift, self.step = 0, 0, 0.0, math.nan
+
+    def _pivot(self) -> Array:
+        """About what the vehicle turns at the start: its mass centre, or the point of the first joint that holds the ground."""
+        for name, joint in self.joints.items():
+            if GROUND in joint.bodies and self.scene["phase"][0]["joints"].get(name, "free") != "free":
+                point = joint.points[joint.bodies.index(GROUND)]
+                return self.vehicle.arm(GROUND, point)
+        return np.zeros(3)
+
+    def hold(self) -> None:
+        """Constraints as the joints hold now."""
+        held = [(joint, self.sequence.held[name]) for name, joint in self.joints.items()]
+        self.constraints = Constraints([(joint, rows) for joint, rows in held if rows], self.vehicle)
+
+    def state(self, t: float, y: Array) -> State:
+        return self.vehicle.state(t, y)
+
+    def free(self, s: State, force: Array, moment: Array) -> Array:
+        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass centres in body axes."""
+        vehicle, n, found = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
+        found[:, :3] = force[:n] / vehicle.mass[:, None]
+        for b in range(n):
+            turning = moment[b] - cross(s.w[b], vehicle.inertia[b] @ s.w[b])
+            found[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
+        return found
+
+    def motion(self, t: float, s: State) -> tuple[Array, Array, Rows | None, dict[str, float]]:
+        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and the friction of guides."""
+        self.evaluations += 1
+        force, moment = self.loads.on_bodies(t, s)
+        if not self.constraints.count:
+            return self.free(s, force, moment), np.zeros(6 * self.vehicle.n), None, {}
+        rows = self.constraints.at(s)
+        rubbing = friction(self, s, rows, (force, moment))
+        self.jammed = rubbing is None
+        for name, size in (rubbing or {}).items():
+            rub(self.joints[name], s, size, force, moment)
+        return *rows.accelerate(self.free(s, force, moment)), rows, rubbing or {}
+
+    def derivative(self, t: float, y: Array) -> Array:
+        s = self.state(t, y)
+        return self.vehicle.derivative(y, s, self.motion(t, s)[0])
+
+    def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
+        """Force and moment of every joint on its second body now, ground axes."""
+        _, added, rows, _ = self.motion(t, s)
+        found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
+        if rows is not None:
+            multipliers = rows.multipliers(added)
+            found |= {name: rows.wrench(j, s, multipliers) for name, j in self.joints.items() if self.sequence.held[name]}
+        return found
+
+    def drive(self, name: str, t: float, s: State) -> float:
+        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub."""
+        joint, (_, _, _, rubbing) = self.joints[name], self.motion(t, s)
+        force, moment = self.loads.on_bodies(t, s)
+        for other, size in rubbing.items():
+            if other != name:
+                rub(self.joints[other], s, size, force, moment)
+        held = [(j, self.sequence.held[each] | ({("along", 0)} if each == name else set())) for each, j in self.joints.items()]
+        rows = Constraints(held, self.vehicle).at(s)
+        on_b, _ = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
+        return max(0.0, -joint.apart * float(on_b @ (s.r[joint.a] @ joint.axes[0])))
+
+    def value(self, leaf: Leaf, t: float, s: State) -> float:
+        """How far a condition on the state is beyond its threshold."""
+        what, which = leaf.what, str(leaf.which)
+        if what == "altitude":
+            return leaf.side * (self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold)
+        if what == "spring":
+            found = next(spring for spring in self.loads.springs if spring.name == which).extension(s)
+        elif what == "stroke":
+            found = self.joints[which].separation(s)[0]
+        elif what == "distance":
+            found = float(np.linalg.norm(self.joints[which].gap(s)[0]))
+        elif what == "angle":
+            found = self.joints[which].angle(s)
+        else:
+            found = float(np.linalg.norm(self.wrenches(t, s)[which][0 if what == "force" else 1]))
+        return found - leaf.threshold
+
+    def watched(self) -> list[Watched]:
+        """Functions that become positive where something happens, and what then does: conditions, edges of air and of tables."""
+        found: list[Watched] = []
+        for leaf in self.sequence.armed():
+            if not leaf.on_time:
+                found.append((partial(self.value, leaf), partial(setattr, leaf, "met", True)))
+        for flow in self.loads.flows:
+            for side in (-1, 1):
+                found.append((partial(self._beyond_layer, flow, side, flow.layer), partial(self._change_layer, flow, side)))
+            for i in range(2 * len(flow.coefficients.axes)):
+                found.append((partial(self._beyond_table, flow, i), self._leave_table))
+        return found
+
+    def _edges(self) -> Array:
+        return self.loads.air.edges if self.loads.air else np.zeros(0)
+
+    def _beyond_layer(self, flow: Flow, side: int, layer: int, t: float, s: State) -> float:
+        edge = self._edges()[layer + (side > 0)]
+        return side * (self.vehicle.height(t, s, flow.body) - edge) - _EDGE
+
+    def _beyond_table(self, flow: Flow, i: int, t: float, s: State) -> float:
+        _, _, mach, alpha, beta = self.loads.flow(t, s, flow)
+        return flow.coefficients.beyond(mach, alpha, beta)[i]
+
+    def _leave_table(self) -> None:
+        raise Ended("outside-table")
+
+    def _change_layer(self, flow: Flow, by: int) -> None:
+        flow.layer += by
+        if not 0 <= flow.layer < len(self._edges()) - 1:
+            raise Ended("outside-atmosphere")
+
+    def _begin(self) -> None:
+        """The joints of the first phase allow the first state, and its air is known."""
+        s = self.state(0.0, self.y)
+        if not self.constraints.residual(s) <= _CONSISTENT:
+            raise Ended("inconsistent-start")
+        for flow in self.loads.flows:
+            edges, height = self._edges(), self.vehicle.height(0.0, s, flow.body)
+            if not edges[0] - _EDGE <= height <= edges[-1] + _EDGE:
+                raise Ended("outside-atmosphere")
+            flow.layer = min(max(int(np.searchsorted(edges, height, side="right")) - 1, 0), len(edges) - 2)
+            if any(self._beyond_table(flow, i, 0.0, s) > 0.0 for i in range(2 * len(flow.coefficients.axes))):
+                raise Ended("outside-table")
+        self.sequence.begin(self._height(s))
+
+    def _height(self, s: State) -> Callable[[str], float]:
+        return lambda body: self.vehicle.height(self.t, s, self.vehicle.index[body])
+
+    def _project(self) -> None:
+        """Bring positions and attitudes, then speeds, back onto the constraints: the least change by mass, of some round-off."""
+        for what in ("position", "speed"):
+            s, y = self.state(self.t, self.y), self.y.reshape(-1, SIZE)
+            rows = self.constraints.at(s)
+            off = self.constraints.values(s) if what == "position" else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
+            change = rows.unweighted(rows.change(-off))
+            if what == "position":
+                y[:, 0:3] += change[:, :3]
+                y[:, 6:10] += quaternion_rates(y[:, 6:10], change[:, 3:])
+                y[:, 6:10] /= np.linalg.norm(y[:, 6:10], axis=1)[:, None]
+            else:
+                y[:, 3:6], y[:, 10:13] = y[:, 3:6] + change[:, :3], y[:, 10:13] + change[:, 3:]
+
+    def _settle(self) -> None:
+        """What happens at this instant, and what the joints hold from now on."""
+        if self.constraints.count:
+            self._project()
+        self.loads.set_stretch(self.t + GRAIN)
+        s = self.state(self.t, self.y)
+        self._settle_held(s)
+        for name in self.joints:
+            if not self.sequence.held[name] and self.sequence.kinds[0][name] and name not in self.released:
+                self.released[name] = (self.t, s.w.copy())
+
+    def _settle_held(self, s: State) -> None:
+        def value(leaf: Leaf) -> float:
+            self.hold()
+            return self.value(leaf, self.t, s)
+
+        self.sequence.settle(self.t, value, self._height(s))
+        self.hold()
+
+    def fly(self) -> str:
+        """Fly to the end; returns the status."""
+        try:
+            self._begin()
+            self._settle()
+            stretches = 0
+            while self.t < self.end:
+                stretches += 1
+                if stretches > _MOST_STRETCHES:
+                    raise Ended("too-many-events")
+                self._stretch()
+                self._settle()
+        except Ended as reason:
+            return str(reason)
+        except np.linalg.LinAlgError:
+            return "not-finite"
+        return "never-released" if self.sequence.never_released() else "ok"
+
+    def _stretch(self) -> None:
+        """Integrate to the next switch, or to the first event."""
+        switches = [time for time in self.loads.switches if time > self.t + GRAIN]
+        stop = min([self.end, self.sequence.next_time(self.t), *switches])
+        self.loads.set_stretch(0.5 * (self.t + stop))
+        watched, solver = self.watched(), self._solver(self.t, self.y, stop)
+        while solver.status == "running":
+            with np.errstate(all="ignore"):
+                solver.step()
+            self.steps += 1
+            if solver.status == "failed" and self.jammed:
+                raise Ended("jammed")
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                raise Ended("not-finite")
+            before, self.step = solver.t_old, solver.t - solver.t_old
+            dense, start = solver.dense_output() if watched or self.watch.quantities() else _nowhere, self.y
+            first, time = self._first(watched, dense, before, solver.t)
+            if first is not None:
+                self.t, self.y = self._located(first[0], dense, before, start, time)
+            else:
+                self.t, self.y = float(solver.t), solver.y.copy()
+            s = self.state(self.t, self.y)
+            self.follower.follow(s, self.step)
+            self.drift = max(self.drift, self.constraints.residual(s))
+            self.watch.step(dense, before, self.t)
+            if self.motion(self.t, s) and self.jammed:
+                raise Ended("jammed")
+            if first is not None:
+                first[1]()
+                return
+
+    def _solver(self, t: float, y: Array, stop: float) -> DOP853:
+        first = min(self.step, stop - t) if self.step > 0.0 else None
+        return DOP853(self.derivative, t, y, stop, rtol=self.rtol, atol=0.01 * self.rtol, first_step=first)
+
+    def _first(self, watched: list[Watched], dense: Dense, before: float, after: float) -> tuple[Watched | None, float]:
+        """The first of what is watched that happens in a step, and when."""
+        first: Watched | None = None
+        end = after
+        for each in watched:
+            root = first_root(partial(self._along, each[0], dense), before, end)
+            if root is not None:
+                first, end = each, root
+        return first, end
+
+    def _along(self, value: Value, dense: Dense, t: float) -> float:
+        """A function of time and state on a step."""
+        return value(t, self.state(t, dense(t)))
+
+    def _located(self, value: Value, dense: Dense, before: float, start: Array, time: float) -> tuple[float, Array]:
+        """Time of a root that a step's interpolation gave, corrected on the integration itself, and the state there."""
+        y = self._reach(before, start, time)
+        width = 1e-3 * self.step
+        slope = (value(time + width, self.state(time + width, dense(time + width))) - value(time, self.state(time, dense(time)))) / width
+        for _ in range(4):
+            off = value(time, self.state(time, y))
+            if not slope > 0.0 or not abs(off) < slope * width or abs(off) < 1e-15 * slope:
+                break
+            time = max(before, time - off / slope)
+            y = self._reach(before, start, time)
+        return time, y
+
+    def _reach(self, before: float, start: Array, time: float) -> Array:
+        """State at a time, integrated from the start of a step."""
+        if time <= before:
+            return start
+        solver = DOP853(self.derivative, before, start, time, rtol=self.rtol, atol=0.01 * self.rtol, first_step=time - before)
+        while solver.status == "running":
+            solver.step()
+        return solver.y.copy()
+
+
+def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
+    """Fly one fully resolved case.
+
+    Parameters
+    ----------
+    case : mapping
+        Nested like the campaign file, in SI and radians, keys without unit suffix, as `sepmc.campaign.Case.to_dict` gives it; what is
+        absent or None has its default.
+    rtol : float
+        Relative tolerance of DOP853; the absolute one is a hundredth of it in SI units.
+
+    Raises
+    ------
+    ValueError
+        If the case has a key that this flight does not know.
+    """
+    scene = read(case)
+    vehicle, nothing = Vehicle(scene), dict.fromkeys(columns(scene), math.nan)
+    if vehicle.fault() or not _is_finite(scene):
+        return Flown("invalid-input", nothing)
+    vehicle.prepare()
+    flight = Flight(scene, vehicle, rtol)
+    status = flight.fly()
+    audit = {
+        "steps": flight.steps, "evaluations": flight.evaluations, "drift": flight.drift,
+        "attitude_singular": float(flight.follower.singular),
+    }  # fmt: skip
+    if status not in ("ok", "never-released"):
+        return Flown(status, nothing, flight.sequence.log, audit)
+    return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight))
+
+
+def _nowhere(_: float) -> Array:
+    raise AssertionError("nothing is watched in this step")
+
+
+def _is_finite(node: Any) -> bool:
+    """Whether no number of a scene is NaN."""
+    if isinstance(node, dict):
+        return all(_is_finite(value) for value in node.values())
+    if isinstance(node, list | tuple):
+        return all(_is_finite(value) for value in node)
+    return not (isinstance(node, float) and math.isnan(node))

@@ -1,0 +1,95 @@
+"""Outcomes under their public names and units."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sepmc.schema import Contents, outcome_columns
+from sepmc.trust.independent.loads import air_angles
+from sepmc.trust.independent.state import State, Vehicle
+
+if TYPE_CHECKING:
+    from sepmc.trust.independent.flight import Flight
+
+_SINGULAR = math.radians(89.0)
+_SLOW = 1e-6  # m/s: airspeed below which its direction is not known to 1e-9 of a turn
+
+
+def columns(scene: dict[str, Any]) -> list[str]:
+    """Names of all outcomes of a scene."""
+    output = scene["output"]
+    contents = Contents(
+        list(scene["body"]),
+        {name: tuple(joint["bodies"]) for name, joint in scene["joint"].items()},
+        tuple(output["loads"]),
+        {name: scene["joint"][name]["guide"]["pins"] for name in output["guide"]},
+        (),
+        tuple(output["tip_off"]),
+    )
+    return [column.name for column in outcome_columns(contents)]
+
+
+class Follower:
+    """Roll and pitch of every body as the motion goes on, beyond half a turn too."""
+
+    def __init__(self, vehicle: Vehicle):
+        first = vehicle.initial
+        self.roll, self.pitch = (np.full(vehicle.n, float(first[key])) for key in ("roll", "pitch"))
+        self.yaw, self.singular = np.zeros(vehicle.n), False
+
+    def follow(self, s: State, step: float) -> None:
+        """Take the turn of each angle that is nearest to the last."""
+        r = s.r[:-1]
+        roll = _nearest(np.arctan2(r[:, 2, 1], r[:, 2, 2]), self.roll)
+        pitch = _nearest(np.arctan2(r[:, 1, 0], r[:, 0, 0]), self.pitch)
+        self.yaw = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+        turned = np.linalg.norm(s.w[:-1], axis=1) * step
+        change = np.max([np.abs(roll - self.roll), np.abs(pitch - self.pitch), turned])
+        self.singular = self.singular or bool(change > 0.5 * math.pi or np.abs(self.yaw).max() > _SINGULAR)
+        self.roll, self.pitch = roll, pitch
+
+
+def _nearest(angle: Any, last: Any) -> Any:
+    return angle + 2.0 * math.pi * np.round((last - angle) / (2.0 * math.pi))
+
+
+def vague(flight: "Flight") -> tuple[str, ...]:
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left."""
+    s, found = flight.state(flight.t, flight.y), []
+    for b, name in enumerate(flight.vehicle.names):
+        u = flight.loads.air_velocity(flight.t, s, b)
+        if math.hypot(u[0], u[1]) < _SLOW:
+            found.append(f"{name}_alpha_deg")
+        if np.linalg.norm(u) < _SLOW:
+            found.append(f"{name}_beta_deg")
+    return tuple(found)
+
+
+def report(flight: "Flight") -> dict[str, float]:
+    """Outcomes at the end of a flight."""
+    vehicle = flight.vehicle
+    out: dict[str, float] = {}
+    s, first = flight.state(flight.t, flight.y), flight.vehicle.initial
+    reference = first["path_reference"] if first["path_reference"] is not None else first["pitch"] - first["alpha"]
+    follower = flight.follower
+    follower.follow(s, 0.0)
+    for b, name in enumerate(vehicle.names):
+        _, alpha, beta = air_angles(flight.loads.air_velocity(flight.t, s, b))
+        angles = {"alpha": alpha, "beta": beta, "alpha_ref": follower.pitch[b] - reference}
+        angles |= {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
+        out |= {f"{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
+        out |= {f"{name}_omega_{axis}_deg_s": math.degrees(rate) for axis, rate in zip("xyz", s.w[b], strict=True)}
+    for name, joint in flight.joints.items():
+        prefix = "" if len(flight.joints) == 1 else f"{name}_"
+        distance, speed = joint.separation(s)
+        released = flight.released.get(name, (math.nan, None))[0]
+        out |= {f"{prefix}separation_speed_m_s": speed, f"{prefix}separation_distance_mm": 1e3 * distance}
+        out[f"{prefix}release_time_s"] = released
+    for name in flight.scene["output"]["tip_off"]:
+        if name in flight.released:
+            for body in flight.joints[name].bodies:
+                if body in vehicle.names:
+                    for axis, rate in zip("xyz", flight.released[name][1][vehicle.index[body]], strict=True):
+                        out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
+    return out | flight.watch.report()
