@@ -32,9 +32,13 @@ class Path(NamedTuple):
     field: Field | None
 
 
+def _type(table: msgspec.Struct) -> type[msgspec.Struct]:
+    return type(table)
+
+
 def paths(node: Any, parts: tuple[str, ...] = ()) -> Iterator[Path]:
     """All numbers of a table of the model that are set, and not whole numbers."""
-    for name, field in fields_of(type(node)).items():
+    for name, field in fields_of(_type(node)).items():
         found, here = getattr(node, name), (*parts, name)
         if isinstance(found, msgspec.Struct):
             yield from paths(found, here)
@@ -111,7 +115,7 @@ def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float,
     if ".".join(path.parts).endswith(_ROUND) and dice.chance(0.5):
         return 0.0, 2.0 * math.pi
     kind = path.field.quantity.kind if path.field is not None else ""
-    positive = path.field is not None and "NotNegative" in str(path.field.type) or kind in ("stiffness", "damping", "time")
+    positive = (path.field is not None and "NotNegative" in str(path.field.type)) or kind in ("stiffness", "damping", "time")
     if nominal == 0.0:
         size = _SIZES.get(kind, 0.05) * dice.between(0.2, 1.0)
         if kind == "time":
@@ -134,7 +138,10 @@ def _spread(nominal: float, low: float, high: float, dice: Dice) -> dict[str, An
         "peak": {"triangular": sorted([low, middle, high])},
         "values": {"discrete": sorted({low, middle, high}), **({"weights": [1.0, 2.0, 0.5]} if len({low, middle, high}) == 3 else {})},
         "one": {"constant": middle},
-        "bell": {"normal": [middle, rounded(half / 3.0)], "truncate_sigma": rounded(min(middle - low, high - middle) / (half / 3.0 + 1e-300))},
+        "bell": {
+            "normal": [middle, rounded(half / 3.0)],
+            "truncate_sigma": rounded(min(middle - low, high - middle) / (half / 3.0 + 1e-300)),
+        },
     }
     if centred:
         laws |= {

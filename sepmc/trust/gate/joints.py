@@ -68,7 +68,11 @@ def chain(draft: Draft, name: str, changes: list[bool]) -> list[str]:
     found = [dice.pick(list(own)) if first == "own" else first]
     for change in changes:
         held = rows_of(model, found[-1])
-        less = [kind for kind in [*KINDS, *own] if kind != "rod" and is_part(rows_of(model, kind), held) and set(rows_of(model, kind)) != set(held)]
+        less = [
+            kind
+            for kind in [*KINDS, *own]
+            if kind != "rod" and is_part(rows_of(model, kind), held) and set(rows_of(model, kind)) != set(held)
+        ]
         if not change or not less:
             found.append(found[-1])
         else:

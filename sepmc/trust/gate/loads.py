@@ -50,7 +50,11 @@ def _options(draft: Draft, motor: Tree) -> None:
     for key, size, chance in (("radius_m", 0.3, 0.3), ("cant_deg", 200.0, 0.6), ("clock_deg", 180.0, 0.4)):
         if dice.chance(chance):
             motor[key] = abs(dice.about(size)) if key == "radius_m" else dice.about(size)
-    for key, value in (("offset_m", dice.vector(0.02, 2)), ("deflection_deg", dice.about(3.0)), ("deflection_clock_deg", dice.about(180.0))):
+    for key, value in (
+        ("offset_m", dice.vector(0.02, 2)),
+        ("deflection_deg", dice.about(3.0)),
+        ("deflection_clock_deg", dice.about(180.0)),
+    ):
         if dice.chance(0.3):
             motor[key] = value
 

@@ -43,9 +43,9 @@ def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree
         if movable:
             return _pushed(draft, dice.pick(movable), span, what)
     if what == "angle":
-        turning = [name for name in draft.tree["joint"] if (axis := _turns_about(draft, name, held)) is not None]
+        turning = [name for name in draft.tree["joint"] if _turns(held.get(name, "free"))]
         if turning:
-            return _turned(draft, dice.pick(turning), held, span)
+            return _turned(draft, dice.pick(turning), span)
     if what == "altitude" and draft.tree["initial"]["speed_m_s"] > 20.0:
         return _climbed(draft, past)
     if what == "burn_out":
@@ -60,10 +60,9 @@ def _slides(draft: Draft, name: str, held: dict[str, str]) -> bool:
     return held.get(name) != "rod" and 0 not in rows(draft, name, held.get(name, "free"))
 
 
-def _turns_about(draft: Draft, name: str, held: dict[str, str]) -> int | None:
-    """The joint axis about which a load can turn it: x for all kinds that leave it free."""
-    kind = held.get(name, "free")
-    return 0 if kind in ("revolute", "cylindrical", "spherical", "planar", "point-on-line", "free", "point-on-plane") else None
+def _turns(kind: str) -> bool:
+    """Whether a load can turn a joint of a kind about its x axis."""
+    return kind in ("revolute", "cylindrical", "spherical", "planar", "point-on-line", "free", "point-on-plane")
 
 
 def _pushed(draft: Draft, name: str, span: float, what: str) -> Tree:
@@ -89,7 +88,7 @@ def _pushed(draft: Draft, name: str, span: float, what: str) -> Tree:
     return {"joint": name, f"{what}_m": rounded(way)}
 
 
-def _turned(draft: Draft, name: str, held: dict[str, str], span: float) -> Tree:
+def _turned(draft: Draft, name: str, span: float) -> Tree:
     """An angle, and a moment about the joint's x axis that turns one of its bodies so far."""
     dice, joint = draft.dice, draft.tree["joint"][name]
     body = next(body for body in reversed(joint["bodies"]) if body != GROUND)

@@ -20,7 +20,7 @@ _CASES = 2
 
 def install() -> None:
     """Let campaigns of this process be flown so."""
-    campaigns.plan_flight = _plan  # type: ignore[assignment]
+    campaigns.plan_flight = _plan
 
 
 def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:

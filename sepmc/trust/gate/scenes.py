@@ -13,6 +13,7 @@ special structure  in 1 of 4 scenes, see `SPECIAL`
 =================  =================================================================================================
 """
 
+from contextlib import suppress
 from typing import Any
 
 from sepmc.scene.messages import SceneError
@@ -52,10 +53,8 @@ def scene(seed: int) -> Tree:
     add_loads(draft)
     _run(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
-    try:
+    with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)
-    except SceneError:
-        pass  # refused, with a message: the gate counts it
     return tree
 
 

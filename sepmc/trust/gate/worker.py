@@ -9,14 +9,17 @@ import sys
 import time
 from typing import Any
 
-from sepmc.trust.gate import plain
+from sepmc.trust.gate import general, plain
 from sepmc.trust.gate.compare import judge
 from sepmc.trust.gate.scenes import scene
+from sepmc.trust.gate.shrink import shrink
 
 
 def work(job: dict[str, Any]) -> dict[str, Any]:
     """The verdict on one job: the scene of a ``seed``, or of a ``tree`` with a ``name``."""
     begun = time.perf_counter()
+    if job.get("shrink"):
+        return {"tree": shrink(job["tree"], job.get("cases", 3), job["shrink"], say=lambda text: print(text, file=sys.stderr))}
     tree = scene(job["seed"]) if "seed" in job else job["tree"]
     found = judge(tree, job.get("name") or f"seed {job['seed']}", job.get("cases", 3))
     return {**found.to_dict(), "seconds": time.perf_counter() - begun, "seed": job.get("seed")}
@@ -27,6 +30,7 @@ def main() -> None:
     os.dup2(2, 1)  # what anything prints is not an answer
     if os.environ.get("NUMBA_DISABLE_JIT") == "1":
         plain.install()
+        general.install()
     for line in sys.stdin:
         print(json.dumps(work(json.loads(line))), file=answers, flush=True)
 

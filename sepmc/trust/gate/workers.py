@@ -16,11 +16,11 @@ _LIMIT_S = 600.0  # of one scene
 class Worker:
     """A process that judges one scene after the other."""
 
-    def __init__(self, interpreted: bool):
+    def __init__(self, interpreted: bool, limit_s: float = _LIMIT_S):
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         environment |= {"NUMBA_DISABLE_JIT": "1"} if interpreted else {"NUMBA_DISABLE_JIT": "0"}
         environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        self.interpreted = interpreted
+        self.limit_s = limit_s
         self.process = subprocess.Popen(
             [sys.executable, "-m", "sepmc.trust.gate.worker"], env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -29,7 +29,7 @@ class Worker:
         """The verdict on a job; None if the process died over it or took too long."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        timer = threading.Timer(_LIMIT_S, self.process.kill)
+        timer = threading.Timer(self.limit_s, self.process.kill)
         timer.start()
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)
