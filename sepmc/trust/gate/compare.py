@@ -28,6 +28,7 @@ _ROUGH = 1e-10  # tolerance of the second independent flight, which says how wel
 _DRIFT = {"mm": 1e-6, "m/s": 1e-8, "deg": 6e-8, "deg/s": 6e-7, "s": 1e-9}
 _NUDGE = 1e-9  # relative change of thresholds, times and masses that must not matter
 REFUSED = ("unresolved", "no-root", "too-many-events", "singular-joint", "not-finite", "jammed")  # what only the engine may say
+FAULTS = ("silent", "wrong", "status", "door")
 Fly = Callable[..., Any]
 
 
@@ -35,7 +36,9 @@ Fly = Callable[..., Any]
 class Verdict:
     """What became of one scene.
 
-    ``kernel`` is "written", "general" or "" (not flown); ``rows`` counts rows by verdict: same, wrong, silent, tie, refused, status;
+    ``kernel`` is "written", "general" or "" (not flown). ``rows`` counts rows by verdict: same; told (wrong, and an audit column says
+    so); tie (the case itself does not say); refused by the engine; and the faults silent, wrong (not ok, and other outcomes), status;
+    door counts doors that differ, see `sepmc.trust.gate.doors`.
     ``said`` has a line for each fault, ``crash`` the last line of a traceback, ``not_flown`` why there is nothing to compare.
     """
 
@@ -54,7 +57,7 @@ class Verdict:
 
     @property
     def fails(self) -> bool:
-        return bool(self.crash) or any(self.rows.get(key) for key in ("wrong", "silent", "status"))
+        return bool(self.crash) or any(self.rows.get(key) for key in FAULTS)
 
     def count(self, verdict: str) -> None:
         self.rows[verdict] = self.rows.get(verdict, 0) + 1
@@ -74,7 +77,7 @@ def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdic
         verdict.not_flown = f"refused by the parser: {str(error).splitlines()[0]}"
         return verdict
     except Exception:
-        verdict.crash = f"parser: {_last_line()}"
+        verdict.crash = f"parser: {last_line()}"
         return verdict
     try:
         with warnings.catch_warnings():
@@ -84,18 +87,19 @@ def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdic
             result = campaign.run(cases=cases)
             table = result.table
     except Exception:
-        verdict.crash = _last_line()
+        verdict.crash = last_line()
         return verdict
     try:
         _compare(verdict, result, table, reference)
     except ValueError as error:  # what the independent flight does not know
         verdict.not_flown = f"independent flight: {error}"
     except Exception:
-        verdict.crash = f"independent flight: {_last_line()}"
+        verdict.crash = f"independent flight: {last_line()}"
     return verdict
 
 
-def _last_line() -> str:
+def last_line() -> str:
+    """The last line of the traceback at hand, and where it was raised."""
     lines = traceback.format_exc().strip().splitlines()
     places = [line.strip() for line in lines if line.strip().startswith("File")]
     return f"{lines[-1]} ({places[-1].rpartition('/')[2]})" if places else lines[-1]

@@ -11,11 +11,12 @@ import tomli_w
 from sepmc.campaign import Campaign
 from sepmc.pilot import reasons
 from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.scenes import scene
 from sepmc.trust.gate.workers import Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
-FAULTS = ("wrong", "silent", "status")
+_DOORS = 8  # one scene in so many goes through the other doors too
 _COLUMNS = ("same", "told", "tie", "refused", *FAULTS)
 Found = dict[str, Any]
 
@@ -38,7 +39,7 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     fast: list[Job] = []
     written = 0
     for number in range(seed, seed + count):
-        job = {"seed": number, "cases": cases}
+        job = {"seed": number, "cases": cases, "doors": number % _DOORS == 0}
         if _is_written(number):
             plain.append(job)
             written += 1

@@ -15,6 +15,7 @@ from sepmc.door import fly_specialised, specialised_kernel
 from sepmc.pilot import Flight
 
 _MOST_STEPS = 64  # of a phase
+_HOPELESS = 16  # steps with which no case is sound: some other kernel has to fly it
 _CASES = 2
 
 
@@ -42,6 +43,6 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
             error = float(pilot.relative_error(before[0][both], now[0][both], units).max())
             if error <= scene.solver.accuracy:
                 return Flight(kernel=kernel, steps=steps // 2, usual=usual, error=error)
-        if 2 * steps.max() > _MOST_STEPS or (before is not None and not sound.any()):
+        if 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
             return Flight(kernel=kernel, steps=steps, usual=usual)
         before, steps = now, 2 * steps

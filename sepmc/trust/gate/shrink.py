@@ -4,7 +4,7 @@ import copy
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from sepmc.trust.gate.compare import Verdict, judge
+from sepmc.trust.gate.compare import FAULTS, Verdict, judge
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Tree
 
@@ -39,7 +39,7 @@ def _sign(verdict: Verdict) -> tuple[str, ...]:
     """What a failure is recognised by; empty if there is none."""
     if verdict.crash:
         return ("crash", verdict.crash.split(":")[0])
-    faults = [key for key in ("status", "silent", "wrong") if verdict.rows.get(key)]
+    faults = [key for key in FAULTS if verdict.rows.get(key)]
     return (verdict.kernel, faults[0]) if faults else ()
 
 

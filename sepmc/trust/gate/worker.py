@@ -11,6 +11,7 @@ from typing import Any
 
 from sepmc.trust.gate import general, plain
 from sepmc.trust.gate.compare import judge
+from sepmc.trust.gate.doors import through
 from sepmc.trust.gate.scenes import scene
 from sepmc.trust.gate.shrink import shrink
 
@@ -21,7 +22,10 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
     if job.get("shrink"):
         return {"tree": shrink(job["tree"], job.get("cases", 3), job["shrink"], say=lambda text: print(text, file=sys.stderr))}
     tree = scene(job["seed"]) if "seed" in job else job["tree"]
-    found = judge(tree, job.get("name") or f"seed {job['seed']}", job.get("cases", 3))
+    name = job.get("name") or f"seed {job['seed']}"
+    found = judge(tree, name, job.get("cases", 3))
+    if job.get("doors") and found.rows:
+        through(tree, name, found)
     return {**found.to_dict(), "seconds": time.perf_counter() - begun, "seed": job.get("seed")}
 
 
