@@ -12,6 +12,7 @@ from sepmc.campaign import Campaign
 from sepmc.pilot import reasons
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.compare import FAULTS
+from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.scenes import scene
 from sepmc.trust.gate.workers import Job, Worker, judge_all
 
@@ -40,7 +41,7 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     written = 0
     for number in range(seed, seed + count):
         job = {"seed": number, "cases": cases, "doors": number % _DOORS == 0}
-        if _is_written(number):
+        if is_written(scene(number)):
             plain.append(job)
             written += 1
             if written <= compiled:
@@ -57,12 +58,12 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     return sorted(found, key=lambda v: (v["seed"], v["name"]))
 
 
-def _is_written(seed: int) -> bool:
-    """Whether a kernel written for it flies the scene of a seed; true if that cannot be told, and the worker will say why."""
+def is_written(tree: Tree) -> bool:
+    """Whether a kernel written for it flies a scene; true if that cannot be told, and the worker will say why."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return not reasons(Campaign(parse_campaign(scene(seed), f"seed {seed}")))
+            return not reasons(Campaign(parse_campaign(tree, "gate")))
     except Exception:
         return True
 
@@ -78,7 +79,7 @@ def sentences(verdict: Found) -> list[str]:
     return [f"{verdict['name']}, {how}: {verdict['crash'] or 'rows differ'}", *lines]
 
 
-def shrunk(tree: dict[str, Any], interpreted: bool, cases: int = CASES, most: int = 150) -> dict[str, Any]:
+def shrunk(tree: Tree, interpreted: bool, cases: int = CASES, most: int = 150) -> Tree:
     """A smaller tree that fails in the same way, found by a worker process."""
     worker = Worker(interpreted, limit_s=3600.0)
     try:
@@ -88,7 +89,7 @@ def shrunk(tree: dict[str, Any], interpreted: bool, cases: int = CASES, most: in
     return answer["tree"] if answer else tree
 
 
-def keep(tree: dict[str, Any], path: Path, verdict: Found) -> None:
+def keep(tree: Tree, path: Path, verdict: Found) -> None:
     """Write a failing scene as a campaign file that says what differed."""
     said = "".join(f"# {line}\n" for line in sentences(verdict))
     path.write_text(said + tomli_w.dumps(tree), encoding="utf-8")
