@@ -61,7 +61,10 @@ class Wind:
         self.curve, profile = None, table["profile"]
         if profile:
             rows = [_level(*row) for row in zip(profile["speed"], profile["direction"], strict=True)]
-            self.curve, self.ends = held_curve(profile["altitude"], rows), (profile["altitude"][0], profile["altitude"][-1])
+            self.curve, self.ends = (
+                held_curve(profile["altitude"], rows),
+                (profile["altitude"][0], profile["altitude"][-1]),
+            )
 
     def at(self, height: float) -> Array:
         return self.steady if self.curve is None else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))

@@ -38,12 +38,26 @@ SPRING = {
 LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body", "point": None, "start": 0.0, "end": math.inf,
 }  # fmt: skip
-PROXIMITY = {"name": REQUIRED, "body": REQUIRED, "joint": REQUIRED, "distance": REQUIRED, "factor": 1.0, **dict.fromkeys(COEFFICIENTS, ())}
+PROXIMITY = {
+    "name": REQUIRED,
+    "body": REQUIRED,
+    "joint": REQUIRED,
+    "distance": REQUIRED,
+    "factor": 1.0,
+    **dict.fromkeys(COEFFICIENTS, ()),
+}
 JOINT = {
     "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "x_axis": (1.0, 0.0, 0.0), "y_axis": (0.0, 1.0, 0.0), "apart": None,
     "kind": None, "delay": 0.0, "fails": 0.0, "guide": None,
 }  # fmt: skip
-GUIDE = {"pins": REQUIRED, "circle": 0.0, "clock": 0.0, "engaged": REQUIRED, "friction": 0.0, "slip_speed": 0.01}
+GUIDE = {
+    "pins": REQUIRED,
+    "circle": 0.0,
+    "clock": 0.0,
+    "engaged": REQUIRED,
+    "friction": 0.0,
+    "slip_speed": 0.01,
+}
 CUSTOM = {"translations": (), "rotations": ()}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 RELEASE = {"name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED}
@@ -56,7 +70,13 @@ INITIAL = {
     "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0, "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,
     "path_reference": None,
 }  # fmt: skip
-RUN = {"end_time": REQUIRED, "cases": 0, "seed": 0, "history_step": 0.0, "chunk": 0}  # of which only the first matters here
+RUN = {
+    "end_time": REQUIRED,
+    "cases": 0,
+    "seed": 0,
+    "history_step": 0.0,
+    "chunk": 0,
+}  # of which only the first matters here
 SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))  # how others fly; no matter here
 SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (), "joint": None, "phase": REQUIRED,

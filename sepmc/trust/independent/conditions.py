@@ -60,7 +60,10 @@ def _tree(until: Table, leaves: list[Leaf], burn_out: Callable[[str], float]) ->
     if until["body"] is not None and until["altitude"] is not None:
         own.append(Leaf("altitude", until["body"], until["altitude"]))
     leaves += own
-    return {"own": own, **{key: [_tree(part, leaves, burn_out) for part in until[key]] for key in ("any", "all")}}
+    return {
+        "own": own,
+        **{key: [_tree(part, leaves, burn_out) for part in until[key]] for key in ("any", "all")},
+    }
 
 
 def _satisfied(tree: dict[str, Any]) -> bool:

@@ -11,12 +11,19 @@ _OFF = 1e-6  # of the accelerations wanted: what is missed by more has no soluti
 _KINDS = ("along", "rod", "turn")  # order of the rows
 
 
+class Singular(Exception):
+    """The constraints contradict each other: no acceleration fulfils all."""
+
+
 class Constraints:
     """All rows held at a time, evaluated together. ``held`` are pairs of a joint and what it holds."""
 
     def __init__(self, held: list[tuple[Joint, frozenset[Row]]], vehicle: Vehicle):
         self.vehicle = vehicle
-        rows = sorted(((j, row) for j, all_rows in held for row in sorted(all_rows, key=str)), key=lambda each: _KINDS.index(each[1][0]))
+        rows = sorted(
+            ((j, row) for j, all_rows in held for row in sorted(all_rows, key=str)),
+            key=lambda each: _KINDS.index(each[1][0]),
+        )
         self.owners, self.count = [joint.name for joint, _ in rows], len(rows)
         self.lines = sum(row[0] == "along" for _, row in rows)
         self.points = self.lines + sum(row[0] == "rod" for _, row in rows)
@@ -77,7 +84,12 @@ class Rows:
     """Rows on all speeds (m, 6 (n + 1)) at a state, and their bias (m,)."""
 
     def __init__(self, constraints: Constraints, rows: Array, bias: Array):
-        self.constraints, self.vehicle, self.rows, self.bias = constraints, constraints.vehicle, rows, bias
+        self.constraints, self.vehicle, self.rows, self.bias = (
+            constraints,
+            constraints.vehicle,
+            rows,
+            bias,
+        )
         n, parts = self.vehicle.n, rows.reshape(len(rows), -1, 6)[:, :-1]
         turn = (parts[:, :, None, 3:] @ np.swapaxes(self.vehicle.unroot, 1, 2))[:, :, 0]
         # on speeds measured by the root of the inertia, in which kinetic energy is half the sum of squares
@@ -90,7 +102,7 @@ class Rows:
         found = np.linalg.lstsq(self.scaled, self.scale * wanted, _REDUNDANT)[0]
         off = self.scaled @ found - self.scale * wanted
         if not np.abs(off).max() <= _OFF * max(1.0, np.abs(self.scale * wanted).max()):
-            raise np.linalg.LinAlgError("the constraints contradict each other")
+            raise Singular
         return found
 
     def accelerate(self, free: Array) -> tuple[Array, Array]:
@@ -120,6 +132,8 @@ class Rows:
         mine = np.array([owner == joint.name for owner in self.constraints.owners])
         on_b = self.rows[mine].reshape(-1, self.vehicle.n + 1, 6)[:, joint.b]
         force, moment = (on_b.T @ multipliers[mine]).reshape(2, 3)
+        if not mine[self.constraints.points :].any():  # a force through the point, without the round-off of its moment
+            return force, np.zeros(3)
         r = s.r[joint.b]
         return force, r @ moment - cross(r @ joint.arm_b, force)
 

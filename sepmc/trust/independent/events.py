@@ -80,7 +80,10 @@ class Sequence:
     def _told(self) -> Iterator[tuple[Event, str, frozenset[Row]]]:
         """What every event that has come tells joints to hold, where that is less than they hold."""
         following = [*self.kinds[1:], {}]
-        for event, tells in [*zip(self.phases, following, strict=True), *zip(self.releases, self.tells, strict=True)]:
+        for event, tells in [
+            *zip(self.phases, following, strict=True),
+            *zip(self.releases, self.tells, strict=True),
+        ]:
             if math.isfinite(event.time):
                 for name, rows in tells.items():
                     if is_less(rows, self.held[name]):

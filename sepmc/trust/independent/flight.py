@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853
 
-from sepmc.trust.independent.case import GROUND, read
+from sepmc.trust.independent.case import read
 from sepmc.trust.independent.conditions import Leaf
-from sepmc.trust.independent.constraints import Constraints, Rows
-from sepmc.trust.independent.events import Sequence
-from sepmc.trust.independent.guides import friction, rub
-from sepmc.trust.independent.joints import Joint
-from sepmc.trust.independent.loads import GRAIN, Flow, Loads
+from sepmc.trust.independent.constraints import Singular
+from sepmc.trust.independent.loads import GRAIN, Flow
+from sepmc.trust.independent.motion import Motion
 from sepmc.trust.independent.outcomes import Follower, columns, report, vague
 from sepmc.trust.independent.roots import first_root
-from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, cross, quaternion_rates
+from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, quaternion_rates
 from sepmc.trust.independent.watch import Watch
 
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
 _EDGE = 1e-9  # m beyond the edge of a layer of air at which the next one begins
+_ON_EDGE = 1e-12  # Mach and rad beyond the edge of a table that count as on it, which is inside
 _MOST_STRETCHES = 10_000
 
 
@@ -57,106 +56,36 @@ class Flight:
 
     def __init__(self, scene: dict[str, Any], vehicle: Vehicle, rtol: float):
         self.scene, self.vehicle, self.rtol = scene, vehicle, rtol
-        self.joints = {name: Joint(name, table, vehicle) for name, table in scene["joint"].items()}
-        self.loads = Loads(scene, vehicle, self.joints)
-        self.sequence = Sequence(scene, self.joints, self.loads)
+        self.motion = Motion(scene, vehicle)
+        self.joints, self.loads, self.sequence = (
+            self.motion.joints,
+            self.motion.loads,
+            self.motion.sequence,
+        )
         self.t, self.end = 0.0, scene["run"]["end_time"]
-        self.y = vehicle.start(self._pivot())
+        self.y = vehicle.start(self.motion.pivot(scene["phase"][0]["joints"]))
         self.follower = Follower(vehicle)
         self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
-        self.hold()
-        self.watch, self.jammed = Watch(self), False
-        self.steps, self.evaluations, self.drift, self.step = 0, 0, 0.0, math.nan
-
-    def _pivot(self) -> Array:
-        """About what the vehicle turns at the start: its mass centre, or the point of the first joint that holds the ground."""
-        for name, joint in self.joints.items():
-            if GROUND in joint.bodies and self.scene["phase"][0]["joints"].get(name, "free") != "free":
-                point = joint.points[joint.bodies.index(GROUND)]
-                return self.vehicle.arm(GROUND, point)
-        return np.zeros(3)
-
-    def hold(self) -> None:
-        """Constraints as the joints hold now."""
-        held = [(joint, self.sequence.held[name]) for name, joint in self.joints.items()]
-        self.constraints = Constraints([(joint, rows) for joint, rows in held if rows], self.vehicle)
+        self.watch = Watch(self.motion, scene["output"])
+        self.steps, self.drift, self.step = 0, 0.0, math.nan
 
     def state(self, t: float, y: Array) -> State:
         return self.vehicle.state(t, y)
-
-    def free(self, s: State, force: Array, moment: Array) -> Array:
-        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass centres in body axes."""
-        vehicle, n, found = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
-        found[:, :3] = force[:n] / vehicle.mass[:, None]
-        for b in range(n):
-            turning = moment[b] - cross(s.w[b], vehicle.inertia[b] @ s.w[b])
-            found[b, 3:] = vehicle.unroot[b].T @ (vehicle.unroot[b] @ turning)
-        return found
-
-    def motion(self, t: float, s: State) -> tuple[Array, Array, Rows | None, dict[str, float]]:
-        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and the friction of guides."""
-        self.evaluations += 1
-        force, moment = self.loads.on_bodies(t, s)
-        if not self.constraints.count:
-            return self.free(s, force, moment), np.zeros(6 * self.vehicle.n), None, {}
-        rows = self.constraints.at(s)
-        rubbing = friction(self, s, rows, (force, moment))
-        self.jammed = rubbing is None
-        for name, size in (rubbing or {}).items():
-            rub(self.joints[name], s, size, force, moment)
-        return *rows.accelerate(self.free(s, force, moment)), rows, rubbing or {}
-
-    def derivative(self, t: float, y: Array) -> Array:
-        s = self.state(t, y)
-        return self.vehicle.derivative(y, s, self.motion(t, s)[0])
-
-    def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
-        """Force and moment of every joint on its second body now, ground axes."""
-        _, added, rows, _ = self.motion(t, s)
-        found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
-        if rows is not None:
-            multipliers = rows.multipliers(added)
-            found |= {name: rows.wrench(j, s, multipliers) for name, j in self.joints.items() if self.sequence.held[name]}
-        return found
-
-    def drive(self, name: str, t: float, s: State) -> float:
-        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub."""
-        joint, (_, _, _, rubbing) = self.joints[name], self.motion(t, s)
-        force, moment = self.loads.on_bodies(t, s)
-        for other, size in rubbing.items():
-            if other != name:
-                rub(self.joints[other], s, size, force, moment)
-        held = [(j, self.sequence.held[each] | ({("along", 0)} if each == name else set())) for each, j in self.joints.items()]
-        rows = Constraints(held, self.vehicle).at(s)
-        on_b, _ = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
-        return max(0.0, -joint.apart * float(on_b @ (s.r[joint.a] @ joint.axes[0])))
-
-    def value(self, leaf: Leaf, t: float, s: State) -> float:
-        """How far a condition on the state is beyond its threshold."""
-        what, which = leaf.what, str(leaf.which)
-        if what == "altitude":
-            return leaf.side * (self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold)
-        if what == "spring":
-            found = next(spring for spring in self.loads.springs if spring.name == which).extension(s)
-        elif what == "stroke":
-            found = self.joints[which].separation(s)[0]
-        elif what == "distance":
-            found = float(np.linalg.norm(self.joints[which].gap(s)[0]))
-        elif what == "angle":
-            found = self.joints[which].angle(s)
-        else:
-            found = float(np.linalg.norm(self.wrenches(t, s)[which][0 if what == "force" else 1]))
-        return found - leaf.threshold
 
     def watched(self) -> list[Watched]:
         """Functions that become positive where something happens, and what then does: conditions, edges of air and of tables."""
         found: list[Watched] = []
         for leaf in self.sequence.armed():
             if not leaf.on_time:
-                found.append((partial(self.value, leaf), partial(setattr, leaf, "met", True)))
+                found.append((partial(self.motion.value, leaf), partial(setattr, leaf, "met", True)))
         for flow in self.loads.flows:
             for side in (-1, 1):
-                found.append((partial(self._beyond_layer, flow, side, flow.layer), partial(self._change_layer, flow, side)))
+                found.append(
+                    (
+                        partial(self._beyond_layer, flow, side, flow.layer),
+                        partial(self._change_layer, flow, side),
+                    )
+                )
             for i in range(2 * len(flow.coefficients.axes)):
                 found.append((partial(self._beyond_table, flow, i), self._leave_table))
         return found
@@ -170,7 +99,7 @@ class Flight:
 
     def _beyond_table(self, flow: Flow, i: int, t: float, s: State) -> float:
         _, _, mach, alpha, beta = self.loads.flow(t, s, flow)
-        return flow.coefficients.beyond(mach, alpha, beta)[i]
+        return flow.coefficients.beyond(mach, alpha, beta)[i] - _ON_EDGE
 
     def _leave_table(self) -> None:
         raise Ended("outside-table")
@@ -183,7 +112,7 @@ class Flight:
     def _begin(self) -> None:
         """The joints of the first phase allow the first state, and its air is known."""
         s = self.state(0.0, self.y)
-        if not self.constraints.residual(s) <= _CONSISTENT:
+        if not self.motion.constraints.residual(s) <= _CONSISTENT:
             raise Ended("inconsistent-start")
         for flow in self.loads.flows:
             edges, height = self._edges(), self.vehicle.height(0.0, s, flow.body)
@@ -201,8 +130,8 @@ class Flight:
         """Bring positions and attitudes, then speeds, back onto the constraints: the least change by mass, of some round-off."""
         for what in ("position", "speed"):
             s, y = self.state(self.t, self.y), self.y.reshape(-1, SIZE)
-            rows = self.constraints.at(s)
-            off = self.constraints.values(s) if what == "position" else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
+            rows = self.motion.constraints.at(s)
+            off = self.motion.constraints.values(s) if what == "position" else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
             change = rows.unweighted(rows.change(-off))
             if what == "position":
                 y[:, 0:3] += change[:, :3]
@@ -213,7 +142,7 @@ class Flight:
 
     def _settle(self) -> None:
         """What happens at this instant, and what the joints hold from now on."""
-        if self.constraints.count:
+        if self.motion.constraints.count:
             self._project()
         self.loads.set_stretch(self.t + GRAIN)
         s = self.state(self.t, self.y)
@@ -224,11 +153,11 @@ class Flight:
 
     def _settle_held(self, s: State) -> None:
         def value(leaf: Leaf) -> float:
-            self.hold()
-            return self.value(leaf, self.t, s)
+            self.motion.hold()
+            return self.motion.value(leaf, self.t, s)
 
         self.sequence.settle(self.t, value, self._height(s))
-        self.hold()
+        self.motion.hold()
 
     def fly(self) -> str:
         """Fly to the end; returns the status."""
@@ -244,6 +173,8 @@ class Flight:
                 self._settle()
         except Ended as reason:
             return str(reason)
+        except Singular:
+            return "singular-joint"
         except np.linalg.LinAlgError:
             return "not-finite"
         return "never-released" if self.sequence.never_released() else "ok"
@@ -255,15 +186,17 @@ class Flight:
         self.loads.set_stretch(0.5 * (self.t + stop))
         watched, solver = self.watched(), self._solver(self.t, self.y, stop)
         while solver.status == "running":
-            with np.errstate(all="ignore"):
-                solver.step()
+            solver.step()
             self.steps += 1
-            if solver.status == "failed" and self.jammed:
+            if solver.status == "failed" and self.motion.jammed:
                 raise Ended("jammed")
             if solver.status == "failed" or not np.isfinite(solver.y).all():
                 raise Ended("not-finite")
             before, self.step = solver.t_old, solver.t - solver.t_old
-            dense, start = solver.dense_output() if watched or self.watch.quantities() else _nowhere, self.y
+            dense, start = (
+                solver.dense_output() if watched or self.watch.quantities() else _nowhere,
+                self.y,
+            )
             first, time = self._first(watched, dense, before, solver.t)
             if first is not None:
                 self.t, self.y = self._located(first[0], dense, before, start, time)
@@ -271,9 +204,9 @@ class Flight:
                 self.t, self.y = float(solver.t), solver.y.copy()
             s = self.state(self.t, self.y)
             self.follower.follow(s, self.step)
-            self.drift = max(self.drift, self.constraints.residual(s))
+            self.drift = max(self.drift, self.motion.constraints.residual(s))
             self.watch.step(dense, before, self.t)
-            if self.motion(self.t, s) and self.jammed:
+            if self.motion.at(self.t, s) and self.motion.jammed:
                 raise Ended("jammed")
             if first is not None:
                 first[1]()
@@ -281,7 +214,15 @@ class Flight:
 
     def _solver(self, t: float, y: Array, stop: float) -> DOP853:
         first = min(self.step, stop - t) if self.step > 0.0 else None
-        return DOP853(self.derivative, t, y, stop, rtol=self.rtol, atol=0.01 * self.rtol, first_step=first)
+        return DOP853(
+            self.motion.derivative,
+            t,
+            y,
+            stop,
+            rtol=self.rtol,
+            atol=0.01 * self.rtol,
+            first_step=first,
+        )
 
     def _first(self, watched: list[Watched], dense: Dense, before: float, after: float) -> tuple[Watched | None, float]:
         """The first of what is watched that happens in a step, and when."""
@@ -306,7 +247,7 @@ class Flight:
             off = value(time, self.state(time, y))
             if not slope > 0.0 or not abs(off) < slope * width or abs(off) < 1e-15 * slope:
                 break
-            time = max(before, time - off / slope)
+            time = max(before, float(time - off / slope))
             y = self._reach(before, start, time)
         return time, y
 
@@ -314,7 +255,15 @@ class Flight:
         """State at a time, integrated from the start of a step."""
         if time <= before:
             return start
-        solver = DOP853(self.derivative, before, start, time, rtol=self.rtol, atol=0.01 * self.rtol, first_step=time - before)
+        solver = DOP853(
+            self.motion.derivative,
+            before,
+            start,
+            time,
+            rtol=self.rtol,
+            atol=0.01 * self.rtol,
+            first_step=time - before,
+        )
         while solver.status == "running":
             solver.step()
         return solver.y.copy()
@@ -342,9 +291,10 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
         return Flown("invalid-input", nothing)
     vehicle.prepare()
     flight = Flight(scene, vehicle, rtol)
-    status = flight.fly()
+    with np.errstate(all="ignore"):  # what is not finite is told by the status
+        status = flight.fly()
     audit = {
-        "steps": flight.steps, "evaluations": flight.evaluations, "drift": flight.drift,
+        "steps": flight.steps, "evaluations": flight.motion.evaluations, "drift": flight.drift,
         "attitude_singular": float(flight.follower.singular),
     }  # fmt: skip
     if status not in ("ok", "never-released"):

@@ -10,7 +10,7 @@ from sepmc.trust.independent.loads import act
 from sepmc.trust.independent.state import Array, State, cross
 
 if TYPE_CHECKING:
-    from sepmc.trust.independent.flight import Flight
+    from sepmc.trust.independent.motion import Motion
 
 _SHORTEST = 0.01  # of the engaged length: pins are never counted shorter
 _ROUNDS = 60
@@ -48,14 +48,14 @@ def rub(joint: Joint, s: State, size: float, force: Array, moment: Array) -> Non
     act(s, joint.a, joint.b, joint.arm_a, joint.arm_b, joint.gap(s)[0], size * along, force, moment)
 
 
-def friction(flight: "Flight", s: State, rows: Rows, loads: tuple[Array, Array]) -> dict[str, float] | None:
+def friction(motion: "Motion", s: State, rows: Rows, loads: tuple[Array, Array]) -> dict[str, float] | None:
     """Friction on the second bodies toward their separation, N, by joint: ``friction`` times the sum of all contact loads, against the
     sliding; None if no friction is in balance with the loads it causes.
 
     Contact loads are linear in all frictions, so one solution without and one for each friction tell them all. Each is then found as
     the root of a convex function, from below, by Newton's method, which reaches the first root or shows that there is none.
     """
-    rubbing = [j for j in flight.joints.values() if j.guide and j.guide["friction"] > 0.0 and slides(flight.sequence.held[j.name])]
+    rubbing = [j for j in motion.joints.values() if j.guide and j.guide["friction"] > 0.0 and slides(motion.sequence.held[j.name])]
     if not rubbing:
         return {}
     signs = [joint.separation(s)[1] / np.hypot(joint.separation(s)[1], joint.guide["slip_speed"]) for joint in rubbing]
@@ -64,7 +64,7 @@ def friction(flight: "Flight", s: State, rows: Rows, loads: tuple[Array, Array])
         force, moment = loads[0].copy(), loads[1].copy()
         if rubbed is not None:
             rub(rubbed, s, size, force, moment)
-        multipliers = rows.multipliers(rows.accelerate(flight.free(s, force, moment))[1])
+        multipliers = rows.multipliers(rows.accelerate(motion.free(s, force, moment))[1])
         return [contacts(joint, s, *rows.wrench(joint, s, multipliers)) for joint in rubbing]
 
     without = carried(None, 0.0)

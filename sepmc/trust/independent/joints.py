@@ -23,7 +23,11 @@ def rows_of(kind: str, own: Table) -> frozenset[Row]:
     along, about = (own[kind]["translations"], own[kind]["rotations"]) if kind in own else _KINDS[kind]
     turns = {axis: _TURNS[axis] for axis in about}
     if set(about) == {"x", "z"}:
-        turns["z"] = ("turn", 1, 0)  # with y of B perpendicular to z of A and to x of A, B turns about y freely
+        turns["z"] = (
+            "turn",
+            1,
+            0,
+        )  # with y of B perpendicular to z of A and to x of A, B turns about y freely
     return frozenset([("along", "xyz".index(axis)) for axis in along] + list(turns.values()))
 
 
@@ -31,10 +35,18 @@ class Joint:
     """A joint: its bodies, its points and its axes, which B carries too, parallel to A's at the start."""
 
     def __init__(self, name: str, table: Table, vehicle: Vehicle):
-        self.name, self.bodies, self.delay, self.fails = name, tuple(table["bodies"]), table["delay"], table["fails"] >= 0.5
+        self.name, self.bodies, self.delay, self.fails = (
+            name,
+            tuple(table["bodies"]),
+            table["delay"],
+            table["fails"] >= 0.5,
+        )
         self.own, self.guide = table["kind"], table["guide"]
         self.a, self.b = (vehicle.index[body] for body in self.bodies)
-        self.points = [table["point"], table["second_point"] if table["second_point"] is not None else table["point"]]
+        self.points = [
+            table["point"],
+            table["second_point"] if table["second_point"] is not None else table["point"],
+        ]
         self.arm_a, self.arm_b = (vehicle.arm(body, point) for body, point in zip(self.bodies, self.points, strict=True))
         x = np.array(table["x_axis"], float) / np.linalg.norm(table["x_axis"])
         y = np.array(table["y_axis"], float) - x * (x @ np.array(table["y_axis"], float))

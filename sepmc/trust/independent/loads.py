@@ -21,14 +21,24 @@ class Motor:
 
     def __init__(self, m: Table, vehicle: Vehicle):
         self.table, self.body = m, vehicle.index[m["body"]]
-        b, p, clock, radius, (dy, dz) = m["deflection"], m["deflection_clock"], m["clock"], m["radius"], m["offset"]
+        b, p, clock, radius, (dy, dz) = (
+            m["deflection"],
+            m["deflection_clock"],
+            m["clock"],
+            m["radius"],
+            m["offset"],
+        )
         nozzle = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
         self.force = nozzle @ (math.cos(b), -math.sin(b) * math.sin(p), math.sin(b) * math.cos(p))
         arm = vehicle.arm(m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz))
         self.moment = cross(arm, self.force)
         self.start = m["ignition"] + m["delay"]
         self.end = self.start + m["burn"]
-        self.switches = [self.start, self.end, *(self.start + knot for knot in (m["profile"] or {"time": ()})["time"])]
+        self.switches = [
+            self.start,
+            self.end,
+            *(self.start + knot for knot in (m["profile"] or {"time": ()})["time"]),
+        ]
 
     def _burning(self, since: float, profile: Callable[[float], float]) -> float:
         build_up = self.table["build_up"]
@@ -66,7 +76,10 @@ class Spring:
     def __init__(self, table: Table, vehicle: Vehicle):
         self.name, self.table, self.spent = table["name"], table, False
         self.a, self.b = (vehicle.index[body] for body in table["bodies"])
-        points = [table["point"], table["second_point"] if table["second_point"] is not None else table["point"]]
+        points = [
+            table["point"],
+            table["second_point"] if table["second_point"] is not None else table["point"],
+        ]
         self.arm_a, self.arm_b = (vehicle.arm(body, point) for body, point in zip(table["bodies"], points, strict=True))
         self.axis = None if table["axis"] is None else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
         gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
@@ -88,10 +101,30 @@ class Spring:
         """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes."""
         e, extension, rate, d = self.line(s)
         size = self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
-        act(s, self.a, self.b, self.arm_a, self.arm_b, d if self.axis is not None else None, size * e, force, moment)
+        act(
+            s,
+            self.a,
+            self.b,
+            self.arm_a,
+            self.arm_b,
+            d if self.axis is not None else None,
+            size * e,
+            force,
+            moment,
+        )
 
 
-def act(s: State, a: int, b: int, arm_a: Array, arm_b: Array, across: Array | None, on_b: Array, force: Array, moment: Array) -> None:
+def act(
+    s: State,
+    a: int,
+    b: int,
+    arm_a: Array,
+    arm_b: Array,
+    across: Array | None,
+    on_b: Array,
+    force: Array,
+    moment: Array,
+) -> None:
     """Add a force on body b at its point, and the opposite on body a, at its point or, if ``across`` is d, where the line through
     the point of b meets it."""
     force[b] += on_b

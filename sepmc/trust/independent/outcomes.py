@@ -84,7 +84,10 @@ def report(flight: "Flight") -> dict[str, float]:
         prefix = "" if len(flight.joints) == 1 else f"{name}_"
         distance, speed = joint.separation(s)
         released = flight.released.get(name, (math.nan, None))[0]
-        out |= {f"{prefix}separation_speed_m_s": speed, f"{prefix}separation_distance_mm": 1e3 * distance}
+        out |= {
+            f"{prefix}separation_speed_m_s": speed,
+            f"{prefix}separation_distance_mm": 1e3 * distance,
+        }
         out[f"{prefix}release_time_s"] = released
     for name in flight.scene["output"]["tip_off"]:
         if name in flight.released:

@@ -10,7 +10,7 @@ _SAMPLES = 8  # of a step in which a function is looked at; peaks between them a
 
 def first_root(value: Callable[[float], float], start: float, end: float) -> float | None:
     """First time in (start, end] at which ``value`` is not negative, or None. It is negative at the start."""
-    times = np.linspace(start, end, _SAMPLES + 1)
+    times = np.linspace(start, end, _SAMPLES + 1).tolist()
     found = [value(t) for t in times]
     for i in range(1, _SAMPLES + 1):
         low, high = times[i - 1], times[i]
@@ -19,10 +19,16 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
                 continue
             if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:  # too far below for a smooth peak to reach
                 continue
-            high = minimize_scalar(lambda t: -value(t), bounds=(low, times[i + 1]), method="bounded", options={"xatol": 1e-12}).x
+            high = _peak(value, low, times[i + 1])
             if value(high) < 0.0:
                 continue
         while low > start and value(low) >= 0.0:
             low -= 0.5 * (end - start) / _SAMPLES
         return float(brentq(value, low, high, xtol=1e-15)) if value(low) < 0.0 else float(low)
     return None
+
+
+def _peak(value: Callable[[float], float], low: float, high: float) -> float:
+    """Time of the greatest value between two times."""
+    found = minimize_scalar(lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+    return float(found.x)

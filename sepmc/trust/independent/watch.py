@@ -2,53 +2,55 @@
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from sepmc.trust.independent.case import Table
 from sepmc.trust.independent.guides import contacts, slides, total
+from sepmc.trust.independent.motion import Motion
 from sepmc.trust.independent.state import Array, State
-
-if TYPE_CHECKING:
-    from sepmc.trust.independent.flight import Flight
 
 _SAMPLES = 8  # intervals of a step between which peaks and kinks are sought
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_QUADRATURE, _HALVINGS = (
+    1e-11,
+    20,
+)  # of an impulse so far, by which whole and halves may differ; most halvings
 
 
 class Watch:
     """Peaks and integrals of a flight, step by step. ``peaks``: value and time, by what it is of."""
 
-    def __init__(self, flight: "Flight"):
-        output = flight.scene["output"]
-        self.flight, self.loads, self.guides = flight, list(output["loads"]), list(output["guide"])
+    def __init__(self, motion: Motion, output: Table):
+        self.motion, self.loads, self.guides = motion, list(output["loads"]), list(output["guide"])
         self.peaks: dict[Any, tuple[float, float]] = {}
         self.integrals = dict.fromkeys([(name, what) for name in self.loads for what in ("force", "moment")], 0.0)
         self.in_guide = dict.fromkeys(self.guides, 0.0)
 
     def quantities(self) -> list[Any]:
         """What has a value as the joints hold now."""
-        held, flight = self.flight.sequence.held, self.flight
+        held, joints = self.motion.sequence.held, self.motion.joints
         found: list[Any] = [(name, what) for name in self.loads if held[name] for what in ("force", "moment")]
         for name in self.guides:
             if slides(held[name]):
-                found += [(name, pin) for pin in range(flight.joints[name].guide["pins"])] + [(name, "jam")]
+                found += [(name, pin) for pin in range(joints[name].guide["pins"])] + [(name, "jam")]
         return found
 
     def values(self, t: float, s: State, wanted: list[Any]) -> Array:
         """All quantities at a state, each such that its peak is its greatest value."""
-        flight, found = self.flight, []
-        wrenches = flight.wrenches(t, s)
-        pins = {name: contacts(flight.joints[name], s, *wrenches[name]) for name in self.guides if (name, "jam") in wanted}
+        motion, found = self.motion, []
+        wrenches = motion.wrenches(t, s)
+        pins = {name: contacts(motion.joints[name], s, *wrenches[name]) for name in self.guides if (name, "jam") in wanted}
         for name, what in wanted:
             if what in ("force", "moment"):
                 found.append(float(np.linalg.norm(wrenches[name][0 if what == "force" else 1])))
             elif what == "jam":
                 carried = total(pins[name])
-                found.append(-flight.drive(name, t, s) / carried if carried > 0.0 else -math.inf)
+                found.append(-motion.drive(name, t, s) / carried if carried > 0.0 else -math.inf)
             else:
                 found.append(float(np.sqrt(np.sum(pins[name][:, what] ** 2, axis=-1)).max()))
         return np.array(found)
@@ -56,21 +58,22 @@ class Watch:
     def step(self, dense: Callable[[float], Array], start: float, end: float) -> None:
         """Watch a step from its interpolation."""
         for name in self.guides:
-            self.in_guide[name] += end - start if slides(self.flight.sequence.held[name]) else 0.0
+            self.in_guide[name] += end - start if slides(self.motion.sequence.held[name]) else 0.0
         wanted = self.quantities()
         if not wanted or end <= start:
             return
 
+        @cache
         def all_at(t: float) -> Array:
-            return self.values(t, self.flight.state(t, dense(t)), wanted)
+            return self.values(t, self.motion.vehicle.state(t, dense(t)), wanted)
 
         times = np.linspace(start, end, _SAMPLES + 1)
-        table = np.array([all_at(t) for t in times])
+        table = np.array([all_at(float(t)) for t in times])
         for i, what in enumerate(wanted):
             one = partial(_item, all_at, i)
             kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
-                self.integrals[what] += _integral(one, [start, *kinks, end])
+                self.integrals[what] += sum(_integral(one, *ends, self.integrals[what]) for ends in pairwise([start, *kinks, end]))
 
     def _extremes(self, what: Any, value: Callable[[float], float], times: Array, found: Array) -> list[float]:
         """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a vector may have a kink."""
@@ -82,7 +85,12 @@ class Watch:
             if not np.isfinite(near).all() or np.ptp(near) == 0.0:
                 continue
             if found[i] == near.max() and 2.0 * found[i] - near.min() > self._best(what):
-                top = minimize_scalar(lambda x: -value(x), bounds=(low, high), method="bounded", options={"xatol": 1e-11}).x
+                top = minimize_scalar(
+                    lambda x: -value(x),
+                    bounds=(low, high),
+                    method="bounded",
+                    options={"xatol": 1e-11},
+                ).x
                 self._keep(what, value(top), float(top))
             elif found[i] == near.min() and 0 < i < len(times) - 1 and 2.0 * found[i] < near.max() and what in self.integrals:
                 kinks.append(float(minimize_scalar(value, bounds=(low, high), method="bounded", options={"xatol": 1e-13}).x))
@@ -106,7 +114,7 @@ class Watch:
                 out[f"{name}_{what}_impulse_{unit}_s"] = self.integrals[name, what]
         for name in self.guides:
             out[f"{name}_time_in_guide_s"] = self.in_guide[name]
-            for pin in range(self.flight.joints[name].guide["pins"]):
+            for pin in range(self.motion.joints[name].guide["pins"]):
                 out[f"{name}_pin{pin + 1}_peak_load_N"] = self.peaks.get((name, pin), (math.nan, math.nan))[0]
             out[f"{name}_jam_friction"] = -self.peaks.get((name, "jam"), (math.nan, math.nan))[0]
         return out
@@ -116,10 +124,24 @@ def _item(values: Callable[[float], Array], i: int, t: float) -> float:
     return float(values(t)[i])
 
 
-def _integral(value: Callable[[float], float], ends: list[float]) -> float:
-    """Integral by Gauss-Legendre between neighbouring ends."""
-    found = 0.0
-    for low, high in pairwise(ends):
-        middle, half = 0.5 * (low + high), 0.5 * (high - low)
-        found += half * sum(w * value(middle + half * x) for x, w in zip(_NODES, _WEIGHTS, strict=True))
-    return found
+def _integral(
+    value: Callable[[float], float],
+    low: float,
+    high: float,
+    so_far: float,
+    whole: float | None = None,
+    depth: int = 0,
+) -> float:
+    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size near zero are sharp."""
+    middle = 0.5 * (low + high)
+    whole = _gauss(value, low, high) if whole is None else whole
+    halves = _gauss(value, low, middle), _gauss(value, middle, high)
+    if depth == _HALVINGS or abs(sum(halves) - whole) <= _QUADRATURE * (so_far + whole):
+        return sum(halves)
+    first = _integral(value, low, middle, so_far, halves[0], depth + 1)
+    return first + _integral(value, middle, high, so_far + first, halves[1], depth + 1)
+
+
+def _gauss(value: Callable[[float], float], low: float, high: float) -> float:
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    return half * sum(float(w) * value(middle + half * float(x)) for x, w in zip(_NODES, _WEIGHTS, strict=True))
