@@ -86,7 +86,7 @@ class Campaign:
 
     @cached_property
     def plan(self) -> Plan:
-        plan = make_plan(self.scene)
+        plan = make_plan(self.scene, dispersed=self.dispersed)
         return replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
 
     @cached_property

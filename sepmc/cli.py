@@ -258,11 +258,11 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             inside, outside = features(shape)
             click.echo("  kernel       specialised (print it with --code)")
             for stage in shape.stages:
-                together = (
-                    "; ".join(" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1) or "all turn by themselves"
-                )
+                called = shape.names.back
+                groups = [" and ".join(called.get(body, body) for body in group) for group in stage.groups if len(group) > 1]
+                together = "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
                 rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
-                click.echo(f"    {stage.name:14s} {together}{rows}")
+                click.echo(f"    {called[stage.name]:14s} {together}{rows}")
             click.echo(f"    compiled in    {', '.join(inside)}")
             click.echo(f"    left out       {', '.join(outside)}")
         click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")

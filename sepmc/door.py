@@ -1,8 +1,9 @@
 """The Python side of the door: blocks of arrays in and out of compiled code, threads, compiling, and what a run may ask for."""
 
+import contextlib
 import operator
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
@@ -124,8 +125,26 @@ def warm_up(announce: Callable[[str], None] | None = None) -> float:
     return time.perf_counter() - start
 
 
+_interpreting = False
+
+
+@contextlib.contextmanager
+def interpreted(wanted: bool = True) -> Iterator[None]:
+    """Fly kernels that are loaded meanwhile as plain Python: nothing is compiled, a case takes milliseconds instead of microseconds."""
+    global _interpreting  # noqa: PLW0603
+    before, _interpreting = _interpreting, wanted
+    try:
+        yield
+    finally:
+        _interpreting = before
+
+
 def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> ModuleType:
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling it there if need be."""
+    if _interpreting:
+        from sepmc.kernels import interpreted as plain  # noqa: PLC0415
+
+        return plain.load(text)
     from sepmc.kernels import specialised  # noqa: PLC0415
 
     name = specialised.write(text)

@@ -139,7 +139,7 @@ def _fly_lost(
 def _fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, room: int) -> Block:
     """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
     width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    block = fly_block(make_plan(campaign.scene, step=step), campaign.slots, draws, room, width, level)
+    block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
     names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
     return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
 

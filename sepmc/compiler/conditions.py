@@ -36,9 +36,9 @@ class Conditions:
         """The next event: met when ``until`` is; never if that is None."""
         self._close(self._clauses(until, path) if until is not None else [])
 
-    def add_stroke(self, spring: str, stroke: float) -> None:
-        """The next event: the end of a spring's push."""
-        self._close([[self._leaf(at.AT_SPRING_STROKE, spring, None)]] if math.isfinite(stroke) else [])
+    def add_stroke(self, spring: str, ends: bool) -> None:
+        """The next event: the end of a spring's push; never unless it ``ends``."""
+        self._close([[self._leaf(at.AT_SPRING_STROKE, spring, None)]] if ends else [])
 
     def _close(self, clauses: list[list[int]]) -> None:
         self.events += [len(self.clauses) // 2, len(clauses)]
@@ -89,13 +89,13 @@ class Conditions:
         return table
 
 
-def make_conditions(scene: Scene) -> Conditions:
-    """Every condition of a scene."""
+def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Conditions:
+    """Every condition of a scene some of whose parameters, by path, are dispersed: a stroke may come from there alone."""
     conditions = Conditions()
     for phase in scene.phase:
         conditions.add(phase.until, f"phase.{phase.name}.until")
     for release in scene.release:
         conditions.add(release.when, f"release.{release.name}.when")
     for spring in scene.spring:
-        conditions.add_stroke(spring.name, spring.stroke)
+        conditions.add_stroke(spring.name, math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed)
     return conditions

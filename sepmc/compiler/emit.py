@@ -88,8 +88,7 @@ def _first_slabs(c: Context) -> None:
 
 def _head(c: Context) -> Text:
     """Docstring, imports and constants of a module."""
-    bodies, phases = ", ".join(c.shape.bodies), ", ".join(stage.name for stage in c.shape.stages)
-    title = f"Flight of {bodies} through the phases {phases}."
+    title = "Flight of a scene in which these are:\n" + "\n".join(c.shape.names.legend)
     about = "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
     head = Text()
     head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))

@@ -1,6 +1,7 @@
 """Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
 
-from sepmc.compiler.emit_context import Context
+from sepmc.compiler.emit_context import Context, raw
+from sepmc.compiler.emit_geometry import ZERO
 from sepmc.compiler.emit_outcomes import emit_results
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
@@ -43,6 +44,10 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(f"correct_{stage.name}(w)")
         inner = text.block("for l in range(LANES):  # a start that the joints do not allow")
         inner.block("for k in range(0, 4 * LANES, LANES):")("w[LOST + l] = w[LOST + l] if w[RESIDUAL_NOW + k + l] <= 1e-9 else 1.0")
+    if number == 0 and any(GROUND in group and len(group) > 1 for group in stage.groups):
+        _stand_still(text, c)
+    if number and stage.end_time:
+        _begin_timed(text, c, stage)
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
         _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
@@ -60,9 +65,24 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         _hand_over(text, c, stage, c.shape.stages[number + 1])
 
 
+def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
+    """A time that is past as its phase begins ends it at once; a joint that lets go late is late from then on."""
+    late = "" if stage.delay is None else f" + {raw(stage.delay)}"
+    told = " + ".join(raw(place) for place in stage.end_time)
+    text.lanes()(f"w[UNTIL_{stage.name} + l] = larger({told}, w[T + l]){late}")
+
+
+def _stand_still(text: Text, c: Context) -> None:
+    """A start that turns is lost where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
+    place = next(f"OMEGA_{body}" for body in c.shape.bodies)
+    inner = text.block("for l in range(LANES):  # a vehicle held to the ground that turns")
+    inner(f"omega = get3(w, Y + {place} + l)")
+    inner("w[LOST + l] = w[LOST + l] if vec3.dot(omega, omega) <= 1e-18 else 1.0")
+
+
 def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Flight to the end of a phase, or to the next event or switch of a load within it."""
-    end = f"larger(w[UNTIL_{stage.name} + l], w[T + l])" if stage.end_time is not None else "w[RUN_END + l]"
+    end = f"larger(w[UNTIL_{stage.name} + l], w[T + l])" if stage.end_time else "w[RUN_END + l]"
     inner = text.lanes()
     if stage.stops > 1:
         inner(f"end = w[T + l] if w[DONE + l] > 0.0 else {end}")
@@ -117,4 +137,6 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
             for body in c.shape.scene.joint[joint].bodies:
                 if body != GROUND:
                     c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
-                    text(f"put3(w, TIP_OFF_{joint}_{body} + l, get3(w, Y + OMEGA_{stage.leader(body)} + l))")
+                    leader = stage.leader(body)
+                    spin = ZERO if leader == GROUND else f"get3(w, Y + OMEGA_{leader} + l)"
+                    text(f"put3(w, TIP_OFF_{joint}_{body} + l, {spin})")

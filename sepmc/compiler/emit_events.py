@@ -51,7 +51,8 @@ def _event(text: Text, g: Geometry, event: Event) -> None:
         bodies = scene.joint[event.which].bodies
         g.joint(text, event.which)
         text("e, arm_a, arm_b, gamma = joints.rod(d, d_rate, rho_a, rho_b, spin_a, spin_b)")
-        text(f"value, rate = math.sqrt(vec3.dot(d, d)) - w[{threshold} + l], vec3.dot(d_rate, e)")
+        text("away = math.sqrt(vec3.dot(d, d))  # 0 where the points are one: a direction there is not yet")
+        text(f"value, rate = away - w[{threshold} + l], vec3.dot(d_rate, e) if away > 0.0 else 0.0")
     else:
         bodies = scene.joint[event.which].bodies
         emit_separation(text, g, event.which)
@@ -62,6 +63,8 @@ def _event(text: Text, g: Geometry, event: Event) -> None:
         leader = g.stage.leader(body)
         if leader != GROUND:
             text(f"acceleration += vec3.dot(vec3.unrotate(r_{leader}, {arm}), spin_rate_{leader})")
+    if event.what == at.AT_DISTANCE:
+        text("acceleration = acceleration if away > 0.0 else 0.0")
     if event.what == at.AT_STROKE:  # the separation distance counts positive apart
         text("acceleration = apart * acceleration")
 

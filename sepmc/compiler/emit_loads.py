@@ -68,9 +68,9 @@ def feels_air(shape: Shape, body: str) -> bool:
 
 
 def _rise(text: Text, g: Geometry, body: str) -> None:
-    """Local name rise of a body, m, above the height about which air and gravity are expanded, and its share of the distance there."""
-    text(f"rise = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t - w[NEAR_{body} + l])")
-    text(f"share = rise * w[NEAR_{body} + LANES + l]")
+    """Local names rise_<body>, m, above the height about which air and gravity are expanded, and its share of the distance there."""
+    text(f"rise_{body} = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t - w[NEAR_{body} + l])")
+    text(f"share_{body} = rise_{body} * w[NEAR_{body} + LANES + l]")
 
 
 def emit_centre(out: Text, c: Context) -> None:
@@ -105,7 +105,9 @@ def _air(text: Text, g: Geometry, body: str, force: _Sum, moment: _Sum) -> None:
         parameters(f"w[MOMENT_SCALE_{body} + l] = {scale} * {raw(p + at.LENGTH)} * {raw(p + at.MOMENT_FACTOR)}")
     text(f"# air on {body}")
     text(f"flow = vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l)))", "alpha, beta = flow_angles(flow)")
-    text(f"density = density_near(get9(w, DENSITY_{body} + l), geopotential_rise(rise, share, w[NEAR_{body} + 2 * LANES + l]))")
+    text(
+        f"density = density_near(get9(w, DENSITY_{body} + l), geopotential_rise(rise_{body}, share_{body}, w[NEAR_{body} + 2 * LANES + l]))"
+    )
     text("pushing = density * vec3.dot(flow, flow)")
     named = _coefficients(text, g, body)
     text(f"push = aero_force(pushing * w[FORCE_SCALE_{body} + l], ({', '.join(named[:3])}))")
@@ -146,6 +148,9 @@ def _coefficients(text: Text, g: Geometry, body: str) -> list[str]:
 def _motor(text: Text, g: Geometry, motor: Motor, i: int, force: _Sum, moment: _Sum) -> None:
     """Thrust along a line that stays: build-up, and with switches the profile and the tail-off."""
     name, slabs, parameters, switches = motor.name, g.slabs, g.parameters, g.shape.switches
+    builds = g.shape.may(f"motor.{name}.build_up", motor.build_up > 0.0)
+    always_builds = builds and f"motor.{name}.build_up" not in g.shape.dispersed
+    tails = g.shape.may(f"motor.{name}.tail_off", motor.tail_off > 0.0)
     p = int(g.context.model.motors_p) + at.MOTOR_SIZE * i
     if slabs.add(f"THRUST_{name}", 1):
         slabs.add(f"LINE_{name}", 3), slabs.add(f"TURN_{name}", 3)
@@ -154,21 +159,22 @@ def _motor(text: Text, g: Geometry, motor: Motor, i: int, force: _Sum, moment: _
         parameters(f"w[THRUST_{name} + l], line = {raw(p + at.THRUST)}, thrust_direction({angles})")
         parameters(f"put3(w, LINE_{name} + l, line)")
         parameters(f"put3(w, TURN_{name} + l, vec3.cross(thrust_arm(cg_{motor.body}, {point}), line))")
-        if motor.build_up > 0.0:
+        if builds:
             slabs.add(f"BUILDING_{name}", 1)
-            parameters(f"w[BUILDING_{name} + l] = 1.0 / {raw(p + at.BUILD_UP)}")
+            parameters(f"w[BUILDING_{name} + l] = 1.0 / {raw(p + at.BUILD_UP)} if {raw(p + at.BUILD_UP)} > 0.0 else 0.0")
         if switches:
             slabs.add(f"IGNITION_{name}", 1)
             parameters(f"w[IGNITION_{name} + l] = {raw(p + at.IGNITION)} + {raw(p + at.IGNITION_DELAY)}")
-            if motor.tail_off > 0.0:
+            if tails:
                 slabs.add(f"BURN_{name}", 1), slabs.add(f"TAIL_OFF_{name}", 1)
                 parameters(f"w[BURN_{name} + l], w[TAIL_OFF_{name} + l] = {raw(p + at.BURN)}, {raw(p + at.TAIL_OFF)}")
 
     def level(since: str) -> str:
         """Thrust some time after ignition, apart from the profile."""
-        if motor.build_up > 0.0:
-            return f"building_up(w[THRUST_{name} + l], w[BUILDING_{name} + l], {since})"
-        return f"w[THRUST_{name} + l]"
+        full, built = f"w[THRUST_{name} + l]", f"building_up(w[THRUST_{name} + l], w[BUILDING_{name} + l], {since})"
+        if always_builds:
+            return built
+        return f"({built} if w[BUILDING_{name} + l] > 0.0 else {full})" if builds else full
 
     text(f"# motor {name}")
     if not switches:
@@ -176,7 +182,7 @@ def _motor(text: Text, g: Geometry, motor: Motor, i: int, force: _Sum, moment: _
     else:
         text(f"burning, share, slope = get3(w, BURNING_{name} + l)", f"since = larger(t - w[IGNITION_{name} + l], 0.0)")
         text(f"thrust = {level('since')} * (share + slope * since) if burning == 1.0 else 0.0")
-        if motor.tail_off > 0.0:
+        if tails:
             text(f"after = larger(since - w[BURN_{name} + l], 0.0)")
             text(f"left = {level(f'w[BURN_{name} + l]')} * share * tail_off(after, w[TAIL_OFF_{name} + l])")
             text("thrust = left if burning == 2.0 else thrust")
@@ -212,7 +218,7 @@ def _gravity(text: Text, g: Geometry, body: str) -> None:
         g.parameters(f"w[MASS_{body} + l] = mass_{body}")
     weight = f"w[MASS_{body} + l] * w[GRAVITY + l]"
     if kind == "inverse-square" and feels_air(g.shape, body):
-        weight = f"inverse_square_near(w[NEAR_{body} + 3 * LANES + l], share)"
+        weight = f"inverse_square_near(w[NEAR_{body} + 3 * LANES + l], share_{body})"
     elif kind == "inverse-square":
         text(f"height = x_{body}[1] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * t)")
         weight = f"w[MASS_{body} + l] * inverse_square(w[GRAVITY + l], height)"
@@ -229,7 +235,7 @@ def _spring(text: Text, g: Geometry, spring: Spring, i: int) -> None:
             g.parameters(f"w[SPRING_{name} + {k} * LANES + l] = {raw(p + offset)}")
     values = f"w[SPRING_{name} + l], w[SPRING_{name} + LANES + l], w[SPRING_{name} + 2 * LANES + l]"
     text(f"push = springs.spring_force({values}, length - w[START_{name} + l], rate)")
-    if math.isfinite(spring.stroke):
+    if g.shape.may(f"spring.{name}.stroke", math.isfinite(spring.stroke)):
         if g.slabs.add(f"SPENT_{name}", 1):
             g.parameters(f"w[SPENT_{name} + l] = 0.0")
         text(f"push = 0.0 if w[SPENT_{name} + l] > 0.0 else push")

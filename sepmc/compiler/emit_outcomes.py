@@ -40,7 +40,7 @@ def emit_results(text: Text, c: Context) -> None:
     shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
     text("# outcomes", "report(w)")
     text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
-    text("i = first + l", "sound = w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6")
+    text("i = first + l", "sound = w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6 and w[T + l] >= w[RUN_END + l]")
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")

@@ -32,10 +32,10 @@ def emit_prepare(out: Text, c: Context) -> None:
     start("w[LOST + l] = w[LOST + l] if w[UNSOUND + l] == 0.0 else 1.0")
     emit_load_parameters(c)
     for stage in shape.stages:
-        if stage.end_time is not None:
+        if stage.end_time:
             slabs.add(f"UNTIL_{stage.name}", 1)
-            late = "" if stage.delay is None else f" + {raw(stage.delay)}"
-            c.parameters(f"w[UNTIL_{stage.name} + l] = {raw(stage.end_time)}{late}")
+            told = " + ".join(raw(place) for place in (*stage.end_time, *([] if stage.delay is None else [stage.delay])))
+            c.parameters(f"w[UNTIL_{stage.name} + l] = {told}")
     for joint in shape.failing:
         c.parameters(f"w[LOST + l] = w[LOST + l] if {raw(shape.plan.slots[f'joint.{joint}.fails'])} < 0.5 else 1.0")
     out.lines += c.shared.lines

@@ -6,6 +6,8 @@ from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
+_DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the general kernel, which finds redundant rows, decides
+
 
 def emit_rows(text: Text, g: Geometry, purpose: str) -> None:
     """The rows of a phase, and what they do.
@@ -30,19 +32,19 @@ def emit_rows(text: Text, g: Geometry, purpose: str) -> None:
                 arms[leader] = "vec3.add(arm_a, arm_b)" if leader in arms else arm
         for leader, arm in arms.items():
             text(f"n{r}_{leader} = vec3.unrotate(r_{leader}, {arm})")
-            if purpose != "residual":
-                text(f"turned{r}_{leader} = vec3.rotate(inverse_{leader}, n{r}_{leader})")
+            text(f"turned{r}_{leader} = vec3.rotate(inverse_{leader}, n{r}_{leader})")
         acts.append(list(arms))
         if purpose != "motion":
             first = 1 if row.turns else 0
             for k, name in ((first, f"value{r}"), (first + 2, f"rate{r}")):
                 text(f"w[RESIDUAL_NOW + {k} * LANES + l] = larger(w[RESIDUAL_NOW + {k} * LANES + l], abs({name}))")
-    if purpose == "residual":
-        return
     text("# inverse inertia that the rows feel" + (", and their accelerations without the joints" if purpose == "motion" else ""))
     for r in range(n):
         for s in range(r + 1):
             text(f"s{r}_{s} = {_coupling(g, acts, r, s)}")
+    if purpose == "residual":
+        _solve(text, n, [], watched=True)
+        return
     if purpose == "motion":
         for r, row in enumerate(stage.rows):
             terms = []
@@ -55,7 +57,7 @@ def emit_rows(text: Text, g: Geometry, purpose: str) -> None:
         return
     for r in range(n):
         text(f"m{r}, k{r} = -value{r}, -rate{r}")
-    _solve(text, n, ["m", "k"])
+    _solve(text, n, ["m", "k"], watched=True)
     _apply(text, g, acts, "m", "shift", "turn", start=True)
     _apply(text, g, acts, "k", "kick", "swing", start=True)
 
@@ -100,10 +102,18 @@ def _coupling(g: Geometry, acts: list[list[str]], r: int, s: int) -> str:
     return " + ".join(terms) or "0.0"
 
 
-def _solve(text: Text, n: int, sides: list[str]) -> None:
-    """Solve the symmetric system s by L D L^T; the multipliers stand where the right-hand sides stood."""
+def _solve(text: Text, n: int, sides: list[str], watched: bool = False) -> None:
+    """Solve the symmetric system s by L D L^T; the multipliers stand where the right-hand sides stood.
+
+    ``watched``: a case is lost where a pivot keeps too little of its diagonal, so that rows follow from others, or nearly do.
+    """
     text("# L D L^T")
+    if watched:
+        for j in range(n):
+            text(f"least{j} = {_DEPENDENT} * s{j}_{j}")
     for j in range(n):
+        if watched:
+            text(f"w[LOST + l] = w[LOST + l] if s{j}_{j} > least{j} else 1.0")
         text(f"pivot{j} = 1.0 / s{j}_{j}")
         for i in range(j + 1, n):
             text(f"l{i}_{j} = s{i}_{j} * pivot{j}")

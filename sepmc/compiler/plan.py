@@ -115,10 +115,13 @@ class Plan:
 _USUAL_STEP = 0.05  # s, where neither the scene nor its caller says
 
 
-def make_plan(scene: Scene, history_step: float | None = None, step: float | None = None) -> Plan:
-    """Pack a scene. ``history_step`` (s) overrides the one of ``run``, ``step`` (s) that of ``solver``."""
+def make_plan(scene: Scene, history_step: float | None = None, step: float | None = None, dispersed: frozenset[str] = frozenset()) -> Plan:
+    """Pack a scene. ``history_step`` (s) overrides the one of ``run``, ``step`` (s) that of ``solver``.
+
+    ``dispersed`` : paths of the parameters that vary from case to case. What only they make possible is in the plan too.
+    """
     kinds = make_kinds(scene)
-    conditions = make_conditions(scene)
+    conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
     slots, nominal, starts = _parameters(scene, order, conditions)
     for path, slot in slots.items():

@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from sepmc.compiler.conditions import Leaf, make_conditions
+from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
 from sepmc.scene.kinds import joint_axes, rows_of
@@ -50,7 +51,7 @@ class Stage:
     groups: list[tuple[str, ...]]
     rows: list[Row]
     events: list[Event] = field(default_factory=list)
-    end_time: int | None = None  # place in w of the time that ends it; None: the end of the run
+    end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     stops: int = 1
@@ -72,9 +73,11 @@ class Stage:
 
 @dataclass
 class Shape:
-    """A scene as a specialised kernel sees it."""
+    """A scene as a specialised kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in ``dispersed`` too."""
 
     plan: Plan
+    dispersed: frozenset[str]
+    names: Names
     stages: list[Stage]
     turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
     failing: list[str]  # joints that may fail to let go
@@ -87,6 +90,10 @@ class Shape:
     @property
     def bodies(self) -> list[str]:
         return self.plan.bodies
+
+    def may(self, path: str, nominally: bool) -> bool:
+        """Whether some case may have what the nominal one has if ``nominally``, since a parameter says so that may be dispersed."""
+        return nominally or path in self.dispersed
 
     def active(self, stage: Stage) -> int:
         """Numbers of the state that are integrated in a phase."""
@@ -101,7 +108,7 @@ class Shape:
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
-    return fixed + _obstacles(plan.scene) + _late(plan, dispersed)
+    return fixed + _obstacles(plan.scene) + _late(plan.scene, dispersed)
 
 
 def _obstacles(scene: Scene) -> list[str]:
@@ -145,14 +152,20 @@ def _unfit(until: Until) -> str:
     return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
 
 
-def _late(plan: Plan, dispersed: frozenset[str]) -> list[str]:
-    """What delays, given or dispersed, add to the obstacles."""
+def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
+    """What delays, given or dispersed, add to the obstacles.
+
+    A late joint goes on holding while conditions of the next phase are waited for already. A specialised kernel changes both at once,
+    so there must be no such condition.
+    """
     found = []
-    for phase, after in pairwise(plan.scene.phase):
-        changed = _changed(plan.scene, phase, after)
-        late = [name for name in changed if _may_be_late(plan.scene, name, dispersed)]
+    for phase, after in pairwise(scene.phase):
+        changed = _changed(scene, phase, after)
+        late = [name for name in changed if _may_be_late(scene, name, dispersed)]
         if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
             found.append(f"joint {late[0]}, which may let go late, not after a time")
+        elif late and after.until is not None:
+            found.append(f"joint {late[0]}, which may let go late, when phase {after.name} may have ended already")
     return found
 
 
@@ -174,23 +187,18 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
 
 def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     """The shape of a scene that has no obstacles."""
+    names = Names(plan.scene)
+    plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
     scene = plan.scene
     stages: list[Stage] = []
-    spent = [spring.name for spring in scene.spring if math.isfinite(spring.stroke)]
-    leaves = {leaf.path: place for leaf, place in _thresholds(plan)}
+    spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
     for number, phase in enumerate(scene.phase):
         stage = _stage(scene, phase, plan.bodies)
-        path = f"phase.{phase.name}.until"
-        until = phase.until
-        if until is not None and until.time is not None:
-            stage.end_time = leaves[f"{path}.time"]
-        elif until is not None and until.joint is not None:
-            what, key = (at.AT_STROKE, "stroke") if until.stroke is not None else (at.AT_DISTANCE, "distance")
-            stage.events.append(Event(what, until.joint, leaves[f"{path}.{key}"], True))
+        _add_end(stage, phase, plan, dispersed)
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
-            for name in spent
-            if not _still(scene, stage, next(s for s in scene.spring if s.name == name).bodies)
+            for name, bodies in spent.items()
+            if not _still(scene, stage, bodies)
         ]
         stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + _breaks(scene, dispersed)
         if number:
@@ -205,13 +213,28 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if joint.fails > 0.0 or f"joint.{name}.fails" in dispersed]
-    return Shape(plan, stages, turning, failing, _breaks(scene, dispersed) > 0)
+    return Shape(plan, dispersed, names, stages, turning, failing, _breaks(scene, dispersed) > 0)
 
 
-def _thresholds(plan: Plan) -> Iterator[tuple[Leaf, int]]:
+def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
+    """What ends a phase: a time, the end of a burn, or a condition on a joint."""
+    until, path = phase.until, f"phase.{phase.name}.until"
+    leaves = {leaf.path: place for leaf, place in _thresholds(plan, dispersed)}
+    if until is None:
+        return
+    if until.time is not None:
+        stage.end_time = (leaves[f"{path}.time"],)
+    elif until.burn_out is not None:
+        stage.end_time = tuple(plan.slots[f"motor.{until.burn_out}.{key}"] for key in ("ignition", "delay", "burn"))
+    elif until.joint is not None:
+        what, key = (at.AT_STROKE, "stroke") if until.stroke is not None else (at.AT_DISTANCE, "distance")
+        stage.events.append(Event(what, until.joint, leaves[f"{path}.{key}"], True))
+
+
+def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
     """Leaves with a path of their own, and the place of their thresholds."""
     first = int(plan.model.scene[0].leaves_p)
-    for number, leaf in enumerate(make_conditions(plan.scene).leaves):
+    for number, leaf in enumerate(make_conditions(plan.scene, dispersed).leaves):
         if leaf.path is not None:
             yield leaf, first + number
 
@@ -228,10 +251,12 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     for motor in scene.motor:
         path = f"motor.{motor.name}"
         count += motor.ignition > 0.0 or motor.delay > 0.0 or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
-        count += math.isfinite(motor.burn) or motor.profile is not None
+        count += math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
         count += len(motor.profile.time) if motor.profile else 0
     for load in scene.load:
-        count += (load.start > 0.0 or f"load.{load.name}.start" in dispersed) + math.isfinite(load.end)
+        path = f"load.{load.name}"
+        count += load.start > 0.0 or f"{path}.start" in dispersed
+        count += math.isfinite(load.end) or f"{path}.end" in dispersed
     return int(count)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import carray, prange, types
 from numba.extending import intrinsic
 
-from sepmc.kernels._jit import config, door, entry, formula
+from sepmc.kernels._jit import door, entry, formula
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.layout import STRUCTURE
 
@@ -96,10 +96,11 @@ def fly(module: ModuleType, scene, whole, numbers, nominal, slots, draws, steps,
     (n, rows, 2 joints). Arrays are contiguous.
     """
     arrays = (nominal, slots, draws, steps, usual, np.array([every]), outcomes, ends, history, status, scene, whole, numbers)
-    blocks = (draws.shape[1] + LANES - 1) // LANES
-    if config.DISABLE_JIT:
-        for number in range(blocks):
-            module.fly_block(number * LANES, *arrays[:5], every, *arrays[6:10], scene[0], whole, numbers)
+    blocks = (draws.shape[1] + module.LANES - 1) // module.LANES
+    if not hasattr(module.enter, "address"):  # plain Python
+        with np.errstate(all="ignore"):  # as compiled code is
+            for number in range(blocks):
+                module.fly_block(number * module.LANES, *arrays[:5], every, *arrays[6:10], scene[0], whole, numbers)
         return
     for array in arrays:
         assert array.flags.c_contiguous

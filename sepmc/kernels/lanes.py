@@ -10,7 +10,7 @@ import numpy as np
 
 from sepmc.kernels._jit import config, formula
 
-LANES = 1 if config.DISABLE_JIT else 8  # plain Python flies one case at a time: lanes only cost there
+LANES = 1 if config.DISABLE_JIT else 8  # without the compiler there is nothing to vectorise
 
 
 @formula
