@@ -242,7 +242,7 @@ def test_the_program_tells_it(tmp_path):
     checked = CliRunner().invoke(cli.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
     code = CliRunner().invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False).stdout
-    assert "def rates_guided(w):" in code
+    assert "def rates_phase2(w):" in code
     general = CliRunner().invoke(cli.main, ["check", "table2.toml", "--set", "solver.step_s=0.05"], catch_exceptions=False).stdout
     assert "a fixed solver.step_s" in general
 

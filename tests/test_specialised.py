@@ -500,8 +500,9 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
     compile(text, name, "exec")
     assert text.startswith('"""Flight of ')
     assert text == pilot.kernel_text(campaign, history=True)
-    for phase in campaign.scene.phase:
-        assert f"def rates_{phase.name}(w):" in text
+    for number, phase in enumerate(campaign.scene.phase, 1):
+        assert f"def rates_phase{number}(w):" in text
+        assert f"phase{number} {phase.name}" in text
 
 
 # -- machine code -----------------------------------------------------------------------------------------------------------------
@@ -521,7 +522,7 @@ found, function = {}, None
 for line in module.enter._library.get_asm_str().splitlines():
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:
-        function = next((f for f in ("rates_locked", "rates_guided", "rates_free") if f in label[1]), None)
+        function = next((f for f in ("rates_phase1", "rates_phase2", "rates_phase3") if f in label[1]), None)
     if ".cfi_endproc" in line:
         function = None
     if function:
@@ -546,7 +547,7 @@ def test_machine_code_is_straight_and_wide(tmp_path):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     print(found)
-    assert set(found) == {"rates_locked", "rates_guided", "rates_free"}
+    assert set(found) == {"rates_phase1", "rates_phase2", "rates_phase3"}
     for function, counts in found.items():
         assert counts["packed"] >= 200, function
         assert counts["packed"] >= 20 * counts["scalar"], function

@@ -38,6 +38,14 @@ class Dispersion:
             return mean - reach, mean + reach
         return min(self.numbers), max(self.numbers)
 
+    @property
+    def reach(self) -> tuple[float, float]:
+        """As ``support``, but of a normal law that is not cut only three sigma: finite, and what nearly all cases stay within."""
+        if self.law == "normal" and math.isinf(self.numbers[2]):
+            mean, sigma, _ = self.numbers
+            return mean - 3.0 * sigma, mean + 3.0 * sigma
+        return self.support
+
 
 def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dispersion, ...]:
     """Resolve the laws of a file against the scene's nominal values, noting every problem."""

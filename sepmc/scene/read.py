@@ -1,7 +1,6 @@
 """A campaign file in TOML to a validated `CampaignFile`, and back to TOML text."""
 
 import copy
-import math
 import re
 import tomllib
 import warnings
@@ -159,9 +158,8 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
             corner = {}
             for axis, dispersion in enumerate(axes):
                 if dispersion is not None:
-                    bound = dispersion.support[1 if axis == heavy else 0] * dispersion.parameter.factor
-                    if math.isfinite(bound):  # the tails of a normal law are left to the case's status
-                        corner[dispersion.parameter.path] = bound
+                    bound = dispersion.reach[1 if axis == heavy else 0] * dispersion.parameter.factor
+                    corner[dispersion.parameter.path] = bound
             fault = inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             if fault:
                 warnings.warn(f"{source}: dispersion of body.{name}.inertia can give a case that {fault}", SceneWarning, stacklevel=4)
