@@ -1,10 +1,7 @@
 """The gate of random scenes: it passes what flies right, finds what does not, makes it small, and every scene it once found is flown."""
 
 import copy
-import json
-import os
-import subprocess
-import sys
+import re
 import tomllib
 import warnings
 from pathlib import Path
@@ -12,13 +9,16 @@ from types import SimpleNamespace
 
 import pytest
 
+from sepmc import pilot
 from sepmc.campaign import Campaign
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate import compare, drive
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import kind_of, paths
+from sepmc.trust.gate.plain import flown_plainly
 from sepmc.trust.gate.scenes import scene
+from sepmc.trust.gate.shrink import shrink
 from sepmc.trust.gate.spellings import SPELLINGS
 from sepmc.trust.gate.workers import Worker, judge_all
 from sepmc.trust.independent import fly
@@ -112,26 +112,6 @@ def _times(outcomes, share):
     return {name: value * share for name, value in outcomes.items()}
 
 
-PLANTED = """
-import json, re, sys
-from sepmc import pilot
-from sepmc.trust.gate import compare, general, plain, shrink
-plain.install()
-general.install()
-tree = json.loads(sys.stdin.read())
-right = compare.judge(tree, "right", 2)
-text = pilot.kernel_text
-def wrong(campaign, method=None, history=False):
-    lines, count = re.subn(sys.argv[1], sys.argv[2], text(campaign, method, history))
-    assert count, "nothing to plant a fault in"
-    return lines
-pilot.kernel_text = wrong
-planted = compare.judge(tree, "planted", 2)
-small = shrink.shrink(tree, 1, 12) if planted.fails else {}
-print(json.dumps([right.to_dict(), planted.to_dict(), small]))
-"""
-
-
 @pytest.mark.parametrize(
     "planted",
     [
@@ -139,16 +119,21 @@ print(json.dumps([right.to_dict(), planted.to_dict(), small]))
         pytest.param((r"vec3\.sub\(vec3\.add\(", "vec3.add(vec3.add("), id="gyroscopic moment"),
     ],
 )
-def test_a_planted_fault_is_found(planted):
+def test_a_planted_fault_is_found(planted, monkeypatch):
     """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets smaller while they stay so."""
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    program = [sys.executable, "-c", PLANTED, *planted]
-    done = subprocess.run(program, input=json.dumps(SMALL), capture_output=True, text=True, env=environment, check=True)
-    right, wrong, small = json.loads(done.stdout)
-    assert right["rows"] == {"same": 2}
-    assert right["kernel"] == "written"
-    assert wrong["rows"] == {"silent": 2}
-    assert "dispersion" not in small
+    text = pilot.kernel_text
+
+    def wrong(*given, **named):
+        lines, count = re.subn(*planted, text(*given, **named))
+        assert count, "nothing to plant a fault in"
+        return lines
+
+    with flown_plainly():
+        right = compare.judge(SMALL, "right", 2)
+        assert (right.kernel, right.rows) == ("written", {"same": 2})
+        monkeypatch.setattr(pilot, "kernel_text", wrong)
+        assert compare.judge(SMALL, "planted", 2).rows == {"silent": 2}
+        assert "dispersion" not in shrink(SMALL, 1, 8)
 
 
 @pytest.mark.slow
@@ -161,8 +146,7 @@ def test_thirty_scenes():
 @pytest.mark.slow
 def test_three_compiled_scenes():
     """So do three kernels compiled."""
-    jobs = [{"seed": seed, "cases": 3} for seed in COMPILED]
-    found = list(judge_all([], jobs))
+    found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
     assert not [v for v in found if drive.fails(v)], drive.table(found)
     assert {v["kernel"] for v in found} == {"written"}
 
@@ -171,7 +155,7 @@ def test_three_compiled_scenes():
 def test_a_scene_that_failed_once(path):
     """A scene that the gate found and shrank, flown by what flies it."""
     tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    worker = Worker(drive.is_written(tree))
+    worker = Worker()
     try:
         verdict = worker.judge({"tree": tree, "name": path.stem})
     finally:

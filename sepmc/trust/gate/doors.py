@@ -10,7 +10,6 @@ from sepmc.campaign import Campaign
 from sepmc.result import Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
-from sepmc.trust.gate import general
 from sepmc.trust.gate.compare import Verdict, differences, last_line, scales
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
@@ -49,7 +48,8 @@ def doors(tree: Tree, name: str) -> list[str]:
 def _replayed(result: Result, number: int) -> list[str]:
     """A row against the single run of its case, as `sepmc run RUN --case N` flies it."""
     table, columns = result.table, result.campaign.outcome_columns
-    outcomes, status = general.simulate(result.campaign, number, result.seed)
+    single = result.campaign.simulate(result.case(number), step_s=result.campaign.scene.run.end_time)
+    outcomes, status = single.attrs["outcomes"], single.attrs["status"]
     if str(table["status"][number]) != status:
         return [f"replay of case {number}: {status}, its row {table['status'][number]}"]
     row = np.array([table[c.name][number] for c in columns])

@@ -36,25 +36,16 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     -------
     verdicts : `sepmc.trust.gate.compare.Verdict` as dicts, in the order of seeds
     """
-    plain: list[Job] = []
-    fast: list[Job] = []
-    written = 0
-    for number in range(seed, seed + count):
-        job = {"seed": number, "cases": cases, "doors": number % _DOORS == 0}
-        if is_written(scene(number)):
-            plain.append(job)
-            written += 1
-            if written <= compiled:
-                fast.append({**job, "name": f"seed {number}, compiled"})
-        else:
-            fast.append(job)
+    jobs: list[Job] = [{"seed": number, "cases": cases, "doors": number % _DOORS == 0} for number in range(seed, seed + count)]
+    written = [number for number in range(seed, seed + count) if is_written(scene(number))] if compiled else []
+    jobs += [{"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"} for n in written[:compiled]]
     found: list[Found] = []
-    for verdict in judge_all(plain, fast):
+    for verdict in judge_all(jobs):
         found.append(verdict)
         if fails(verdict):
             say("\n".join(sentences(verdict)))
         if len(found) % 20 == 0:
-            say(f"{len(found)} of {len(plain) + len(fast)} flown, {sum(map(fails, found))} fail")
+            say(f"{len(found)} of {len(jobs)} flown, {sum(map(fails, found))} fail")
     return sorted(found, key=lambda v: (v["seed"], v["name"]))
 
 
@@ -79,11 +70,11 @@ def sentences(verdict: Found) -> list[str]:
     return [f"{verdict['name']}, {how}: {verdict['crash'] or 'rows differ'}", *lines]
 
 
-def shrunk(tree: Tree, interpreted: bool, cases: int = CASES, most: int = 150) -> Tree:
+def shrunk(tree: Tree, compiled: bool = False, cases: int = CASES, most: int = 150) -> Tree:
     """A smaller tree that fails in the same way, found by a worker process."""
-    worker = Worker(interpreted, limit_s=3600.0)
+    worker = Worker(limit_s=3600.0)
     try:
-        answer = worker.judge({"tree": tree, "name": "shrunk", "shrink": most, "cases": cases})
+        answer = worker.judge({"tree": tree, "name": "shrunk", "shrink": most, "cases": cases, "compiled": compiled})
     finally:
         worker.close()
     return answer["tree"] if answer else tree

@@ -4,14 +4,15 @@ The campaign's pilot would take most of the time there. What steps it finds is n
 reports the error it was flown with, and rows are held to that.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
 from sepmc import campaign as campaigns
 from sepmc import cases, pilot
 from sepmc.campaign import Campaign
-from sepmc.door import fly_specialised, specialised_kernel
+from sepmc.door import fly_specialised, interpreted, specialised_kernel
 from sepmc.pilot import Flight
 
 _MOST_STEPS = 64  # of a phase
@@ -19,9 +20,16 @@ _HOPELESS = 16  # steps with which no case is sound: some other kernel has to fl
 _CASES = 2
 
 
-def install() -> None:
-    """Let campaigns of this process be flown so."""
-    campaigns.plan_flight = _plan
+@contextmanager
+def flown_plainly(wanted: bool = True) -> Iterator[None]:
+    """Let campaigns be flown so meanwhile: written kernels as plain Python, in steps found here."""
+    usual = campaigns.plan_flight
+    campaigns.plan_flight = _plan if wanted else usual
+    try:
+        with interpreted(wanted):
+            yield
+    finally:
+        campaigns.plan_flight = usual
 
 
 def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
