@@ -20,7 +20,7 @@ from sepmc.trust.gate.plain import flown_plainly
 from sepmc.trust.gate.scenes import scene
 from sepmc.trust.gate.shrink import shrink
 from sepmc.trust.gate.spellings import SPELLINGS
-from sepmc.trust.gate.workers import Worker, judge_all
+from sepmc.trust.gate.workers import judge_all
 from sepmc.trust.independent import fly
 
 COMPILED = (4, 26, 27)  # seeds of scenes that written kernels fly
@@ -153,12 +153,8 @@ def test_three_compiled_scenes():
 
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
 def test_a_scene_that_failed_once(path):
-    """A scene that the gate found and shrank, flown by what flies it."""
-    tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    worker = Worker()
-    try:
-        verdict = worker.judge({"tree": tree, "name": path.stem})
-    finally:
-        worker.close()
-    assert verdict is not None
-    assert not drive.fails(verdict), "\n".join(drive.sentences(verdict))
+    """A scene that the gate found and shrank, flown as the gate flies it."""
+    with flown_plainly():
+        verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem)
+    assert not verdict.not_flown
+    assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])

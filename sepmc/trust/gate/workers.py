@@ -41,7 +41,7 @@ class Worker:
 
     def close(self) -> None:
         self.process.kill()
-        self.process.wait()
+        self.process.communicate()  # closes its pipes
 
 
 def judge_all(jobs: list[Job], processes: int = 2) -> Iterator[dict[str, Any]]:
