@@ -285,13 +285,23 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
 
 @main.command(short_help="Hold the engine against closed forms, other formulations and other engines.")
 @click.option("--peers", is_flag=True, help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.")
+@click.option("--random", "count", type=click.IntRange(min=1), help="Instead: fly so many random scenes, and each independently.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="With --random: the seed of the first scene.")
+@click.option("--compiled", type=click.IntRange(min=0), default=0, help="With --random: scenes whose kernels fly compiled as well.")
 @_BRIEF
 @_QUIET
-def verify(peers: bool, brief: bool, quiet: bool) -> None:
+def verify(peers: bool, count: int | None, seed: int, compiled: int, brief: bool, quiet: bool) -> None:
     """Hold the engine against closed forms, classical formulations and conservation laws: one table, exit code 1 on any miss.
 
-    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
+    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines. With --random N, instead, N random
+    scenes flown as a campaign flies them, and every row held against an independent flight of its case.
     """
+    if count is not None:
+        from sepmc.trust.gate import drive
+
+        found = drive.gate(count, seed, compiled, _speaker(quiet))
+        click.echo(drive.table(found))
+        sys.exit(1 if any(map(drive.fails, found)) else 0)
     with _plain_errors(quiet):
         from sepmc.trust import verify as suite
 

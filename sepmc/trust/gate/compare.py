@@ -1,0 +1,242 @@
+"""One scene: rows of a campaign against an independent flight of each of its cases."""
+
+import math
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from sepmc.campaign import Campaign
+from sepmc.pilot import reasons
+from sepmc.result import Result
+from sepmc.scene.messages import SceneError
+from sepmc.scene.read import parse_campaign
+from sepmc.schema import AUDIT_BOUNDS, Column
+from sepmc.trust.gate.draft import Tree
+from sepmc.trust.independent import fly
+
+# A row is wrong if it is off by more than three times the error that its run reports: that error is a difference to half the step,
+# which lacks what the finer flight is off itself, and the cases of the run are few. What is smaller than _NOISE is round-off of
+# the row and of the independent flight, which integrate to 1e-12 what events and differences of large numbers magnify.
+_MARGIN, _NOISE = 3.0, 1e-9
+_SMALL = 1e-4  # as in `sepmc.pilot.relative_error`: what cancels counts as this share of the largest of its unit
+_ROUGH = 1e-10  # tolerance of the second independent flight, which says how well the first one knows what it says
+# What joints may drift by while their row passes its audit: an outcome that is zero but for round-off may differ by as much.
+_DRIFT = {"mm": 1e-6, "m/s": 1e-8, "deg": 6e-8, "deg/s": 6e-7, "s": 1e-9}
+_NUDGE = 1e-9  # relative change of thresholds, times and masses that must not matter
+REFUSED = ("unresolved", "no-root", "too-many-events", "singular-joint", "not-finite", "jammed")  # what only the engine may say
+FAULTS = ("silent", "wrong", "status", "door")
+Fly = Callable[..., Any]
+
+
+@dataclass
+class Verdict:
+    """What became of one scene.
+
+    ``kernel`` is "written", "general" or "" (not flown). ``rows`` counts rows by verdict: same; told (wrong, and an audit column says
+    so); tie (the case itself does not say); refused by the engine; and the faults silent, wrong (not ok, and other outcomes), status;
+    door counts doors that differ, see `sepmc.trust.gate.doors`.
+    ``said`` has a line for each fault, ``crash`` the last line of a traceback, ``not_flown`` why there is nothing to compare.
+    """
+
+    name: str
+    kernel: str = ""
+    why: str = ""
+    features: list[str] = field(default_factory=list)
+    rows: dict[str, int] = field(default_factory=dict)
+    statuses: dict[str, int] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)
+    crash: str = ""
+    not_flown: str = ""
+    worst: float = 0.0
+    reported: float = 0.0
+    met: bool = True
+
+    @property
+    def fails(self) -> bool:
+        return bool(self.crash) or any(self.rows.get(key) for key in FAULTS)
+
+    def count(self, verdict: str) -> None:
+        self.rows[verdict] = self.rows.get(verdict, 0) + 1
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdict:
+    """Fly a tree as a campaign and hold every row against the independent flight of its case. Never raises."""
+    verdict = Verdict(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            campaign = Campaign(parse_campaign(tree, name))
+    except SceneError as error:
+        verdict.not_flown = f"refused by the parser: {str(error).splitlines()[0]}"
+        return verdict
+    except Exception:
+        verdict.crash = f"parser: {last_line()}"
+        return verdict
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            why = reasons(campaign)
+            verdict.features, verdict.kernel, verdict.why = features(tree), "general" if why else "written", "; ".join(why)
+            result = campaign.run(cases=cases)
+            table = result.table
+    except Exception:
+        verdict.crash = last_line()
+        return verdict
+    try:
+        _compare(verdict, result, table, reference)
+    except ValueError as error:  # what the independent flight does not know
+        verdict.not_flown = f"independent flight: {error}"
+    except Exception:
+        verdict.crash = f"independent flight: {last_line()}"
+    return verdict
+
+
+def last_line() -> str:
+    """The last line of the traceback at hand, and where it was raised."""
+    lines = traceback.format_exc().strip().splitlines()
+    places = [line.strip() for line in lines if line.strip().startswith("File")]
+    return f"{lines[-1]} ({places[-1].rpartition('/')[2]})" if places else lines[-1]
+
+
+def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], reference: Fly) -> None:
+    columns, count = result.campaign.outcome_columns, len(table["case"])
+    flown = [reference(result.case(number).to_dict()) for number in range(count)]
+    expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
+    found = np.array([table[c.name] for c in columns]).T
+    found = np.where(_are_still(expected, columns) & (np.abs(found - expected) <= _drift(columns)), expected, found)
+    scale = scales(expected, columns)
+    accuracy = result.accuracy
+    verdict.reported = float(max(accuracy.errors.values(), default=0.0)) if accuracy else 0.0
+    verdict.met = bool(accuracy is None or verdict.reported <= accuracy.asked)
+    for number in range(count):
+        status = str(table["status"][number])
+        verdict.statuses[status] = verdict.statuses.get(status, 0) + 1
+        if status in REFUSED and flown[number].status != status:
+            verdict.count("refused")
+            continue
+        if status != flown[number].status:
+            said = f"case {number}: {status}, independently {flown[number].status}"
+            fault = "status"
+        elif status not in ("ok", "never-released"):
+            verdict.count("same" if not np.isinf(found[number]).any() else "wrong")
+            if np.isinf(found[number]).any():
+                verdict.said.append(f"wrong: case {number} {status}: an outcome is infinite, not NaN")
+            continue
+        else:
+            off = differences(found[number], expected[number], columns) / scale[number]
+            off[_jumped(columns, table, number) | [c.name in flown[number].vague for c in columns]] = 0.0
+            at = int(np.argmax(off))
+            asked = accuracy.asked if accuracy and status != "ok" else 0.0  # of such rows no error is reported
+            if off[at] <= max(_MARGIN * verdict.reported, _MARGIN * asked, _NOISE):
+                verdict.worst = max(verdict.worst, float(off[at]))
+                verdict.count("same")
+                continue
+            said = (
+                f"case {number} {status}: {columns[at].name} = {found[number, at]:.9g}, independently {expected[number, at]:.9g}, "
+                f"off by {off[at]:.1e}, reported {verdict.reported:.1e}"
+            )
+            fault = "told" if _told(table, number) else "silent" if status == "ok" else "wrong"
+        if _is_loose(result.case(number).to_dict(), flown[number], found[number], scale[number], columns, status, reference):
+            fault = "tie"
+        verdict.count(fault)
+        verdict.said.append(f"{fault}: {said}")
+
+
+def scales(expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+    """What differences are shares of, (n, o): the size of an outcome or its spread, or 1e-4 of the largest of its unit."""
+    size = np.abs(np.nan_to_num(expected))
+    largest = size.max(axis=0, initial=0.0)
+    units = [c.unit for c in columns]
+    floor = np.array([_SMALL * max(x for x, other in zip(largest, units, strict=True) if other == unit) for unit in units])
+    spread = np.std(np.nan_to_num(expected), axis=0)
+    return np.maximum(np.maximum(size, np.maximum(spread, floor)), 1e-12)
+
+
+def _drift(columns: list[Column]) -> np.ndarray:
+    return np.array([_DRIFT.get(c.unit, 0.0) for c in columns])
+
+
+def _are_still(expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+    """Whether an outcome is zero but for round-off in all rows: a joint that stays shut, say."""
+    return np.abs(np.nan_to_num(expected)).max(axis=0, initial=0.0) <= 1e3 * _drift(columns)
+
+
+def differences(found: np.ndarray, expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+    """Difference of every outcome (o,), angles without full turns; infinite where only one is NaN."""
+    difference = np.where(found == expected, 0.0, np.abs(found - expected))
+    flow = np.array([c.name.endswith(("_alpha_deg", "_beta_deg")) for c in columns])
+    difference = np.where(flow, np.minimum(difference, np.abs(360.0 - difference)), difference)
+    difference = np.where(np.isnan(found) & np.isnan(expected), 0.0, difference)
+    return np.where(np.isnan(difference), np.inf, difference)
+
+
+def _jumped(columns: list[Column], table: dict[str, np.ndarray], number: int) -> np.ndarray:
+    """Angles that the row itself says may have jumped."""
+    singular = bool(table["attitude_singular"][number] == 1.0)
+    return np.array([singular and c.name.endswith(("_roll_deg", "_pitch_deg", "_yaw_deg", "_ref_deg")) for c in columns])
+
+
+def _told(table: dict[str, np.ndarray], number: int) -> bool:
+    """Whether an audit column of the row is beyond its bound, which ends a run with exit code 3."""
+    return any(bool(table[name][number] > bound) for name, bound in AUDIT_BOUNDS.items() if name in table)
+
+
+def _is_loose(
+    case: dict[str, Any], first: Any, found: np.ndarray, scale: np.ndarray, columns: list[Column], status: str, reference: Fly
+) -> bool:
+    """Whether the case itself does not say what its outcomes are: flown less exactly, or from numbers that differ by 1e-9, they differ
+    as much as the row does, or have its status."""
+    expected = np.array([first.outcomes.get(c.name, math.nan) for c in columns])
+    off = differences(found, expected, columns) / scale
+    others = [reference(case, rtol=_ROUGH), *(reference(nudged(case, sign * _NUDGE, part)) for sign in (-1.0, 1.0) for part in (0, 1))]
+    for other in others:
+        moved = differences(np.array([other.outcomes.get(c.name, math.nan) for c in columns]), expected, columns) / scale
+        if status == first.status and np.all((3.0 * moved >= off) | (off <= _NOISE)):
+            return True
+        if status != first.status and other.status == status:
+            return True
+    return False
+
+
+_THRESHOLDS = ("time", "burn", "ignition", "delay", "start", "end", "stroke", "distance", "angle", "altitude")
+_FORCES = ("mass", "thrust", "force", "stiffness", "speed")
+
+
+def nudged(node: Any, share: float, part: int, key: str = "") -> Any:
+    """A case whose thresholds and times (part 0) or masses, forces and speeds (part 1) differ by a share."""
+    if isinstance(node, dict):
+        return {k: nudged(v, share, part, k) for k, v in node.items()}
+    if isinstance(node, list):
+        return [nudged(v, share, part, key) for v in node]
+    chosen = key in (_THRESHOLDS, _FORCES)[part] and isinstance(node, float)
+    return node * (1.0 + share) if chosen else node
+
+
+def features(tree: Tree) -> list[str]:
+    """What a scene has, for the table of the gate."""
+    found = {f"until {key.rsplit('_', 1)[0] if key != 'burn_out' else key}" for phase in tree["phase"] for key in phase.get("until", {})}
+    found -= {"until joint", "until body"}
+    found |= {f"joint {kind}" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if not _own(tree, name, kind)}
+    found |= {"joint own" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if _own(tree, name, kind)}
+    joints = tree.get("joint", {}).values()
+    found |= {"ground"} if any("ground" in j["bodies"] for j in joints) else set()
+    found |= {"delay"} if any("delay_s" in j for j in joints) else set()
+    found |= {"loop"} if len(tree.get("joint", {})) >= len(tree["body"]) + ("ground" in found) else set()
+    found |= {key for key in ("motor", "spring", "load") if tree.get(key)}
+    found |= {"aerodynamics"} if any("aerodynamics" in body for body in tree["body"].values()) else set()
+    found |= {f"motor {key.rsplit('_', 1)[0]}" for m in tree.get("motor", []) for key in m if key in _OF_MOTOR}
+    return sorted(found)
+
+
+_OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")
+
+
+def _own(tree: Tree, joint: str, kind: str) -> bool:
+    return kind in tree["joint"].get(joint, {}).get("kind", {})

@@ -1,0 +1,119 @@
+"""The gate: so many random scenes, each flown and judged by a worker process, and one table of what was found."""
+
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from sepmc.campaign import Campaign
+from sepmc.pilot import reasons
+from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate.compare import FAULTS
+from sepmc.trust.gate.draft import Tree
+from sepmc.trust.gate.scenes import scene
+from sepmc.trust.gate.workers import Job, Worker, judge_all
+
+CASES = 3  # rows of a scene
+_DOORS = 8  # one scene in so many goes through the other doors too
+_COLUMNS = ("same", "told", "tie", "refused", *FAULTS)
+Found = dict[str, Any]
+
+
+def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None] = print, cases: int = CASES) -> list[Found]:
+    """Judge the scenes of seeds ``seed`` to ``seed + count``.
+
+    Parameters
+    ----------
+    count, seed : how many, and the first. A seed gives the same scene whatever the others are
+    compiled : of the scenes that a written kernel flies, how many fly it compiled as well, the first ones
+    say : told a line for every scene that fails, and now and then how far it is
+    cases : rows of a scene that are flown and compared
+
+    Returns
+    -------
+    verdicts : `sepmc.trust.gate.compare.Verdict` as dicts, in the order of seeds
+    """
+    jobs: list[Job] = [{"seed": number, "cases": cases, "doors": number % _DOORS == 0} for number in range(seed, seed + count)]
+    written = [number for number in range(seed, seed + count) if is_written(scene(number))] if compiled else []
+    jobs += [{"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"} for n in written[:compiled]]
+    found: list[Found] = []
+    for verdict in judge_all(jobs):
+        found.append(verdict)
+        if fails(verdict):
+            say("\n".join(sentences(verdict)))
+        if len(found) % 20 == 0:
+            say(f"{len(found)} of {len(jobs)} flown, {sum(map(fails, found))} fail")
+    return sorted(found, key=lambda v: (v["seed"], v["name"]))
+
+
+def is_written(tree: Tree) -> bool:
+    """Whether a kernel written for it flies a scene; true if that cannot be told, and the worker will say why."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return not reasons(Campaign(parse_campaign(tree, "gate")))
+    except Exception:
+        return True
+
+
+def fails(verdict: Found) -> bool:
+    return bool(verdict["crash"]) or any(verdict["rows"].get(fault) for fault in FAULTS)
+
+
+def sentences(verdict: Found) -> list[str]:
+    """What is wrong with a scene, and what flew it."""
+    how = f"{verdict.get('kernel') or 'no'} kernel{', interpreted' if verdict.get('interpreted') else ''}"
+    lines = [f"  {line}" for line in verdict["said"]]
+    return [f"{verdict['name']}, {how}: {verdict['crash'] or 'rows differ'}", *lines]
+
+
+def shrunk(tree: Tree, compiled: bool = False, cases: int = CASES, most: int = 150) -> Tree:
+    """A smaller tree that fails in the same way, found by a worker process."""
+    worker = Worker(limit_s=3600.0)
+    try:
+        answer = worker.judge({"tree": tree, "name": "shrunk", "shrink": most, "cases": cases, "compiled": compiled})
+    finally:
+        worker.close()
+    return answer["tree"] if answer else tree
+
+
+def keep(tree: Tree, path: Path, verdict: Found) -> None:
+    """Write a failing scene as a campaign file that says what differed."""
+    said = "".join(f"# {line}\n" for line in sentences(verdict))
+    path.write_text(said + tomli_w.dumps(tree), encoding="utf-8")
+
+
+def table(verdicts: Iterable[Found]) -> str:
+    """Rows and faults by what flew the scene and by what it has, the worst agreement, the seeds that fail."""
+    verdicts = list(verdicts)
+    flown = [v for v in verdicts if not v.get("not_flown")]
+    groups: dict[str, list[Found]] = {"all": flown}
+    for v in flown:
+        drive = "interpreted" if v.get("interpreted") else "compiled"
+        groups.setdefault(f"{v.get('kernel') or 'no'} kernel, {drive}", []).append(v)
+    for feature in sorted({f for v in flown for f in v.get("features", [])}):
+        groups[feature] = [v for v in flown if feature in v.get("features", [])]
+    text = [f"{'scenes with':30s}{'scenes':>8s}" + "".join(f"{c:>9s}" for c in _COLUMNS) + f"{'crashes':>9s}"]
+    for name, group in groups.items():
+        rows: Counter[str] = sum((Counter(v["rows"]) for v in group), Counter())
+        crashes = sum(bool(v["crash"]) for v in group)
+        text.append(f"{name:30s}{len(group):8d}" + "".join(f"{rows[c]:9d}" for c in _COLUMNS) + f"{crashes:9d}")
+    statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in flown), Counter())
+    text += ["", "statuses: " + ", ".join(f"{n} {label}" for label, n in statuses.most_common())]
+    text += [_worst(flown)] if any(v.get("rows") for v in flown) else []
+    for reason, n in Counter(v["not_flown"][:100] for v in verdicts if v.get("not_flown")).most_common():
+        text.append(f"not compared: {n} x {reason}")
+    failing = sorted({v["seed"] for v in flown if fails(v)})
+    text.append(f"{len(verdicts)} scenes, " + (f"{len(failing)} FAIL, seeds {', '.join(map(str, failing))}" if failing else "none fails"))
+    return "\n".join(text)
+
+
+def _worst(flown: list[Found]) -> str:
+    """The row that agrees least of those that agree, in shares of what its run reports."""
+    off = max(flown, key=lambda v: v.get("worst", 0.0) / max(v.get("reported", 0.0), 1e-9))
+    missed = sum(not v.get("met", True) for v in flown)
+    said = f"worst agreement: {off.get('worst', 0.0):.1e} where {off.get('reported', 0.0):.1e} is reported ({off['name']})"
+    return f"{said}; {missed} scenes say that their accuracy is not met"

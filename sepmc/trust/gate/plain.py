@@ -1,0 +1,56 @@
+"""The pilot of plain Python: steps for the text that is flown as it stands, from a flight or two of the run's own first cases.
+
+The campaign's pilot would take most of the time there. What steps it finds is not what the gate is about: whatever they are, the run
+reports the error it was flown with, and rows are held to that.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from sepmc import campaign as campaigns
+from sepmc import cases, pilot
+from sepmc.campaign import Campaign
+from sepmc.door import fly_specialised, interpreted, specialised_kernel
+from sepmc.pilot import Flight
+
+_MOST_STEPS = 64  # of a phase
+_HOPELESS = 16  # steps with which no case is sound: some other kernel has to fly it
+_CASES = 2
+
+
+@contextmanager
+def flown_plainly(wanted: bool = True) -> Iterator[None]:
+    """Let campaigns be flown so meanwhile: written kernels as plain Python, in steps found here."""
+    usual = campaigns.plan_flight
+    campaigns.plan_flight = _plan if wanted else usual
+    try:
+        with interpreted(wanted):
+            yield
+    finally:
+        campaigns.plan_flight = usual
+
+
+def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
+    if pilot.reasons(campaign):
+        return pilot.plan_flight(campaign, history, announce)
+    kernel = specialised_kernel(pilot.kernel_text(campaign, history=history))
+    scene = campaign.scene
+    draws = cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES) * campaign.factors
+    units = [c.unit for c in campaign.outcome_columns]
+    usual = np.full(len(scene.phase), np.inf)
+    steps, before = np.full(len(scene.phase), 2, dtype=np.int64), None
+    while True:
+        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        sound = block.status == 0
+        if before is None and sound.any():
+            usual[:] = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
+        now = block.outcomes[:, : len(units)], sound
+        if before is not None and (both := sound & before[1]).any():
+            error = float(pilot.relative_error(before[0][both], now[0][both], units).max())
+            if error <= scene.solver.accuracy:
+                return Flight(kernel=kernel, steps=steps // 2, usual=usual, error=error)
+        if 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
+            return Flight(kernel=kernel, steps=steps, usual=usual)
+        before, steps = now, 2 * steps

@@ -1,0 +1,94 @@
+"""Random scenes: the tree of a campaign file that follows from a seed.
+
+What is drawn, and how often (the weights stand where they are used):
+
+=================  =================================================================================================
+bodies             2 to 5; products of inertia, round, spherical and flat ones
+joints             a tree, in 3 of 10 scenes with more than two bodies a loop, in 1 of 5 the ground; all kinds and own ones
+phases             1 to 5, ended by time, stroke, distance, angle, height or burn-out; delays, failures
+loads              0 to 3 motors, springs and constant loads with any of their options; polynomial aerodynamics, wind
+dispersions        0 to 16, over any number of the scene, by any law, in any unit
+names              in 35 of 100 scenes such as a program that writes programs may trip over
+special structure  in 1 of 4 scenes, see `SPECIAL`
+=================  =================================================================================================
+"""
+
+from contextlib import suppress
+from typing import Any
+
+from sepmc.scene.messages import SceneError
+from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate.bodies import add_air, add_bodies, add_environment, add_start
+from sepmc.trust.gate.dice import Dice
+from sepmc.trust.gate.dispersions import add_dispersions
+from sepmc.trust.gate.draft import GROUND, Draft, Tree
+from sepmc.trust.gate.joints import add_joints
+from sepmc.trust.gate.loads import add_loads
+from sepmc.trust.gate.names import Names
+from sepmc.trust.gate.phases import add_phases
+
+SPECIAL = {
+    "": 0.75,
+    "symmetric": 0.07,  # all on one axis
+    "concentric": 0.04,  # all mass centres and joint points at one station
+    "still": 0.03,  # nothing acts and nothing moves
+    "shut": 0.05,  # joints between bodies never open
+    "idle": 0.06,  # phases that change nothing
+}
+_ORDER = ("environment", "body", "motor", "spring", "load", "joint", "phase", "output", "initial", "run", "solver", "dispersion")
+
+
+def scene(seed: int) -> Tree:
+    """The tree of the campaign of a seed; the same for ever, as long as this generator is."""
+    dice = Dice(seed)
+    draft = Draft(dice, Names(dice), dice.weighted(SPECIAL), dice.between(0.1, 0.6))
+    draft.tree = {"body": {}, "run": {"end_time_s": draft.span}}
+    add_environment(draft)
+    add_bodies(draft)
+    add_start(draft)
+    add_air(draft)
+    add_joints(draft)
+    _hold(draft)
+    add_phases(draft)
+    add_loads(draft)
+    _run(draft)
+    tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
+    with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
+        add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)
+    return tree
+
+
+def _hold(draft: Draft) -> None:
+    """What the ground holds starts at rest, or turning about the joint that holds it; now and then against it."""
+    dice, initial = draft.dice, draft.tree["initial"]
+    holding = [joint for joint in draft.tree["joint"].values() if GROUND in joint["bodies"]]
+    if not holding:
+        return
+    initial["speed_m_s"] = 0.0
+    kind = holding[0]["_kind"]
+    omega = initial.pop("omega_deg_s", None)
+    if omega is None or dice.chance(0.3):
+        return
+    axis = holding[0].get("x_axis", [1.0, 0.0, 0.0])
+    if kind == "spherical" or dice.chance(0.12):
+        initial["omega_deg_s"] = omega
+    elif kind in ("revolute", "cylindrical", "planar"):
+        initial["omega_deg_s"] = [omega[0] * x for x in axis]
+
+
+def _run(draft: Draft) -> None:
+    """How it is flown."""
+    dice, tree = draft.dice, draft.tree
+    solver: dict[str, Any] = {"accuracy": dice.weighted({1e-7: 0.7, 1e-5: 0.15, 1e-9: 0.15})}
+    method = dice.weighted({"dop853": 0.75, "dopri5": 0.15, "rk4": 0.1})
+    if method != "dop853":
+        solver |= {"method": method, "accuracy": 1e-7 if method == "dopri5" else 1e-5}
+    drift = dice.weighted({"projection": 0.86, "none": 0.1, "baumgarte": 0.04})
+    if drift != "projection":
+        solver["drift"] = drift
+    if dice.chance(0.04):
+        solver["formulation"] = "full"
+    tree["solver"] = solver
+    tree["run"] |= {"cases": 4, "seed": int(dice.random.integers(1000))}
+    if dice.chance(0.1):
+        tree["run"]["history_step_s"] = draft.span / dice.pick([7, 10, 16])

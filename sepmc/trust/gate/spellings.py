@@ -1,0 +1,153 @@
+"""One scene written in another way, that must fly the same: other units, names, order; joints and springs the other way round."""
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from sepmc.scene.fields import fields_of
+from sepmc.scene.model import Scene
+from sepmc.trust.gate.dice import Dice
+from sepmc.trust.gate.draft import Tree
+
+_TURNED = {"fixed", "slider", "revolute", "cylindrical", "spherical", "planar", "rod", "free"}
+_MAY_BE_ABSENT = "s"  # the unit of times, whose zero is written in any unit
+
+
+def in_units(tree: Tree, dice: Dice) -> Tree:
+    """Every dimensional key in another unit."""
+    return _in_units(tree, Scene, dice)
+
+
+def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
+    fields = {key: (field, factor) for field in fields_of(kind).values() for key, factor in field.keys.items()}
+    result: Tree = {}
+    for key, value in table.items():
+        field, factor = fields.get(key, (None, 1.0))
+        if field is None:
+            result[key] = value
+        elif field.table:
+            result[key] = _in_units(value, field.table, dice)
+        elif field.table_of_tables:
+            result[key] = {name: _in_units(item, field.table_of_tables, dice) for name, item in value.items()}
+        elif field.array_of_tables:
+            result[key] = [_in_units(item, field.array_of_tables, dice) for item in value]
+        elif field.units:
+            other, other_factor = dice.pick(list(field.keys.items()))
+            result[other] = _scaled(value, factor / other_factor)
+        else:
+            result[key] = value
+    return result
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    return [_scaled(x, factor) for x in value] if isinstance(value, list) else value * factor
+
+
+def renamed(tree: Tree, dice: Dice) -> Tree:
+    """Every body, joint, spring, motor, load, phase and own kind with another name, made of the old one."""
+    del dice
+    bodies = {name: f"{name}_1" for name in tree["body"]} | {"ground": "ground"}
+    joints = {name: f"n{name}" for name in tree.get("joint", {})}
+    motors = {item["name"]: f"m_{item['name']}" for item in tree.get("motor", [])}
+    new = copy.deepcopy(tree)
+    new["body"] = {bodies[name]: body for name, body in new["body"].items()}
+    new["joint"] = {joints[name]: joint for name, joint in new.get("joint", {}).items()}
+    for item in [*new["joint"].values(), *new.get("spring", [])]:
+        item["bodies"] = [bodies[name] for name in item["bodies"]]
+    for joint in new["joint"].values():
+        joint["kind"] = {f"{kind}_k": held for kind, held in joint.get("kind", {}).items()}
+    for key in ("motor", "load"):
+        for item in new.get(key, []):
+            item["body"] = bodies[item["body"]]
+            item["name"] = f"m_{item['name']}" if key == "motor" else f"{item['name']}9"
+    for phase in new["phase"]:
+        phase["joints"] = {
+            joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
+            for name, kind in phase.get("joints", {}).items()
+        }
+        for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
+            if key in phase.get("until", {}):
+                phase["until"][key] = names[phase["until"][key]]
+        phase["name"] = f"P{phase['name']}"
+    if "tip_off" in new.get("output", {}):
+        new["output"]["tip_off"] = [joints[name] for name in new["output"]["tip_off"]]
+    return new
+
+
+def reordered(tree: Tree, dice: Dice) -> Tree:
+    """Bodies in the opposite order."""
+    del dice
+    return {**tree, "body": dict(reversed(tree["body"].items()))}
+
+
+def turned(tree: Tree, dice: Dice) -> Tree:
+    """Springs along a line, and joints that hold the same seen from either body, the other way round."""
+    del dice
+    new = copy.deepcopy(tree)
+    waited = {phase.get("until", {}).get("joint") for phase in tree["phase"]}
+    for name, joint in new.get("joint", {}).items():
+        kinds = {phase.get("joints", {}).get(name, "free") for phase in tree["phase"]}
+        if kinds <= _TURNED and name not in waited:
+            joint["bodies"].reverse()
+            if "apart" in joint:
+                joint["apart"] = -joint["apart"]
+            if "second_point_m" in joint:
+                joint["point_m"], joint["second_point_m"] = joint["second_point_m"], joint["point_m"]
+    for spring in new.get("spring", []):
+        if "axis" not in spring:
+            spring["bodies"] = spring["bodies"][::-1]
+            spring["point_m"], spring["second_point_m"] = spring["second_point_m"], spring["point_m"]
+    return new
+
+
+def halved(tree: Tree, dice: Dice) -> Tree:
+    """Every motor as two of half the thrust."""
+    del dice
+    motors = []
+    for motor in tree.get("motor", []):
+        motors += [
+            {**motor, "thrust_N": 0.5 * motor["thrust_N"]},
+            {**motor, "name": f"{motor['name']}_2", "thrust_N": 0.5 * motor["thrust_N"]},
+        ]
+    return {**tree, "motor": motors}
+
+
+def interrupted(tree: Tree, dice: Dice) -> Tree:
+    """A boundary soon after the start at which nothing changes."""
+    first = tree["phase"][0]
+    until = first.get("until", {})
+    soon = min(until.get("time_s", 1.0), dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
+    idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
+    return {**tree, "phase": [idle, *tree["phase"]]}
+
+
+SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {
+    "other units": in_units,
+    "other names": renamed,
+    "other order of bodies": reordered,
+    "joints and springs the other way round": turned,
+    "motors in halves": halved,
+    "an idle boundary": interrupted,
+}
+
+
+def spelt(column: str, spelling: str, tree: Tree) -> str | None:
+    """The column of another spelling that must hold the same as ``column``; None if there is none."""
+    joints, one = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
+    if spelling == "joints and springs the other way round" and "separation_" in column:
+        return None  # along an axis of the other body
+    if spelling != "other names":
+        return column
+    if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
+        return column
+    for joint in sorted(joints, key=len, reverse=True):
+        for body in tree["body"]:
+            start = f"{joint}_tip_off_{body}_"
+            if column.startswith(start) and len(column) - len(start) == len("x_deg_s"):
+                return f"n{joint}_tip_off_{body}_1_{column[len(start) :]}"
+        if column in (f"{joint}_separation_speed_m_s", f"{joint}_separation_distance_mm", f"{joint}_release_time_s"):
+            return f"n{column}"
+    body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len)
+    return f"{body}_1{column[len(body) :]}"

@@ -1,0 +1,75 @@
+"""Worker processes that judge scenes, one for each core. A process may die over a scene: that is a verdict too."""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+Job = dict[str, Any]
+_LIMIT_S = 600.0  # of one scene
+
+
+class Worker:
+    """A process that judges one scene after the other."""
+
+    def __init__(self, limit_s: float = _LIMIT_S):
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+        self.limit_s = limit_s
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "sepmc.trust.gate.worker"], env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+
+    def judge(self, job: Job) -> dict[str, Any] | None:
+        """The verdict on a job; None if the process died over it or took too long."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        timer = threading.Timer(self.limit_s, self.process.kill)
+        timer.start()
+        try:
+            print(json.dumps(job), file=self.process.stdin, flush=True)
+            answer = self.process.stdout.readline()
+        except BrokenPipeError:
+            answer = ""
+        finally:
+            timer.cancel()
+        return json.loads(answer) if answer else None
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()  # closes its pipes
+
+
+def judge_all(jobs: list[Job], processes: int = 2) -> Iterator[dict[str, Any]]:
+    """Verdicts on all jobs as they come, by so many processes."""
+    left: queue.SimpleQueue[Job] = queue.SimpleQueue()
+    found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    for job in jobs:
+        left.put(job)
+    for _ in range(processes):
+        threading.Thread(target=_work, args=(left, found), daemon=True).start()
+    for _ in jobs:
+        yield found.get()
+
+
+def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]]) -> None:
+    worker = None
+    while True:
+        try:
+            job = left.get_nowait()
+        except queue.Empty:
+            break
+        worker = worker or Worker()
+        verdict = worker.judge(job)
+        if verdict is None:
+            worker.close()
+            worker = None
+            name = job.get("name") or f"seed {job['seed']}"
+            verdict = {"name": name, "seed": job.get("seed"), "crash": "the process died or took too long", "rows": {}, "said": []}
+        found.put({**verdict, "interpreted": not job.get("compiled") and verdict.get("kernel") == "written"})
+    if worker:
+        worker.close()

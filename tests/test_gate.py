@@ -1,0 +1,160 @@
+"""The gate of random scenes: it passes what flies right, finds what does not, makes it small, and every scene it once found is flown."""
+
+import copy
+import re
+import tomllib
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from sepmc import pilot
+from sepmc.campaign import Campaign
+from sepmc.scene.messages import SceneError
+from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate import compare, drive
+from sepmc.trust.gate.dice import Dice
+from sepmc.trust.gate.dispersions import kind_of, paths
+from sepmc.trust.gate.plain import flown_plainly
+from sepmc.trust.gate.scenes import scene
+from sepmc.trust.gate.shrink import shrink
+from sepmc.trust.gate.spellings import SPELLINGS
+from sepmc.trust.gate.workers import judge_all
+from sepmc.trust.independent import fly
+
+COMPILED = (4, 26, 27)  # seeds of scenes that written kernels fly
+KEPT = sorted((Path(__file__).parent / "scenes").glob("*.toml"))
+
+# Two bodies, one spring between them: what is planted must be found in something small.
+SMALL = {
+    "environment": {"atmosphere": "none", "gravity": "none"},
+    "body": {
+        "fore": {"mass_kg": 3.0, "inertia_kg_m2": [1.0, 2.0, 2.5], "cg_m": [1.0, 0.0, 0.0]},
+        "aft": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 2.0], "cg_m": [3.0, 0.02, 0.0]},
+    },
+    "spring": [{"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.1, 0.0], "axis": [-1, 0, 0], "force_N": 20.0}],
+    "joint": {"pins": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0]}},
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
+        {"name": "guided", "joints": {"pins": "slider"}, "until": {"joint": "pins", "stroke_m": 0.02}},
+        {"name": "clear"},
+    ],
+    "initial": {"altitude_m": 100.0, "speed_m_s": 30.0, "omega_deg_s": [5.0, 3.0, -4.0]},
+    "run": {"end_time_s": 0.4},
+    "solver": {"accuracy": 1e-7},
+    "dispersion": {"spring.push.force_N": {"uniform": 2.0}, "body.aft.mass_kg": {"uniform": 0.1}},
+}
+
+
+def test_a_seed_gives_one_scene():
+    assert scene(5) == scene(5) != scene(6)
+
+
+def test_scenes_are_rarely_refused_and_hold_everything():
+    """Of 120 scenes hardly one is refused; all joint kinds, ends and most kinds of number occur."""
+    refused, kinds, ends, dispersed, all_paths = 0, set(), set(), set(), set()
+    for seed in range(120):
+        tree = scene(seed)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                campaign = Campaign(parse_campaign(tree, f"seed {seed}"))
+        except SceneError:
+            refused += 1
+            continue
+        kinds |= {kind for phase in tree["phase"] for kind in phase["joints"].values()}
+        ends |= {key for phase in tree["phase"] for key in phase.get("until", {})}
+        found = {".".join(path.parts): kind_of(path) for path in paths(campaign.scene)}
+        all_paths |= set(found.values())
+        dispersed |= {found[d.parameter.path] for d in campaign.file.dispersions}
+    assert refused <= 4
+    assert {"fixed", "slider", "revolute", "cylindrical", "universal", "spherical", "planar", "rod"} <= kinds
+    assert {"point-on-line", "point-on-plane", "free"} <= kinds
+    assert {"time_s", "stroke_m", "distance_m", "angle_deg", "altitude_m", "burn_out"} <= ends
+    assert {"motor.*.burn", "motor.*.build_up", "motor.*.tail_off", "spring.*.stroke", "load.*.end", "joint.*.delay"} <= dispersed
+    settings = {path for path in all_paths if path.startswith(("run.", "solver."))}
+    assert len(dispersed) > 0.75 * len(all_paths - settings)
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_other_spellings_are_read(spelling):
+    """Every other spelling of a scene is one the parser takes."""
+    tree = {key: value for key, value in copy.deepcopy(SMALL).items() if key != "dispersion"}
+    parse_campaign(SPELLINGS[spelling](tree, Dice(1)), spelling)
+
+
+def test_faults_are_told_apart():
+    """What rows are called beside a reference that is right, off by 1e-3, of another status, does not know the scene, or breaks."""
+    tree = SMALL | {"solver": {"step_s": 0.02}}  # the general kernel at once
+
+    def reference(status, share):
+        return lambda case, rtol=1e-12: SimpleNamespace(status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=())
+
+    def broken(error):
+        def reference(case, rtol=1e-12):
+            raise error
+
+        return reference
+
+    assert compare.judge(tree, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
+    off = compare.judge(tree, "off", 2, reference("ok", 1e-3))
+    assert off.rows == {"silent": 2}
+    assert off.fails
+    assert compare.judge(tree, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
+    unknown = compare.judge(tree, "unknown", 2, broken(ValueError("motor.x")))
+    assert "motor.x" in unknown.not_flown
+    assert not unknown.fails
+    assert "KeyError" in compare.judge(tree, "broken", 2, broken(KeyError("y"))).crash
+
+
+def _times(outcomes, share):
+    return {name: value * share for name, value in outcomes.items()}
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        pytest.param((r"vec3\.scale\(-", "vec3.scale("), id="spring on the first body"),
+        pytest.param((r"vec3\.sub\(vec3\.add\(", "vec3.add(vec3.add("), id="gyroscopic moment"),
+    ],
+)
+def test_a_planted_fault_is_found(planted, monkeypatch):
+    """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets smaller while they stay so."""
+    text = pilot.kernel_text
+
+    def wrong(*given, **named):
+        lines, count = re.subn(*planted, text(*given, **named))
+        assert count, "nothing to plant a fault in"
+        return lines
+
+    with flown_plainly():
+        right = compare.judge(SMALL, "right", 2)
+        assert (right.kernel, right.rows) == ("written", {"same": 2})
+        monkeypatch.setattr(pilot, "kernel_text", wrong)
+        assert compare.judge(SMALL, "planted", 2).rows == {"silent": 2}
+        assert "dispersion" not in shrink(SMALL, 1, 8)
+
+
+@pytest.mark.slow
+def test_thirty_scenes():
+    """Thirty random scenes fly as the independent flight does, interpreted."""
+    found = drive.gate(30, 1000, say=lambda text: None)
+    assert not [v for v in found if drive.fails(v)], drive.table(found)
+
+
+@pytest.mark.slow
+def test_three_compiled_scenes():
+    """So do three kernels compiled."""
+    found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
+    assert not [v for v in found if drive.fails(v)], drive.table(found)
+    assert {v["kernel"] for v in found} == {"written"}
+
+
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+def test_a_scene_that_failed_once(path):
+    """A scene that the gate found and shrank, flown as the gate flies it."""
+    with flown_plainly():
+        verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem)
+    assert not verdict.not_flown
+    assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])
