@@ -198,6 +198,6 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
 
 
 __all__ = [
-    "CORNERS", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "reasons", "relative_error",
+    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "reasons", "relative_error",
     "sample",
 ]  # fmt: skip

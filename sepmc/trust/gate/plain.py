@@ -11,6 +11,7 @@ import numpy as np
 
 from sepmc import campaign as campaigns
 from sepmc import cases, pilot
+from sepmc.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign import Campaign
 from sepmc.door import fly_specialised, interpreted, specialised_kernel
 from sepmc.pilot import Flight
@@ -39,8 +40,10 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
     scene = campaign.scene
     draws = cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES) * campaign.factors
     units = [c.unit for c in campaign.outcome_columns]
+    own = scene_scales(scene, units)
     usual = np.full(len(scene.phase), np.inf)
     steps, before = np.full(len(scene.phase), 2, dtype=np.int64), None
+    errors = np.full(len(units), np.inf)
     while True:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
@@ -48,9 +51,10 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
             usual[:] = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
-            error = float(pilot.relative_error(before[0][both], now[0][both], units).max())
-            if error <= scene.solver.accuracy:
-                return Flight(kernel=kernel, steps=steps // 2, usual=usual, error=error)
-        if 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
-            return Flight(kernel=kernel, steps=steps, usual=usual)
+            errors = relative_error(before[0][both], now[0][both], units, own)
+        settled = errors.max() <= pilot.SAFE * scene.solver.accuracy
+        if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
+            told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
+            scale = scales(now[0][sound], units, own)
+            return Flight([], kernel, steps // 2 if settled else steps, usual, None, scale, float(errors.max()), told)
         before, steps = now, 2 * steps
