@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from sepmc.accuracy import scales, scene_scales
 from sepmc.campaign import Campaign
 from sepmc.pilot import reasons
 from sepmc.result import Result
 from sepmc.scene.messages import SceneError
+from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import AUDIT_BOUNDS, Column
 from sepmc.trust.gate.draft import Tree
@@ -22,7 +24,6 @@ from sepmc.trust.independent import fly
 # which lacks what the finer flight is off itself, and the cases of the run are few. What is smaller than _NOISE is round-off of
 # the row and of the independent flight, which integrate to 1e-12 what events and differences of large numbers magnify.
 _MARGIN, _NOISE = 3.0, 1e-9
-_SMALL = 1e-4  # as in `sepmc.pilot.relative_error`: what cancels counts as this share of the largest of its unit
 _ROUGH = 1e-10  # tolerance of the second independent flight, which says how well the first one knows what it says
 # What joints may drift by while their row passes its audit: an outcome that is zero but for round-off may differ by as much.
 _DRIFT = {"mm": 1e-6, "m/s": 1e-8, "deg": 6e-8, "deg/s": 6e-7, "s": 1e-9}
@@ -110,11 +111,11 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     flown = [reference(result.case(number).to_dict()) for number in range(count)]
     expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
     found = np.array([table[c.name] for c in columns]).T
-    found = np.where(_are_still(expected, columns) & (np.abs(found - expected) <= _drift(columns)), expected, found)
-    scale = scales(expected, columns)
+    found, scale = settled(found, expected, columns), sizes(expected, columns, result.campaign.scene)
     accuracy = result.accuracy
-    verdict.reported = float(max(accuracy.errors.values(), default=0.0)) if accuracy else 0.0
-    verdict.met = bool(accuracy is None or verdict.reported <= accuracy.asked)
+    reported = np.array([accuracy.errors.get(c.name, 0.0) if accuracy else 0.0 for c in columns])
+    verdict.reported = float(reported.max(initial=0.0))
+    verdict.met = bool(accuracy is None or accuracy.met)
     for number in range(count):
         status = str(table["status"][number])
         verdict.statuses[status] = verdict.statuses.get(status, 0) + 1
@@ -132,15 +133,16 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
         else:
             off = differences(found[number], expected[number], columns) / scale[number]
             off[_jumped(columns, table, number) | [c.name in flown[number].vague for c in columns]] = 0.0
-            at = int(np.argmax(off))
             asked = accuracy.asked if accuracy and status != "ok" else 0.0  # of such rows no error is reported
-            if off[at] <= max(_MARGIN * verdict.reported, _MARGIN * asked, _NOISE):
+            allowed = np.maximum(_MARGIN * np.maximum(reported, asked), _NOISE)
+            at = int(np.argmax(off / allowed))
+            if off[at] <= allowed[at]:
                 verdict.worst = max(verdict.worst, float(off[at]))
                 verdict.count("same")
                 continue
             said = (
                 f"case {number} {status}: {columns[at].name} = {found[number, at]:.9g}, independently {expected[number, at]:.9g}, "
-                f"off by {off[at]:.1e}, reported {verdict.reported:.1e}"
+                f"off by {off[at]:.1e}, reported {reported[at]:.1e}"
             )
             fault = "told" if _told(table, number) else "silent" if status == "ok" else "wrong"
         if _is_loose(result.case(number).to_dict(), flown[number], found[number], scale[number], columns, status, reference):
@@ -149,14 +151,16 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
         verdict.said.append(f"{fault}: {said}")
 
 
-def scales(expected: np.ndarray, columns: list[Column]) -> np.ndarray:
-    """What differences are shares of, (n, o): the size of an outcome or its spread, or 1e-4 of the largest of its unit."""
-    size = np.abs(np.nan_to_num(expected))
-    largest = size.max(axis=0, initial=0.0)
+def sizes(expected: np.ndarray, columns: list[Column], scene: Scene) -> np.ndarray:
+    """What differences are shares of, (n, o), in the units of the columns: see `sepmc.accuracy.errors`."""
     units = [c.unit for c in columns]
-    floor = np.array([_SMALL * max(x for x, other in zip(largest, units, strict=True) if other == unit) for unit in units])
-    spread = np.std(np.nan_to_num(expected), axis=0)
-    return np.maximum(np.maximum(size, np.maximum(spread, floor)), 1e-12)
+    own = scene_scales(scene, units) * np.array([c.scale for c in columns])
+    return np.maximum(np.abs(np.nan_to_num(expected)), scales(expected, units, own))
+
+
+def settled(found: np.ndarray, expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+    """The rows (n, o); what should be zero but for round-off (a joint that stays shut) and is, to what joints may drift by, as expected."""
+    return np.where(_are_still(expected, columns) & (np.abs(found - expected) <= _drift(columns)), expected, found)
 
 
 def _drift(columns: list[Column]) -> np.ndarray:

@@ -10,7 +10,7 @@ from sepmc.campaign import Campaign
 from sepmc.result import Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
-from sepmc.trust.gate.compare import Verdict, differences, last_line, scales
+from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.spellings import SPELLINGS, spelt
@@ -73,7 +73,8 @@ def _reported(result: Result) -> float:
 def _off(found: Any, expected: Any, columns: list[Column], result: Result, share: float, what: str, more: float = 0.0) -> list[str]:
     """A line if outcomes differ by more than the run reports and was asked for."""
     asked = result.accuracy.asked if result.accuracy else 0.0
-    off = differences(found, expected, columns) / scales(expected[None], columns)[0]
+    off = differences(settled(found[None], expected[None], columns)[0], expected, columns)
+    off /= sizes(expected[None], columns, result.campaign.scene)[0]
     at = int(np.argmax(off))
     if off[at] <= max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more)):
         return []
