@@ -293,7 +293,8 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
             return False
     limit = math.inf if math.isnan(best) else best - tiny
     lip = wide * rise / length  # how deep within the ends a lip can be nearest
-    if beside or (rise > 0.0 and not (lowest >= lip and highest >= lip)):
+    lips = rise > 0.0 and not (lowest >= lip and highest >= lip)
+    if limit > 0.0 and (beside or lips):  # such distances are positive
         bend += 4.0 * speed * speed / max(0.5 * (d0 + d1 - move), _NEAR_LIP * wide)
     if 0.125 * bend * dt * dt <= _SURE:
         bend = min(bend, right[_BEND])

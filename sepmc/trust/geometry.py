@@ -180,10 +180,11 @@ def relative_motion(history, a: str, b: str) -> Motion:
     keep = np.append(np.diff(time) > 0.0, True)
     rows = history[keep]
     time = time[keep]
-    apart, speed, turns, rates = None, None, [], []
-    for sign, name in ((1.0, b), (-1.0, a)):
-        x, v = (rows[[f"{name}_{what}{axis}_{unit}" for axis in "xyz"]].to_numpy() for what, unit in (("", "m"), ("v", "m_s")))
-        apart, speed = sign * x + (apart if apart is not None else 0.0), sign * v + (speed if speed is not None else 0.0)
+    apart, speed = (
+        np.subtract(*(rows[[f"{name}_{what}{axis}_{unit}" for axis in "xyz"]].to_numpy() for name in (b, a)))
+        for what, unit in (("", "m"), ("v", "m_s"))
+    )
+    turns, rates = [], []
     for name in (a, b):
         turns.append(Rotation.from_euler("ZYX", np.radians(rows[[f"{name}_{k}_deg" for k in ("pitch", "yaw", "roll")]].to_numpy())))
         rates.append(np.radians(rows[[f"{name}_omega_{k}_deg_s" for k in "xyz"]].to_numpy()))
