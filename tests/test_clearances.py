@@ -38,7 +38,8 @@ def test_rows_are_the_single_runs(nozzle, flown):
     for i in (0, 7, 31):
         outcomes = nozzle.simulate(nozzle.case(i), step_s=0.1).attrs["outcomes"]
         assert_allclose(rows["gap_clearance_mm"][i], outcomes["gap_clearance_mm"], rtol=1e-9)
-        assert_allclose(rows["gap_clearance_time_s"][i], outcomes["gap_clearance_time_s"], rtol=1e-9)
+        # about a least the distance is flat: its time is known to the root of what the distance is
+        assert_allclose(rows["gap_clearance_time_s"][i], outcomes["gap_clearance_time_s"], rtol=0, atol=1e-6)
 
 
 def test_rows_against_exact_geometry(flown):
