@@ -13,8 +13,8 @@ Array = np.ndarray
 THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
 _ANGLES = 360  # of a rim, at first
 _ZOOMS = 9  # each narrows the angle, or the time, by ten
-_STEPS = 2000  # of the projections, at most
-_PROVED = 1e-10  # m
+_STEPS, _FEW = 2000, 60  # of the projections, at most; where only the order of distances counts
+_PROVED = 1e-9  # m
 
 
 def on_frustum(points: Array, frustum: tuple) -> Array:
@@ -49,15 +49,19 @@ def reach(frustum: tuple, u: Array) -> Array:
     return np.einsum("ij,ij->i", u, start) + np.maximum(r0 * across, length * slope + r1 * across)
 
 
-def solid_distance(a: tuple, b: tuple) -> tuple[Array, Array]:
+def solid_distance(a: tuple, b: tuple, steps: int = _STEPS) -> tuple[Array, Array]:
     """Distances (n,) of solid frustums, m, and how far they are proved: no distance is less than itself minus that.
 
-    Projections on one and the other in turn, with momentum (Nesterov), which converge to the nearest points of convex bodies.
+    Projections on one and the other in turn, with momentum (Nesterov), which converge to the nearest points of convex bodies: from the
+    middle and from both ends of each, since along sides that are all but parallel they converge slowly.
     """
-    q = on_frustum(a[0] + 0.5 * a[2] * a[1], b)
+    shares, count = (0.0, 0.5, 1.0), len(a[0])
+    starts = [on_frustum(part[0] + share * part[2] * part[1], b) for part in (a, b) for share in shares]
+    a, b = ((np.tile(part[0], (len(starts), 1)), np.tile(part[1], (len(starts), 1)), *part[2:]) for part in (a, b))
+    q = np.concatenate(starts)
     ahead, momentum = q, np.ones(len(q))
-    best, proved = np.full(len(q), np.inf), np.full(len(q), -np.inf)
-    for step in range(_STEPS):
+    best, proved = np.full(count, np.inf), np.full(count, -np.inf)
+    for step in range(steps):
         p = on_frustum(ahead, a)
         new = on_frustum(p, b)
         turned = np.einsum("ij,ij->i", ahead - new, new - q) > 0.0  # going the wrong way: begin the momentum anew
@@ -70,8 +74,9 @@ def solid_distance(a: tuple, b: tuple) -> tuple[Array, Array]:
             apart = q - p
             distance = np.linalg.norm(apart, axis=1)
             u = apart / np.where(distance > 0.0, distance, 1.0)[:, None]
-            best = np.minimum(best, distance)
-            proved = np.maximum(proved, np.where(distance > 0.0, -reach(b, -u) - reach(a, u), 0.0))
+            slab = np.where(distance > 0.0, -reach(b, -u) - reach(a, u), 0.0)
+            best = np.minimum(best, distance.reshape(-1, count).min(axis=0))
+            proved = np.maximum(proved, slab.reshape(-1, count).max(axis=0))
             if np.all((best - proved < _PROVED) | (best < _PROVED)):
                 break
     return best, best - np.maximum(proved, 0.0)
@@ -139,7 +144,7 @@ def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
     return found
 
 
-def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Array) -> Array:
+def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Array, steps: int = _STEPS) -> Array:
     """Clearances (n,) of two outlines, m; b is seen from a in attitudes (n, 3, 3) at places (n, 3)."""
     n, best = len(places), np.full(len(places), np.inf)
     for hollow_a, start_a, axis_a, *size_a in parts_a:
@@ -158,7 +163,7 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
                 near = _axes_apart(a, b) < best  # the others are further than what is known
                 if near.any():
                     chosen = [tuple(x[near] if isinstance(x, np.ndarray) else x for x in part) for part in (a, b)]
-                    best[near] = np.minimum(best[near], solid_distance(*chosen)[0])
+                    best[near] = np.minimum(best[near], solid_distance(*chosen, steps)[0])
     return best
 
 
@@ -212,12 +217,12 @@ def relative_motion(history, a: str, b: str) -> Motion:
 def least_clearance(motion: Motion, parts_a: list, parts_b: list, times: Array, coarse: int = 400) -> tuple[float, float]:
     """Least clearance over some times (m,), m, and when: at ``coarse`` of them, then closer and closer around the lowest three."""
     grid = np.unique(np.concatenate([times[:: max(1, len(times) // coarse)], times[[0, -1]]]))
-    values = outline_distance(parts_a, parts_b, *motion(grid))
+    values = outline_distance(parts_a, parts_b, *motion(grid), _FEW)
     padded = np.concatenate([[np.inf], values, [np.inf]])
     low = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]) & np.isfinite(values))
     best, when = np.inf, np.nan
     for i in low[np.argsort(values[low], kind="stable")][:3]:
-        least, time, width = values[i], grid[i], np.diff(grid).max()
+        least, time, width = np.inf, grid[i], np.diff(grid).max()
         for _ in range(_ZOOMS + 1):
             near = np.clip(time + width * np.linspace(-1.0, 1.0, 25), times[0], times[-1])
             found = outline_distance(parts_a, parts_b, *motion(near))
