@@ -162,8 +162,8 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
             else:
                 near = _axes_apart(a, b) < best  # the others are further than what is known
                 if near.any():
-                    chosen = [tuple(x[near] if isinstance(x, np.ndarray) else x for x in part) for part in (a, b)]
-                    best[near] = np.minimum(best[near], solid_distance(*chosen, steps)[0])
+                    of_a, of_b = ((part[0][near], part[1][near], *part[2:]) for part in (a, b))
+                    best[near] = np.minimum(best[near], solid_distance(of_a, of_b, steps)[0])
     return best
 
 
