@@ -20,7 +20,7 @@ _ROUND_OFF = 1e-15
 _WITHIN = 1e-12
 # Near contact a round may turn the direction only and come nearer by less than round-off. After so many in turn that is the end.
 _STALLED = 2
-_THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
+THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
 _ROUNDS = 150  # 13 on average over random parts, 50 near contact; the best so far counts if this is met
 
 
@@ -103,26 +103,26 @@ def inside_gap(point, shell):
     """
     start, axis, length, r0, r1 = shell
     distance, nearest = wall_gap(point, shell)
-    along, across = _split(sub(point, start), axis)
+    along, across = split(sub(point, start), axis)
     if along < 0.0 or along > length:
         return math.inf, nearest
     radius = r0 + (r1 - r0) * along / length if length > 0.0 else r0
     out = math.sqrt(dot(across, across)) - radius
-    return (-distance if 0.0 < out < _THROUGH * radius else distance), nearest
+    return (-distance if 0.0 < out < THROUGH * radius else distance), nearest
 
 
 @routine
 def wall_gap(point, shell):
     """Distance of a point from the wall of a hollow frustum, from any side and beyond its ends too, and the nearest point of the wall."""
     start, axis, length, r0, r1 = shell
-    along, across = _split(sub(point, start), axis)
+    along, across = split(sub(point, start), axis)
     rho = math.sqrt(dot(across, across))
     rise = r1 - r0  # in the half plane through the axis and the point the wall goes from (0, r0) to (length, r1)
     square = length * length + rise * rise
     share = (along * length + (rho - r0) * rise) / square if square > 0.0 else 0.0
     share = 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
     radius = r0 + share * rise
-    outward = scale(1.0 / rho, across) if rho > 0.0 else _any_normal(axis)
+    outward = scale(1.0 / rho, across) if rho > 0.0 else any_normal(axis)
     nearest = add(add(start, scale(share * length, axis)), scale(radius, outward))
     distance = math.sqrt((along - share * length) ** 2 + (rho - radius) ** 2)
     return distance, nearest
@@ -132,7 +132,7 @@ def wall_gap(point, shell):
 def _furthest(part, d):
     """Point of a part that is furthest in direction d (of any length)."""
     start, axis, length, r0, r1 = part
-    along, across = _split(d, axis)
+    along, across = split(d, axis)
     s = math.sqrt(dot(across, across))
     if length * along + r1 * s > r0 * s:
         radius, start = r1, add(start, scale(length, axis))
@@ -144,7 +144,7 @@ def _furthest(part, d):
 
 
 @stage
-def _split(d, axis):
+def split(d, axis):
     """Component of d along a unit vector, and the rest; projected twice, so that a short rest is normal to the axis too."""
     along = dot(d, axis)
     across = sub(d, scale(along, axis))
@@ -152,7 +152,7 @@ def _split(d, axis):
 
 
 @stage
-def _any_normal(axis):
+def any_normal(axis):
     """A unit vector normal to a unit vector."""
     x, y, z = axis
     if abs(x) < 0.6:

@@ -4,12 +4,13 @@ import math
 
 from sepmc.kernels import guides as pins
 from sepmc.kernels import layout as at
-from sepmc.kernels import outlines, quat, vec3
+from sepmc.kernels import quat, vec3
 from sepmc.kernels._jit import keep_apart, stage
-from sepmc.kernels.cfe import attitude, solve_motion
+from sepmc.kernels.cfe import solve_motion
+from sepmc.kernels.clearances import watch_clearance
 from sepmc.kernels.dynamics import guide_bearing, guide_wrench, motion, slides
 from sepmc.kernels.observe import joint_outcomes_at
-from sepmc.kernels.places import body_params, first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
+from sepmc.kernels.places import first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
 from sepmc.kernels.rk import interpolate
 
 # Gauss-Lobatto nodes and weights on a step, exact to degree 7 (Abramowitz and Stegun, 25.4.32).
@@ -18,7 +19,6 @@ _THETA = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
-_RIM = 48  # points of a solid's rim held against the inside of a shell: a tilted rim is overstated by 0.2 % of its radius at most
 
 
 @stage
@@ -29,8 +29,8 @@ def watches(m):
 
 @stage
 def row_size(m):
-    """Numbers a row of watched quantities holds: force and moment per joint; pins and jamming per guide; clearance and place."""
-    size = 2 * m.scene.n_load_outputs + 4 * m.scene.n_clearances
+    """Numbers a row of watched quantities holds: force and moment per joint; pins and jamming per guide."""
+    size = 2 * m.scene.n_load_outputs
     for g in range(m.scene.n_guides):
         size += m.table[m.scene.pins_i + m.table[m.scene.guides_i + g]] + 1
     return size
@@ -65,88 +65,6 @@ def _guide_row(y, j, row, k, m, w):
 
 
 @stage
-def _part(p, body, frame, y, m, w):
-    """Part of a body's outline, whose numbers start at m.numbers[p], in the axes of body ``frame`` from its centre of mass."""
-    keep_apart()
-    cg = vec3.get(w, body_params(body) + at.CG)
-    r, to = attitude(body, m, w), attitude(frame, m, w)
-    here = (cg[0] - m.numbers[p + 1], m.numbers[p + 2] - cg[1], m.numbers[p + 3] - cg[2])
-    apart = vec3.sub(vec3.get(y, body * at.STATE + at.POSITION), vec3.get(y, frame * at.STATE + at.POSITION))
-    start = vec3.unrotate(to, vec3.add(apart, vec3.rotate(r, here)))
-    length = m.numbers[p + 4]
-    axis = vec3.unrotate(to, vec3.rotate(r, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0)))
-    return start, axis, abs(length), m.numbers[p + 5], m.numbers[p + 6]
-
-
-@stage
-def _rim_gap(solid, shell):
-    """Least distance from the rims of a solid to the inside of a shell, and the nearest points of solid and shell."""
-    keep_apart()
-    start, axis, length, r0, r1 = solid
-    u = vec3.unit(vec3.cross(axis, (0.0, 1.0, 0.0) if abs(axis[1]) < 0.7 else (0.0, 0.0, 1.0)))
-    v = vec3.cross(axis, u)
-    best, on_solid, on_shell = math.inf, start, start
-    for end in range(2):
-        centre, radius = (start, r0) if end == 0 else (vec3.add(start, vec3.scale(length, axis)), r1)
-        for i in range(_RIM):
-            angle = 2.0 * math.pi * i / _RIM
-            across = vec3.add(vec3.scale(radius * math.cos(angle), u), vec3.scale(radius * math.sin(angle), v))
-            point = vec3.add(centre, across)
-            distance, wall = outlines.inside_gap(point, shell)
-            if distance < best:
-                best, on_solid, on_shell = distance, point, wall
-            if radius == 0.0:
-                break
-        if length == 0.0:
-            break
-    return best, on_solid, on_shell
-
-
-@stage
-def _extent(part):
-    """How far a part reaches from the origin of its axes, m."""
-    start, _, length, r0, r1 = part
-    return math.sqrt(vec3.dot(start, start)) + length + max(r0, r1)
-
-
-@stage
-def clearance(y, a, b, limit, h, m, w):
-    """Least distance between the outlines of bodies a and b, m, and the nearest point of a, layout. Needs attitudes.
-
-    Of solid parts that cannot come nearer than ``limit`` within h seconds, as the bodies move now, only a lower bound is computed.
-    """
-    keep_apart()
-    best, place = math.inf, (math.nan, math.nan, math.nan)
-    va, vb = vec3.get(y, a * at.STATE + at.VELOCITY), vec3.get(y, b * at.STATE + at.VELOCITY)
-    omega_a, omega_b = vec3.get(y, a * at.STATE + at.RATE), vec3.get(y, b * at.STATE + at.RATE)
-    apart = vec3.sub(va, vb)
-    speed, spin = math.sqrt(vec3.dot(apart, apart)), math.sqrt(vec3.dot(omega_a, omega_a)) + math.sqrt(vec3.dot(omega_b, omega_b))
-    first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
-    first_b, count_b = m.table[m.scene.parts_i + 2 * b], m.table[m.scene.parts_i + 2 * b + 1]
-    for i in range(count_a):
-        pa = first_a + at.PART_SIZE * i
-        part_a = _part(pa, a, a, y, m, w)
-        for k in range(count_b):
-            pb = first_b + at.PART_SIZE * k
-            part_b = _part(pb, b, a, y, m, w)
-            if m.numbers[pa] != 0.0 and m.numbers[pb] != 0.0:
-                continue  # two shells: each is met by the other body's solids
-            if m.numbers[pa] != 0.0:
-                distance, _, here = _rim_gap(part_b, part_a)
-            elif m.numbers[pb] != 0.0:
-                distance, here, _ = _rim_gap(part_a, part_b)
-            else:
-                distance, here = outlines.least_gap(part_a, part_b), place
-                size = _extent(part_a) + _extent(part_b)
-                if not distance > min(best, limit + 2.0 * h * (speed + spin * size)):
-                    distance, here, _ = outlines.gap(part_a, part_b)
-            if distance < best:
-                best, place = distance, here
-    cg = vec3.get(w, body_params(a) + at.CG)
-    return best, (cg[0] - place[0], cg[1] + place[1], cg[2] + place[2])
-
-
-@stage
 def watched_at(m):
     """Start of the outcomes of watched quantities: joint loads, guides, clearances; tip-off rates follow."""
     return joint_outcomes_at(m.scene.n_joints, m)
@@ -169,11 +87,8 @@ def counts(i, m, w):
 
 
 @stage
-def watch(t, y, row, outcomes, h, m, w):
-    """All watched quantities of a state into ``row``, each such that its peak is its greatest value.
-
-    Of a clearance that cannot become the least, in h seconds, of those in ``outcomes`` this may be a bound.
-    """
+def watch(t, y, row, m, w):
+    """All watched quantities of a state into ``row``, each such that its peak is its greatest value; clearances apart."""
     keep_apart()
     motion(t, y, m, w)
     k = 0
@@ -185,15 +100,6 @@ def watch(t, y, row, outcomes, h, m, w):
         j = m.table[m.scene.guides_i + g]
         _guide_row(y, j, row, k, m, w)
         k += m.table[m.scene.pins_i + j] + 1
-    for i in range(m.scene.n_clearances):
-        row[k] = -math.inf
-        if counts(i, m, w):
-            entry = m.scene.clearances_i + 3 * i
-            least = outcomes[clearances_at(m) + at.CLEARANCE_OUTCOMES * i]
-            distance, place = clearance(y, m.table[entry], m.table[entry + 1], math.inf if math.isnan(least) else least, h, m, w)
-            row[k] = -distance
-            vec3.put(row, k + 1, place)
-        k += 4
 
 
 @stage
@@ -229,20 +135,6 @@ def _keep(t, row, outcomes, m):
             outcomes[o + count] = -row[k + count]
         o += count + 1
         k += count + 1
-    for _ in range(m.scene.n_clearances):
-        if row[k] > -math.inf and not -row[k] >= outcomes[o]:
-            outcomes[o], outcomes[o + 1] = -row[k], t
-            vec3.put(outcomes, o + 2, vec3.get(row, k + 1))
-            outcomes[o + 5] = 1.0 if -row[k] <= 0.0 else 0.0
-        o += at.CLEARANCE_OUTCOMES
-        k += 4
-
-
-@stage
-def _is_peak(c, m):
-    """Whether column ``c`` of a row is a quantity whose peak is sought, not the place of one."""
-    first = row_size(m) - 4 * m.scene.n_clearances
-    return c < first or (c - first) % 4 == 0
 
 
 @stage
@@ -258,10 +150,10 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
     keep_apart()
     a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     _state_at(a, h, y0, sample, weights, k, rk, m)
-    watch(t + a * h, sample, row, outcomes, h, m, w)
+    watch(t + a * h, sample, row, m, w)
     fa = row[c]
     _state_at(b, h, y0, sample, weights, k, rk, m)
-    watch(t + b * h, sample, row, outcomes, h, m, w)
+    watch(t + b * h, sample, row, m, w)
     fb = row[c]
     for _ in range(_ROUNDS):
         if fa >= fb:
@@ -273,7 +165,7 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
             b = low + GOLDEN * (high - low)
             theta = b
         _state_at(theta, h, y0, sample, weights, k, rk, m)
-        watch(t + theta * h, sample, row, outcomes, h, m, w)
+        watch(t + theta * h, sample, row, m, w)
         if theta == a:
             fa = row[c]
         else:
@@ -289,25 +181,27 @@ def _rises(x1, x2, f0, f1, f2):
 
 
 @stage
-def _may_be_less(least, at_end, inside):
-    """Whether a clearance, of which minus the end of a step and the node inside are given, may be less than ``least`` between them.
-
-    It has kinks where the nearest parts change, which no parabola foretells: it is taken to fall by twice its change at most.
-    """
-    return at_end >= inside > -math.inf and -at_end - 2.0 * (at_end - inside) < least
-
-
-@stage
 def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
     """Watch a step from y0 whose continuous extension is ready: peaks with their times, impulses, clearances.
 
     ``rows`` (NODES + 1, n) is scratch. What the joints hold must not have changed within the step.
     """
     keep_apart()
-    size = row_size(m)
+    if row_size(m) > 0:
+        _watch_loads(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w)
+    for i in range(m.scene.n_clearances):
+        if counts(i, m, w):
+            first = clearances_at(m) + at.CLEARANCE_OUTCOMES * i
+            watch_clearance(i, first, t, h, y0, sample, weights, k, rk, outcomes, m, w)
+
+
+@stage
+def _watch_loads(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
+    """Peaks of what joints and guides carry, with their times, and impulses."""
+    keep_apart()
     for i in range(NODES):
         _state_at(_THETA[i], h, y0, sample, weights, k, rk, m)
-        watch(t + _THETA[i] * h, sample, rows[i], outcomes, h, m, w)
+        watch(t + _THETA[i] * h, sample, rows[i], m, w)
         _keep(t + _THETA[i] * h, rows[i], outcomes, m)
     o = watched_at(m)
     for j in range(m.scene.n_load_outputs):
@@ -320,19 +214,14 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
         if slides(j, m, w):
             outcomes[o] += h
         o += m.table[m.scene.pins_i + j] + 2
-    for c in range(size):
-        if not _is_peak(c, m):
-            continue
+    for c in range(row_size(m)):
         for i in range(1, NODES - 1):
             if rows[i, c] > rows[i - 1, c] and rows[i, c] >= rows[i + 1, c]:
                 _refine(c, _THETA[i - 1], _THETA[i + 1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
-        first, last = c - (size - 4 * m.scene.n_clearances), NODES - 1
-        least = outcomes[clearances_at(m) + at.CLEARANCE_OUTCOMES * (first // 4)] if first >= 0 else math.nan
-        if _rises(_THETA[1], _THETA[2], rows[0, c], rows[1, c], rows[2, c]) or _may_be_less(least, rows[0, c], rows[1, c]):
+        last = NODES - 1
+        if _rises(_THETA[1], _THETA[2], rows[0, c], rows[1, c], rows[2, c]):
             _refine(c, 0.0, _THETA[1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
-        if _rises(_THETA[1], _THETA[2], rows[last, c], rows[last - 1, c], rows[last - 2, c]) or _may_be_less(
-            least, rows[last, c], rows[last - 1, c]
-        ):
+        if _rises(_THETA[1], _THETA[2], rows[last, c], rows[last - 1, c], rows[last - 2, c]):
             _refine(c, _THETA[NODES - 2], 1.0, t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
 
 

@@ -1,0 +1,313 @@
+"""The least distance between the outlines of two bodies over a flight, step by step, and the time and place of it.
+
+Within a step every pair of parts is searched on its own: the step is halved wherever the pair could be nearer than the least so far.
+How near it could be follows from the relative motion. The distance is the least of many smooth functions of time, one for each pair of
+points (or point and plane of a wall), whose second derivative is at most C; between two times dt apart it is then nowhere less than
+
+    d0 + (d1 - d0) u - C dt^2 / 2 u (1 - u),  u in 0 to 1
+
+(Piyavskii's method with a bound of the second derivative). So no dip between two instants is missed, and far from the least a step
+takes two distances. Where the rim of a solid leaves a shell its distance ends: the bound then counts what is beyond by no more than it
+can move.
+"""
+
+import math
+
+import numpy as np
+
+from sepmc.kernels import layout as at
+from sepmc.kernels import outlines, quat, vec3
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.places import body_params
+from sepmc.kernels.rims import rim_gap
+from sepmc.kernels.rk import interpolate
+
+SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND = 0, 1, 2
+_PLACES = 5  # of a step at which the relative motion is looked at
+_SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
+_ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
+_SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
+_NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
+_DEPTH = 56  # halvings of a step, one within the other, at most
+_MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell
+_AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
+_NODE = 15
+
+
+@stage
+def watch_clearance(i, first, t, h, y0, sample, weights, k, rk, outcomes, m, w):
+    """Search a step from y0, whose continuous extension is ready, for less than the clearance ``i`` in outcomes[first] on."""
+    keep_apart()
+    entry = m.scene.clearances_i + 3 * i
+    a, b = m.table[entry], m.table[entry + 1]
+    poses, nodes = np.empty((_PLACES, 12)), np.empty((_DEPTH + 2, _NODE))
+    for n in range(_PLACES):
+        _pose(n / (_PLACES - 1), h, y0, sample, weights, k, rk, a, b, poses[n], m)
+    motion = _motion(poses, h)
+    first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
+    first_b, count_b = m.table[m.scene.parts_i + 2 * b], m.table[m.scene.parts_i + 2 * b + 1]
+    for n in range(count_a):
+        pa = first_a + at.PART_SIZE * n
+        part_a = _part(pa, a, m, w)
+        for l in range(count_b):
+            pb = first_b + at.PART_SIZE * l
+            part_b = _part(pb, b, m, w)
+            shell_a, shell_b = m.numbers[pa] != 0.0, m.numbers[pb] != 0.0
+            if shell_a and shell_b:
+                continue  # two shells: each is met by the other body's solids
+            kind = SHELL_ON_FIRST if shell_a else (SHELL_ON_SECOND if shell_b else SOLIDS)
+            length = part_b[2] if shell_a else part_a[2]
+            for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
+                pair = kind, end, part_a, part_b
+                _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w)
+
+
+@stage
+def _part(p, body, m, w):
+    """Part of a body's outline, whose numbers start at m.numbers[p], in the axes of the body from its centre of mass."""
+    cg = vec3.get(w, body_params(body) + at.CG)
+    start = (cg[0] - m.numbers[p + 1], m.numbers[p + 2] - cg[1], m.numbers[p + 3] - cg[2])
+    length = m.numbers[p + 4]
+    return start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), m.numbers[p + 5], m.numbers[p + 6]
+
+
+@stage
+def _pose(theta, h, y0, sample, weights, k, rk, a, b, pose, m):
+    """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a fraction of the step."""
+    keep_apart()
+    interpolate(theta, h, y0, sample, weights, k, rk)
+    quat.normalise_all(sample, m.scene.n_bodies)
+    qa, qb = a * at.STATE + at.QUATERNION, b * at.STATE + at.QUATERNION
+    to = quat.matrix((sample[qa], sample[qa + 1], sample[qa + 2], sample[qa + 3]))
+    r = quat.matrix((sample[qb], sample[qb + 1], sample[qb + 2], sample[qb + 3]))
+    for n in range(3):
+        column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
+        pose[n], pose[3 + n], pose[6 + n] = column
+    apart = vec3.sub(vec3.get(sample, b * at.STATE + at.POSITION), vec3.get(sample, a * at.STATE + at.POSITION))
+    vec3.put(pose, 9, vec3.unrotate(to, apart))
+
+
+@stage
+def _motion(poses, h):
+    """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's origin seen from b, and of its axes."""
+    keep_apart()
+    piece = h / (_PLACES - 1)
+    speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(1, _PLACES):
+        rate = vec3.sub(vec3.get(poses[n], 9), vec3.get(poses[n - 1], 9))
+        back = vec3.sub(_back(poses[n]), _back(poses[n - 1]))
+        speed_a, speed_b = max(speed_a, vec3.dot(rate, rate)), max(speed_b, vec3.dot(back, back))
+        total = 0.0
+        for c in range(9):
+            total += (poses[n, c] - poses[n - 1, c]) ** 2
+        turn = max(turn, total)
+        if n > 1:
+            before = vec3.sub(vec3.get(poses[n - 1], 9), vec3.get(poses[n - 2], 9))
+            change = vec3.sub(rate, before)
+            change_back = vec3.sub(back, vec3.sub(_back(poses[n - 1]), _back(poses[n - 2])))
+            bend_a, bend_b = max(bend_a, vec3.dot(change, change)), max(bend_b, vec3.dot(change_back, change_back))
+            total = 0.0
+            for c in range(9):
+                total += (poses[n, c] - 2.0 * poses[n - 1, c] + poses[n - 2, c]) ** 2
+            curl = max(curl, total)
+    square = piece * piece
+    bend_a, bend_b, curl = _SAFE * math.sqrt(bend_a) / square, _SAFE * math.sqrt(bend_b) / square, _SAFE * math.sqrt(curl) / square
+    return (
+        math.sqrt(speed_a) / piece + piece * bend_a, math.sqrt(speed_b) / piece + piece * bend_b, math.sqrt(turn) / piece + piece * curl,
+        bend_a, bend_b, curl,
+    )  # fmt: skip
+
+
+@stage
+def _back(pose):
+    """Origin of body a in the axes of b, but for its sign."""
+    return vec3.unrotate(vec3.get_matrix(pose, 0), vec3.get(pose, 9))
+
+
+@stage
+def _reach(part):
+    """How far a part reaches from the origin of its axes, m."""
+    start, axis, length, r0, r1 = part
+    end = vec3.add(start, vec3.scale(length, axis))
+    return max(math.sqrt(vec3.dot(start, start)) + r0, math.sqrt(vec3.dot(end, end)) + r1)
+
+
+@stage
+def _placed(part, pose):
+    """A part of body b in the axes of body a."""
+    start, axis, length, r0, r1 = part
+    r = vec3.get_matrix(pose, 0)
+    return vec3.add(vec3.get(pose, 9), vec3.rotate(r, start)), vec3.rotate(r, axis), length, r0, r1
+
+
+@stage
+def _rim(part, end):
+    """Rim of a solid part: centre, normal, radius."""
+    start, axis, length, r0, r1 = part
+    if end == 0:
+        return start, axis, r0
+    return vec3.add(start, vec3.scale(length, axis)), axis, r1
+
+
+@stage
+def _distance(pair, pose, margin):
+    """Distance of a pair and its nearest point on body a, axes of a."""
+    keep_apart()
+    kind, end, part_a, part = pair
+    part_b = _placed(part, pose)
+    if kind == SOLIDS:
+        distance, here, _ = outlines.gap(part_a, part_b)
+    elif kind == SHELL_ON_FIRST:
+        distance, _, here = rim_gap(_rim(part_b, end), part_a, margin)
+    else:
+        distance, here, _ = rim_gap(_rim(part_a, end), part_b, margin)
+    return distance, here
+
+
+@stage
+def _far(pair, pose):
+    """What a pair cannot be nearer than, m, found cheaply. Of a rim and a shell: as a distance without sign."""
+    kind, end, part_a, part = pair
+    part_b = _placed(part, pose)
+    if kind == SOLIDS:
+        return outlines.least_gap(part_a, part_b)
+    solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
+    centre, _, radius = _rim(solid, end)
+    return outlines.wall_gap(centre, shell)[0] - radius
+
+
+@stage
+def _along(pair, pose):
+    """Least and greatest coordinate of a rim along the axis of its shell, m, and how far from the axis it reaches at most."""
+    kind, end, part_a, part = pair
+    part_b = _placed(part, pose)
+    solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
+    centre, normal, radius = _rim(solid, end)
+    tilt = vec3.cross(normal, shell[1])
+    half = radius * math.sqrt(vec3.dot(tilt, tilt))
+    middle, across = outlines.split(vec3.sub(centre, shell[0]), shell[1])
+    return middle - half, middle + half, math.sqrt(vec3.dot(across, across)) + radius
+
+
+@stage
+def _least(d0, d1, bend, dt):
+    """What a distance is nowhere less than between two times dt apart, its second derivative at most ``bend``."""
+    s, c = d1 - d0, 0.5 * bend * dt * dt
+    if abs(s) >= c:
+        return min(d0, d1)
+    return d0 - (c - s) ** 2 / (4.0 * c)
+
+
+@stage
+def _note(distance, here, time, body, outcomes, first, w):
+    """Take over a new least distance with its time and the nearest point of the first body, layout."""
+    cg = vec3.get(w, body_params(body) + at.CG)
+    outcomes[first], outcomes[first + 1] = distance, time
+    vec3.put(outcomes, first + 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
+    outcomes[first + 5] = 1.0 if distance <= 0.0 else 0.0
+
+
+@stage
+def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w):
+    """Search a step for a pair being nearer than outcomes[first], or in touch earlier than known; ``nodes`` is scratch.
+
+    From left to right and always as deep as needed: nodes[0] is the left end of an interval, nodes[top] its right end, and below that
+    stand the right ends of those that follow.
+    """
+    keep_apart()
+    kind, _, part_a, part_b = pair
+    size = _reach(part_a) + _reach(part_b)
+    if kind == SHELL_ON_SECOND:
+        speed, bend = motion[1] + motion[2] * _reach(part_a), motion[4] + motion[5] * _reach(part_a)
+    else:
+        speed, bend = motion[0] + motion[2] * _reach(part_b), motion[3] + motion[5] * _reach(part_b)
+    tiny = _ROUND_OFF * size
+    shell = part_a if kind == SHELL_ON_FIRST else part_b
+    beyond = outcomes[first]  # NaN: nothing known yet
+    if kind != SOLIDS:
+        beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
+    elif beyond < 0.0:
+        return
+    if 0.5 * (_far(pair, poses[0]) + _far(pair, poses[_PLACES - 1]) - speed * h) > beyond:
+        return
+    for end in range(2):
+        nodes[end, _POSE:] = poses[end * (_PLACES - 1)]
+        nodes[end, _AT], nodes[end, _BEND] = end, math.inf
+        _visit(pair, nodes[end], tiny, a, t, h, outcomes, first, w)
+    top, halvings = 1, 0
+    while top > 0 and halvings < _MOST:
+        left, right = nodes[0], nodes[top]
+        dt = (right[_AT] - left[_AT]) * h
+        if top > _DEPTH or not _worth_halving(pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, outcomes, first):
+            left[:] = right
+            top -= 1
+            continue
+        middle = nodes[top + 1]
+        middle[_AT] = 0.5 * (left[_AT] + right[_AT])
+        _pose(middle[_AT], h, y0, sample, weights, k, rk, a, b, middle[_POSE:], m)
+        _visit(pair, middle, tiny, a, t, h, outcomes, first, w)
+        middle[_BEND] = right[_BEND] = math.inf
+        if max(left[_VALUE], middle[_VALUE], right[_VALUE]) < math.inf:  # twice the second derivative
+            middle[_BEND] = right[_BEND] = 8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
+        top += 1
+        halvings += 1
+
+
+@stage
+def _visit(pair, node, tiny, a, t, h, outcomes, first, w):
+    """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or touches earlier."""
+    keep_apart()
+    distance, here = _distance(pair, node[_POSE:], 0.0)
+    node[_VALUE] = distance
+    time, best = t + node[_AT] * h, outcomes[first]
+    if distance < best - tiny or (math.isnan(best) and distance < math.inf) or (distance == best == 0.0 and time < outcomes[first + 1]):
+        _note(distance, here, time, a, outcomes, first, w)
+    elif math.isnan(distance):
+        _note(distance, here, time, a, outcomes, first, w)
+
+
+@stage
+def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, first):
+    """Whether a pair may be nearer than outcomes[first] between two times, or touch earlier than known."""
+    keep_apart()
+    kind, d0, d1, best = pair[0], left[_VALUE], right[_VALUE], outcomes[first]
+    move = speed * dt
+    if not move > tiny:
+        return False
+    if kind == SOLIDS:
+        if best == 0.0:  # only touching earlier counts
+            may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, right, move, dt) < 0.0
+            return may_touch and d0 > 0.0 and time < outcomes[first + 1]
+        return _least_solids(d0, d1, bend, right, move, dt) < best - tiny
+    lowest0, highest0, outmost0 = _along(pair, left[_POSE:])
+    lowest1, highest1, outmost1 = _along(pair, right[_POSE:])
+    _, _, length, r0, r1 = pair[2] if kind == SHELL_ON_FIRST else pair[3]
+    if max(highest0, highest1) < -move or min(lowest0, lowest1) > length + move:
+        return False
+    narrow, wide, rise = min(r0, r1), max(r0, r1), abs(r1 - r0)
+    lowest, highest = min(lowest0, lowest1) - move, length - max(highest0, highest1) - move  # from the ends
+    beside = max(outmost0, outmost1) + move > (1.0 + outlines.THROUGH) * narrow  # some of the rim may be
+    if beside or not (lowest >= 0.0 and highest >= 0.0):  # or may come or go at the ends
+        d0, d1 = _distance(pair, left[_POSE:], move)[0], _distance(pair, right[_POSE:], move)[0]
+        if max(d0, d1) == math.inf:
+            return False
+    limit = math.inf if math.isnan(best) else best - tiny
+    lip = wide * rise / length  # how deep within the ends a lip can be nearest
+    lips = rise > 0.0 and not (lowest >= lip and highest >= lip)
+    if limit > 0.0 and (beside or lips):  # such distances are positive
+        bend += 4.0 * speed * speed / max(0.5 * (d0 + d1 - move), _NEAR_LIP * wide)
+    if 0.125 * bend * dt * dt <= _SURE:
+        bend = min(bend, right[_BEND])
+    return _least(d0, d1, bend, dt) < limit
+
+
+@stage
+def _least_solids(d0, d1, bend, right, move, dt):
+    """What two solids are nowhere nearer than between two times."""
+    low = 0.5 * (d0 + d1 - move)
+    if not low > 0.0:
+        return low
+    bend += (move / dt) ** 2 / low
+    if 0.125 * bend * dt * dt <= _SURE:
+        bend = min(bend, right[_BEND])
+    return max(low, _least(d0, d1, bend, dt))

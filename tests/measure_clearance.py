@@ -1,0 +1,67 @@
+"""Print how far the clearances of campaign rows are from exact geometry: ``python tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
+
+Every row is held against a fine flight of the same case, whose outlines are compared by `sepmc.trust.geometry`.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import sepmc
+from sepmc.trust import geometry
+
+CAMPAIGNS = ("srb.toml", "hyper-x.toml", "residual-thrust.toml", str(Path(__file__).parent / "nozzle.toml"))
+STEP_S = 0.002  # of the fine flight; its rows are half as far apart
+
+
+def exact(campaign, case, history=None):
+    """Clearances of one case, mm, and their times, s, by the name of the clearance."""
+    if history is None:
+        history = campaign.simulate(case, step_s=0.5 * STEP_S)
+    outcomes, scene, found = history.attrs["outcomes"], case.scene, {}
+    for clearance in scene.clearance:
+        a, b = clearance.bodies
+        first = 0.0
+        if clearance.after:
+            name = f"{clearance.after}_release_time_s"
+            first = outcomes[name if name in outcomes else "release_time_s"]
+        times = history["time_s"].to_numpy()
+        times = np.unique(np.concatenate([[first], times[times > first]]))
+        parts = (geometry.parts_of(scene.body[name]) for name in (a, b))
+        least, when = geometry.least_clearance(geometry.relative_motion(history, a, b), *parts, times)
+        found[clearance.name] = 1e3 * least, when
+    return found
+
+
+def measure(name, cases):
+    """Worst difference of a campaign, m, with what the campaign says of its error."""
+    begun = time.perf_counter()
+    result = sepmc.load(name).run(cases=cases)
+    fine = sepmc.load(name, {"solver.step_s": STEP_S})
+    rows = result.to_pandas()
+    flown = [i for i in range(cases) if rows["status"][i] == "ok"]
+    found = {i: exact(fine, fine.case(i)) for i in flown}
+    for clearance in fine.scene.clearance:
+        column = f"{clearance.name}_clearance_mm"
+        differences, where = [], []
+        for i in flown:
+            least, when = found[i][clearance.name]
+            differences.append(rows[column][i] - least)
+            where.append((i, rows[column][i], least, rows[f"{clearance.name}_clearance_time_s"][i], when))
+        worst = int(np.argmax(np.abs(differences)))
+        stated = result.accuracy.errors[column] if result.accuracy else np.nan
+        scale = max(np.abs(rows[column]).max(), rows[column].std())
+        print(
+            f"{result.campaign.name:16s} {column:26s} {len(differences)} cases: worst {1e-3 * differences[worst]:+.1e} m"
+            f" (case {where[worst][0]}: {where[worst][1]:.6f} mm at {where[worst][3]:.6f} s, exact {where[worst][2]:.6f} mm at"
+            f" {where[worst][4]:.6f} s); stated {1e-3 * stated * scale:.1e} m; {time.perf_counter() - begun:.0f} s",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    for each in sys.argv[2:] or CAMPAIGNS:
+        measure(each, count)
