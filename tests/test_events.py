@@ -2,10 +2,14 @@
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
+
+from sepmc.campaign import Case
+from sepmc.scene.messages import SceneError
 
 FIXED, SLIDER, FREE = ({"pins": kind} for kind in ("fixed", "slider", "free"))
 RETRO = {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}  # 2 m/s2 on the aft body: s = t^2
@@ -401,3 +405,37 @@ def test_two_late_changes_on_the_way_at_once(pair):
     _, outcomes = flown(pair({"motor": [RETRO], "phase": steps, "joint.pins.delay_s": 0.1}))
     assert_allclose(outcomes["release_time_s"], 0.25, rtol=0, atol=EXACT)
     assert_allclose(outcomes["separation_distance_mm"], 1e3 * 0.3**2, rtol=1e-12)
+
+
+def test_a_release_never_makes_a_joint_hold_again(pair):
+    """Let go along x at 0.1 s, the joint is told at 0.2 s to be a ball joint, of fewer rows, which would stop it: it goes on sliding."""
+    release = [{"name": "slide", "joint": "pins", "to": "point-on-line", "when": {"time_s": 0.1}}]
+    steps = phases(({"pins": "fixed"}, {"time_s": 0.2}), ({"pins": "point-on-line"}, None))
+    case = pair({"motor": [RETRO], "release": release, "phase": steps}).nominal()
+    replace = msgspec.structs.replace
+    to = replace(case.scene.release[0], to="cylindrical"), replace(case.scene.phase[1], joints={"pins": "spherical"})
+    case = Case(-1, replace(case.scene, release=to[:1], phase=(case.scene.phase[0], to[1])), {})
+    history = pair({"motor": [RETRO], "release": release, "phase": steps}).simulate(case, step_s=0.05)
+    assert history.attrs["status"] == "ok"
+    assert_allclose(history.attrs["outcomes"]["separation_speed_m_s"], 0.8, rtol=1e-12)  # 2 m/s2 from 0.1 s to 0.5 s
+
+
+def test_a_release_that_would_hold_again_is_refused(pair):
+    """In the second phase the joint may be a ball joint, or, released before that, slide."""
+    release = [{"name": "slide", "joint": "pins", "to": "cylindrical", "when": {"time_s": 0.1}}]
+    steps = phases(({"pins": "fixed"}, {"time_s": 0.2}), ({"pins": "spherical"}, None))
+    with pytest.raises(SceneError, match="pins may be 'spherical' by then, which does not hold all that 'cylindrical' holds"):
+        pair({"release": release, "phase": steps})
+    both = [release[0], {"name": "turn", "joint": "pins", "to": "spherical", "when": {"time_s": 0.2}}]
+    with pytest.raises(SceneError, match=r"release\.turn\.to = 'spherical': pins may be 'cylindrical' by then"):
+        pair({"release": both, "phase": phases(({"pins": "fixed"}, None))})
+
+
+def test_no_release_time_after_an_inconsistent_start(pair):
+    """A slider on the ground, and a vehicle that turns: no outcome, the release time among them, is a number."""
+    case = pair({"joint.pins.bodies": ["ground", "aft"], "initial.speed_m_s": 0.0, "phase": phases((SLIDER, None))}).nominal()
+    turning = msgspec.structs.replace(case.scene.initial, omega=(0.0, 1.0, 0.0))
+    campaign = pair({"joint.pins.bodies": ["ground", "aft"], "initial.speed_m_s": 0.0, "phase": phases((SLIDER, None))})
+    found = campaign.simulate(Case(-1, msgspec.structs.replace(case.scene, initial=turning), {})).attrs
+    assert found["status"] == "inconsistent-start"
+    assert all(math.isnan(found["outcomes"][column.name]) for column in campaign.outcome_columns)

@@ -9,8 +9,10 @@ from sepmc.kernels import joints
 from sepmc.trust import lagrange, references, verify
 from sepmc.trust.line import Line, table, worst
 
+SLOW = ("top", "scenes", "campaigns", "orders")  # those of ten seconds and more
 
-@pytest.mark.parametrize("name", verify.CHECKS)
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in verify.CHECKS])
 def test_check(name):
     """All lines of one check, within tolerances set beforehand."""
     lines = verify.verify([name])

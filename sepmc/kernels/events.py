@@ -163,11 +163,28 @@ def _told(j, event, m):
 
 
 @stage
+def _is_less(kind, of, m):
+    """Whether a kind holds only what another holds too, and less. Three rows of rotation hold every rotation."""
+    first, second = kind_rows(kind, m), kind_rows(of, m)
+    count, turns = m.table[second], 0
+    for k in range(second + 1, second + 1 + count):
+        if at.ROTATION <= m.table[k] < at.ROD:
+            turns += 1
+    for i in range(first + 1, first + 1 + m.table[first]):
+        held = turns == 3 and at.ROTATION <= m.table[i] < at.ROD
+        for k in range(second + 1, second + 1 + count):
+            held = held or m.table[k] == m.table[i]
+        if not held:
+            return False
+    return m.table[first] < count
+
+
+@stage
 def change(j, event, m, w):
     """When joint j changes because of an event: it is late by its delay. Infinite if the event has not come, the joint fails, or it
-    would let go no more than it has."""
+    would not merely let go."""
     kind = _told(j, event, m)
-    if kind < 0 or m.table[kind_rows(kind, m)] >= m.table[kind_rows(kind_of(j, m, w), m)]:
+    if kind < 0 or not _is_less(kind, kind_of(j, m, w), m):
         return math.inf
     p = joint_params(j, m)
     return math.inf if w[p + at.FAILS] >= 0.5 else w[m.scene.events_w + event] + w[p + at.DELAY]
@@ -269,6 +286,6 @@ def never_let_go(phase, m, w):
         for j in range(m.scene.n_joints):
             kind = _told(j, event, m)
             told = kind >= 0 and not math.isinf(w[m.scene.events_w + event])
-            if told and m.table[kind_rows(kind, m)] < m.table[kind_rows(kind_of(j, m, w), m)]:
+            if told and _is_less(kind, kind_of(j, m, w), m):
                 return True
     return False

@@ -221,6 +221,14 @@ def _begin(y, outcomes, m, w):
 
 
 @stage
+def _drop_infinite(outcomes, m):
+    """Joints that still hold have no release time: NaN."""
+    for j in range(m.scene.n_joints):
+        o = joint_outcomes_at(j, m) + 2
+        outcomes[o] = outcomes[o] if math.isfinite(outcomes[o]) else math.nan
+
+
+@stage
 def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, level):
     """Fly one case and write its outcomes. Returns its status and the number of history rows."""
     outcomes[:] = math.nan
@@ -242,6 +250,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     set_attitudes(y0, m, w)
     start = residuals(y0, m, w)
     if not max(start[0], start[1], start[2], start[3]) <= _CONSISTENT:
+        _drop_infinite(outcomes, m)
         return INCONSISTENT_START, 0
     energy0 = kinetic_energy(y0, m, w)
     energy_scale, energy_lost, idle = max(energy0, rest_energy(y0, m, w)), 0.0, 0
@@ -351,9 +360,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
         status = UNRESOLVED
     if status == OK and events.never_let_go(phase, m, w):
         status = NEVER_RELEASED
-    for j in range(m.scene.n_joints):
-        o = joint_outcomes_at(j, m) + 2
-        outcomes[o] = outcomes[o] if math.isfinite(outcomes[o]) else math.nan
+    _drop_infinite(outcomes, m)
     if status in (OK, NEVER_RELEASED):
         report(t, y0, outcomes, m, w)
     return status, rows

@@ -125,6 +125,24 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
             ):
                 said = f"lets nothing go: {name} is {', '.join(dict.fromkeys(kinds))} in the phases"
                 problems.add(f"release.{release.name}.to", said, release.to)
+        if not problems:
+            _check_comparable(name, kinds, scene, problems)
+
+
+def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Problems) -> None:
+    """A release may come in any phase, and after any other release: of its kind and each that the joint may have by then, one must hold
+    part of what the other holds."""
+    joint, may = scene.joint[name], dict.fromkeys(kinds)
+    for release in scene.release:
+        if release.joint != name:
+            continue
+        for kind in may:
+            pair = rows_of(joint, release.to), rows_of(joint, kind)
+            if not is_part(*pair) and not is_part(pair[1], pair[0]):
+                said = f"{name} may be {kind!r} by then, which does not hold all that {release.to!r} holds; a joint cannot take hold again"
+                problems.add(f"release.{release.name}.to", said, release.to)
+                break
+        may[release.to] = None
 
 
 def _check_rods(scene: Scene, problems: Problems) -> None:

@@ -1,7 +1,6 @@
 """Scenes of the checks, flown, and their histories as arrays in ground axes."""
 
 import tomllib
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +13,9 @@ from sepmc.scene.read import parse_campaign
 
 Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
+# What counts as large in scenes whose lengths are about 1 m and rates about 1 rad/s, by unit.
+SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
+GENERAL = "general"  # what is said of a flight by the general kernel
 
 
 class Track(NamedTuple):
@@ -31,7 +33,9 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
 
 
 class Flight:
-    """The history of the nominal case of a campaign, a row every ``every`` seconds."""
+    """The history of the nominal case of a campaign by the general kernel, a row every ``every`` seconds."""
+
+    kernel = GENERAL
 
     def __init__(self, flown: Campaign, every: float = 0.01):
         self.scene = flown.scene
@@ -52,7 +56,11 @@ class Flight:
             return Track(np.zeros((n, 3)), np.zeros((n, 3)), np.tile(r, (n, 1, 1)), np.zeros((n, 3)))
         angles = self.history[[f"{name}_{angle}_deg" for angle in ("pitch", "yaw", "roll")]].to_numpy(dtype=float)
         r = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
-        return Track(self.columns(f"{name}_*_m"), self.columns(f"{name}_v*_m_s"), r, np.radians(self.columns(f"{name}_omega_*_deg_s")))
+        return Track(*self.places(name), r, np.radians(self.columns(f"{name}_omega_*_deg_s")))
+
+    def places(self, name: str) -> tuple[Array, Array]:
+        """Places and velocities of a body's mass centre (n, 3), ground axes."""
+        return self.columns(f"{name}_*_m"), self.columns(f"{name}_v*_m_s")
 
     def wrench(self, joint: str, body: str) -> tuple[Array, Array]:
         """Constraint force and moment of a joint on a body, at that body's copy of the joint point, ground axes."""
@@ -76,9 +84,3 @@ def tensor(scene: Any, body: str) -> Array:
     data = scene.body[body]
     xy, xz, yz = data.inertia_products
     return data.inertia_factor * (np.diag(data.inertia) - np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]))
-
-
-@cache
-def flight(name: str, every: float = 0.01) -> Flight:
-    """A scene as its file has it, flown once."""
-    return Flight(campaign(name), every)

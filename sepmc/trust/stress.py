@@ -52,6 +52,7 @@ STRESSES: dict[str, Callable[[], list[Stress]]] = {
         inputs.not_finite,
         inputs.not_physical,
         inputs.absurd,
+        inputs.vouched,
         inputs.rods_without_length,
         inputs.refused,
     )

@@ -1,11 +1,12 @@
-"""`sepmc verify`: the engine held against closed forms, classical formulations and conservation laws, in one table.
+"""`sepmc verify`: the engine held against closed forms, other formulations, an independent flight and conservation laws, in one table.
 
-A line is a case, a quantity, what it should be, what the engine gives and the difference allowed, which was set before it was measured.
+A line is a case, the kernel that flew it, a quantity, what it should be, what the engine gives and the difference allowed, which was set
+before it was measured. The general kernel gives histories; a kernel written for the scene, flown as plain Python, gives the outcomes.
 """
 
 from collections.abc import Callable, Iterable
 
-from sepmc.trust.checks import balances, closed_forms, hinged, kinds, methods, paper, rows
+from sepmc.trust.checks import balances, closed_forms, hinged, independent, kinds, methods, paper, rows
 from sepmc.trust.line import Line, brief, table
 
 __all__ = ["CHECKS", "Line", "brief", "table", "verify"]
@@ -31,6 +32,8 @@ CHECKS: dict[str, Check] = {
         kinds.against_lagrange,
         paper.phases,
         paper.cases,
+        independent.scenes,
+        independent.campaigns,
         methods.orders,
     )
 }

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import simpson
 
 from sepmc.trust.checks.kinds import KINDS, flight_of
-from sepmc.trust.flights import Array, Flight, arm, campaign, tensor, to_ground
+from sepmc.trust.flights import GENERAL, Array, Flight, arm, campaign, tensor, to_ground
 from sepmc.trust.line import Line, worst
 
 ROUND_OFF = 1e-11  # relative to the largest of the terms that cancel
@@ -23,7 +23,8 @@ def no_work() -> list[Line]:
             speed = track.v + np.cross(omega, to_ground(track.r, lever))
             terms += [np.sum(force * speed, axis=1), np.sum(moment * omega, axis=1)]
         power, largest = np.sum(terms, axis=0), float(np.max(np.abs(terms)))
-        lines.append(worst(f"work of {kind}", "power of the joint, W", np.zeros_like(power), power, ROUND_OFF, size=largest))
+        nothing = np.zeros_like(power)
+        lines.append(worst(f"work of {kind}", "power of the joint, W", nothing, power, ROUND_OFF, size=largest, kernel=GENERAL))
     return lines
 
 
@@ -100,7 +101,8 @@ def balance() -> list[Line]:
         sums, (force, moment, power), (stored, lost) = _Sums(found), _thrust(found), _springs(found)
         momentum, spin, energy = sums.momentum[0] + _gained(found, force), sums.spin[0] + _gained(found, moment), sums.energy + stored
         largest = max(float(np.abs(body.mass * found.body(name).v).max()) for name, body in found.scene.body.items())
-        lines.append(worst(case, "momentum at the end, kg m/s", momentum, sums.momentum[-1], size=largest))
-        lines.append(worst(case, "angular momentum at the end, kg m2/s", spin, sums.spin[-1], size=float(np.abs(sums.spin).max())))
-        lines.append(worst(case, "energy at the end, J", energy[0] + _gained(found, power - lost), energy[-1]))
+        turning = float(np.abs(sums.spin).max())
+        lines.append(worst(case, "momentum at the end, kg m/s", momentum, sums.momentum[-1], size=largest, kernel=GENERAL))
+        lines.append(worst(case, "angular momentum at the end, kg m2/s", spin, sums.spin[-1], size=turning, kernel=GENERAL))
+        lines.append(worst(case, "energy at the end, J", energy[0] + _gained(found, power - lost), energy[-1], kernel=GENERAL))
     return lines

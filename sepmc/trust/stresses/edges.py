@@ -6,7 +6,7 @@ import numpy as np
 
 from sepmc.trust.flights import Flight
 from sepmc.trust.stresses.line import FORM, NONE, Bound, Stress, judge, relative
-from sepmc.trust.stresses.scenes import Tree, body, fly, scene
+from sepmc.trust.stresses.scenes import Tree, body, both, fly, scene
 
 SPEED, DENSITY, SOUND, AREA, MASS = 300.0, 0.5, 320.0, 0.2, 50.0  # m/s, kg/m3, m/s, m2, kg
 AIR = {"altitude_m": [0.0, 5000.0, 10_000.0], "density_kg_per_m3": [DENSITY] * 3, "speed_of_sound_m_s": [SOUND] * 3}
@@ -93,14 +93,23 @@ def air() -> list[Stress]:
     ):
         tree = _probe(drag, initial={"altitude_m": altitude, "pitch_deg": pitch})
         tree["environment"] = dict(thin)
-        found = fly(tree)
+        flights = both(tree)
         bound = Bound(0.0, "height must not change") if inside else NONE
-        error = float(np.max(np.abs(found.body("probe").x[:, 1] - altitude))) if inside else math.nan
-        lines.append(judge(given, "height, m", error, bound, found, inside))
+        error = float(np.max(np.abs(flights[0].body("probe").x[:, 1] - altitude))) if inside else math.nan
+        lines.append(judge(given, "height, m", error, bound, flights[0], inside))
+        lines += [_level(given, found, inside) for found in flights[1:]]
     tree = _probe({"axial": {"const": 0.0}}, initial={"altitude_m": 85_000.0, "pitch_deg": 89.0, "speed_m_s": 7000.0}, end=3.0)
     tree["environment"] = dict(thin)
-    lines.append(judge("1976 atmosphere, out of it in a step", "height, m", math.nan, NONE, fly(tree)))
+    lines += [judge("1976 atmosphere, out of it in a step", "height, m", math.nan, NONE, found) for found in both(tree)]
     return lines
+
+
+def _level(given: str, found: Flight, inside: bool) -> Stress:
+    """A written kernel tells no height: the flow angle of level flight, or nothing out of the air."""
+    if not inside:
+        return judge(given, "height, m", math.nan, NONE, found)
+    error = abs(found.outcomes["probe_alpha_deg"])
+    return judge(given, "alpha, deg", error, FORM, found)  # on an edge a written kernel may leave the case to the general one
 
 
 def wind() -> list[Stress]:

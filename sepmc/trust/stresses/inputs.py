@@ -1,22 +1,27 @@
 """Case rows that no dispersion should draw: not finite, not physical, absurdly large; and scenes that must be refused."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from sepmc.compiler.plan import Plan
-from sepmc.door import Block, fly_block, warm_up
+from sepmc.campaign import Campaign
+from sepmc.compiler.emit import emit
+from sepmc.compiler.plan import Plan, make_plan
+from sepmc.compiler.shape import make_shape
+from sepmc.door import Block, fly_block, fly_specialised, interpreted, specialised_kernel, warm_up
 from sepmc.kernels.layout import NO_HISTORY
 from sepmc.scene.messages import SceneError
 from sepmc.schema import Status, result_columns
 from sepmc.trust.stresses.line import EXACT, NONE, Bound, Stress, beyond
 from sepmc.trust.stresses.scenes import Tree, make, pair, pushed
+from sepmc.trust.written import LEFT, WRITTEN, as_written
 
 HUGE, TINY = 1e300, 1e-300
 
 
-def _plan() -> Plan:
+def _campaign() -> Campaign:
     """A scene with many parameters: two bodies with air, a motor, a spring with a stroke, a load, and a joint that is released."""
     tree = pushed(0.04, end=0.4, spring={"stroke_m": 0.1, "stiffness_N_per_m": 1.0})
     air = {"reference_area_m2": 0.1, "reference_length_m": 1.0, "axial": {"const": 0.3}, "normal": {"alpha": 1.0}}
@@ -27,7 +32,7 @@ def _plan() -> Plan:
         {"name": "retro", "body": "aft", "thrust_N": 5.0, "build_up_s": 0.1, "burn_s": 0.2, "tail_off_s": 0.1, "station_m": 3.5}
     ]
     tree["load"] = [{"name": "side", "body": "aft", "force_N": [0.0, 0.1, 0.0], "start_s": 0.1, "end_s": 0.3}]
-    return make(tree).plan
+    return make(tree)
 
 
 def _block(plan: Plan, path: str, values: list[float]) -> Block:
@@ -47,7 +52,7 @@ def _line(given: str, quantity: str, error: float, bound: Bound, plan: Plan, blo
 
 def not_finite() -> list[Stress]:
     """NaN and infinities in every parameter in turn, with a fair case before and after, which must not notice."""
-    plan, lines = _plan(), []
+    plan, lines = _campaign().plan, []
     for value in (math.nan, math.inf, -math.inf):
         fair: list[float] = []
         for path in plan.slots:
@@ -65,7 +70,7 @@ def not_finite() -> list[Stress]:
 
 def not_physical() -> list[Stress]:
     """Masses and inertias no body has: each is told."""
-    plan, lines = _plan(), []
+    plan, lines = _campaign().plan, []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
         ("body.aft.inertia.xx", (0.0, -1.0)),
@@ -79,7 +84,7 @@ def not_physical() -> list[Stress]:
 
 def absurd() -> list[Stress]:
     """Every parameter in turn at +-1e300 and 1e-300: what is called ok has finite outcomes."""
-    plan, lines = _plan(), []
+    plan, lines = _campaign().plan, []
     columns = [c.name for c in result_columns(plan.contents)]
     needed = np.array([not name.endswith("release_time_s") for name in columns])
     for value in (HUGE, -HUGE, TINY):
@@ -94,6 +99,34 @@ def absurd() -> list[Stress]:
         assert worst is not None
         given = f"{value:.0e} in {len(plan.slots)} parameters" + (f", {shown}" if faults else "")
         lines.append(Stress(given, "ok, not finite: cases", float(faults), EXACT, Status.OK.label))
+    return lines
+
+
+def vouched() -> list[Stress]:
+    """The same by a kernel written for that scene with every parameter dispersed: a row that it vouches for was given as a finite number,
+    and has finite outcomes. All others are left to the general kernel."""
+    campaign = as_written(_campaign())
+    dispersed = frozenset(campaign.plan.slots)
+    plan, lines = make_plan(campaign.scene, dispersed=dispersed), []
+    plan = replace(plan, contents=replace(plan.contents, specialised=True))
+    with interpreted():
+        kernel = specialised_kernel(emit(make_shape(plan, dispersed), campaign.scene.solver.method))
+    steps, usual = np.full(len(plan.phases), 4), np.full(len(plan.phases), math.inf)
+    names = [c.name for c in result_columns(plan.contents)]
+    needed = np.array([not name.endswith("release_time_s") for name in names])
+    nothing = np.empty(0, dtype=np.int64), np.empty((1, 0))
+    fair = LEFT if fly_specialised(kernel, plan, steps, usual, *nothing)[0].status[0] else Status.OK.label
+    lines.append(Stress("the same scene as it stands", "vouched for", 0.0, EXACT, fair, resolved=True, kernel=WRITTEN))
+    for value in (math.nan, math.inf, HUGE, -HUGE):
+        faults = []
+        for path, slot in plan.slots.items():
+            block, _ = fly_specialised(kernel, plan, steps, usual, np.array([slot]), np.array([[value]]))
+            row = block.outcomes[0]
+            ok = block.status[0] == Status.OK and not beyond(dict(zip(names, row, strict=True)))
+            if ok and not (math.isfinite(value) and np.isfinite(row[needed]).all()):
+                faults.append(path)
+        given = f"{value:.0e} in {len(plan.slots)} parameters" + (f", {faults[0]}" if faults else "")
+        lines.append(Stress(given, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label, kernel=WRITTEN))
     return lines
 
 

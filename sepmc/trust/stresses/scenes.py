@@ -10,6 +10,7 @@ from sepmc.scene.read import parse_campaign
 from sepmc.trust import references as ref
 from sepmc.trust.flights import Flight, arm, tensor
 from sepmc.trust.stresses.line import relative
+from sepmc.trust.written import both as by_both
 
 Tree = dict[str, Any]
 SPACE = {"atmosphere": "none", "gravity": "none"}
@@ -56,6 +57,15 @@ def fly(tree: Tree, rows: int = 20) -> Flight:
     """The nominal case with about so many rows of history."""
     campaign = make(tree)
     return Flight(campaign, campaign.scene.run.end_time / rows)
+
+
+def both(tree: Tree, rows: int = 20) -> list[Flight]:
+    """The nominal case by the general kernel, and by one written for the scene if there can be one.
+
+    The latter halves its steps until its outcomes stay, as a campaign's pilot does; where they do not, it says so.
+    """
+    campaign = make(tree)
+    return by_both(campaign, campaign.scene.run.end_time / rows, settled=True)
 
 
 # Two bodies, no two numbers alike: what is varied below starts from these.

@@ -3,8 +3,9 @@
 import math
 
 from sepmc.trust import references as ref
+from sepmc.trust.flights import GENERAL
 from sepmc.trust.stresses.line import EPS, FORM, NONE, Bound, Stress, judge, relative
-from sepmc.trust.stresses.scenes import Tree, fly, pushed
+from sepmc.trust.stresses.scenes import Tree, both, fly, pushed
 
 ROOT, TOUCH = 1e-13, 1e-12  # s, m: how near an event is located; what counts as met (kernels/flight.py, events.py)
 ACCELERATION = 2.0  # m/s2, of the gap in `pushed`
@@ -24,19 +25,20 @@ def strokes() -> list[Stress]:
     """Pins from 0 to 1 m long, drawn with 2 m/s2: when they let go, and how fast the bodies then part."""
     lines = []
     for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
-        found = fly(pushed(stroke))
         time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
         bound = located(speed) if stroke > TOUCH else Bound(math.sqrt(2.0 * TOUCH / ACCELERATION), "1e-12 m counts as met")
         given = f"pins of {stroke:g} m" + (", at the end of a step" if stroke == 0.25 else "")
-        lines.append(judge(given, "release, s", abs(found.outcomes["release_time_s"] - time), bound, found, True))
-        lines.append(judge(given, "speed at the end", relative(found.outcomes["separation_speed_m_s"], 2.0), FORM, found, True))
+        for found in both(pushed(stroke)):
+            lines.append(judge(given, "release, s", abs(found.outcomes["release_time_s"] - time), bound, found, True))
+            lines.append(judge(given, "speed at the end", relative(found.outcomes["separation_speed_m_s"], 2.0), FORM, found, True))
     for given, tree in (
         ("pins never drawn", pushed(2.0)),
         ("pins pushed the other way", pushed(1e-9, spring={"force_N": -1.5})),
     ):
-        lines.append(judge(given, "release, s", fly(tree).outcomes["release_time_s"], NONE, fly(tree)))
-    found = fly(pushed(1.0))
-    lines.append(judge("pins drawn at the end of the run", "release, s", abs(found.outcomes["release_time_s"] - 1.0), located(2.0), found))
+        lines += [judge(given, "release, s", found.outcomes["release_time_s"], NONE, found) for found in both(tree)]
+    for found in both(pushed(1.0)):
+        error = abs(found.outcomes["release_time_s"] - 1.0)
+        lines.append(judge("pins drawn at the end of the run", "release, s", error, located(2.0), found))
     return lines
 
 
@@ -62,7 +64,7 @@ def grazing() -> list[Stress]:
     for step in (0.05, 0.17, 0.3):
         lost = TOP * truncation(step * FREQUENCY)
         for margin in (1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-11, -1e-9, -1e-6, -1e-3):
-            found = fly(_oscillator(TOP * (1.0 - margin), step=step))
+            found = fly(_oscillator(TOP * (1.0 - margin), step=step))  # two conditions end its phase: no kernel is written for that
             # the gap is TOP (1 - cos) / 2, so it passes the stroke this long before the top
             before = 2.0 * math.asin(math.sqrt(max(margin, 0.0))) / FREQUENCY
             times, bound = [0.5 - before if margin > 0.0 else 0.8], located(1.0)
@@ -86,10 +88,10 @@ def slow() -> list[Stress]:
         tree = pushed(1e-3, end=1.2 * time, step=0.02 * time, spring={"force_N": force, "point_m": [station, 0.0, 0.0]})
         tree["body"]["fore"]["cg_m"], tree["body"]["aft"]["cg_m"] = [0.0, 0.0, 0.0], [2.0 * station, 0.0, 0.0]
         tree["joint"]["link"]["point_m"] = [station, 0.0, 0.0]
-        found = fly(tree)
         speed = force / 0.75 * time
-        error = abs(found.outcomes["release_time_s"] - time)
-        lines.append(judge(f"1 mm at {speed:.0e} m/s, {station:g} m arms", "release, s", error, located(speed, size=station), found, True))
+        for found in both(tree):
+            error, bound = abs(found.outcomes["release_time_s"] - time), located(speed, size=station)
+            lines.append(judge(f"1 mm at {speed:.0e} m/s, {station:g} m arms", "release, s", error, bound, found, True))
     return lines
 
 
@@ -100,7 +102,7 @@ def spent_springs() -> list[Stress]:
         tree = _oscillator(2.0 * TOP)
         stroke = TOP * (1.0 - margin)
         tree["spring"][0]["stroke_m"] = stroke
-        found = fly(tree)
+        tree["phase"] = [{"name": "guided", "joints": {"link": "slider"}}]  # nothing else ends within the flight
         end = 0.9
         if margin > 0.0:
             before = 2.0 * math.asin(math.sqrt(margin)) / FREQUENCY
@@ -110,6 +112,8 @@ def spent_springs() -> list[Stress]:
             bound = Bound((50.0 * EPS + lost) / math.sin(FREQUENCY * before), "truncation z^9/9! / slope")
         else:
             gap, bound = 0.5 * TOP * (1.0 - math.cos(FREQUENCY * end)), Bound(FORM.value * TOP, FORM.reason)
-        error = abs(1e-3 * found.outcomes["separation_distance_mm"] - gap)
-        lines.append(judge(f"spring spent {margin:+.0e} below the top", "gap at the end, m", error, bound, found, True))
+        for found in both(tree):
+            error = abs(1e-3 * found.outcomes["separation_distance_mm"] - gap)
+            fair = found.kernel == GENERAL  # a written kernel may leave the case to it
+            lines.append(judge(f"spring spent {margin:+.0e} below the top", "gap at the end, m", error, bound, found, fair))
     return lines
