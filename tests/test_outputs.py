@@ -9,6 +9,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
+from sepmc.kernels import outputs
+
 SLIDER, FREE = {"pins": "slider"}, {}
 LOPSIDED = {"body.fore.cg_m": [1.0, 0.05, -0.02], "body.aft.cg_m": [3.0, -0.04, 0.03], "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15]}
 RETRO = {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}
@@ -529,3 +531,12 @@ def test_least_distance_does_not_depend_on_the_step(pair, parts):
     assert near.sum() > 20
     assert coarse["gap_recontact"].equals(fine["gap_recontact"])
     assert_allclose(coarse["gap_clearance_mm"][near], fine["gap_clearance_mm"][near], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("slope", [-1e-3, 1e-3])
+def test_a_peak_beside_the_end_of_a_step_is_seen(slope):
+    """The slope at an end comes from all five nodes. From three it is that of this cubic less a quarter: no peak would be looked for."""
+    rises = getattr(outputs._rises, "py_func", outputs._rises)
+    values = [slope * x - x**2 + 3.0 * x**3 for x in outputs._THETA]
+    assert values[0] >= values[1]
+    assert rises(*values) == (slope > 0.0)

@@ -17,6 +17,11 @@ from sepmc.kernels.rk import interpolate
 NODES = 5
 _THETA = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
+# Slope at the first node of the quartic through all five.
+_SLOPE = (
+    sum(-1.0 / x for x in _THETA[1:]),
+    *(math.prod(-x for x in _THETA[1:] if x != y) / math.prod(y - x for x in _THETA if x != y) for y in _THETA[1:]),
+)
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
 
@@ -174,10 +179,9 @@ def _refine(c, low, high, t, h, y0, sample, weights, k, rk, row, outcomes, m, w)
 
 
 @stage
-def _rises(x1, x2, f0, f1, f2):
-    """Whether the parabola through (0, f0), (x1, f1), (x2, f2), of which f0 is the greatest, still rises at 0: its peak lies beyond."""
-    slope1, slope2 = (f1 - f0) / x1, (f2 - f0) / x2
-    return f0 >= f1 and slope1 - x1 * (slope2 - slope1) / (x2 - x1) > 0.0
+def _rises(f0, f1, f2, f3, f4):
+    """Whether the quartic through the values at the nodes, of which f0 is not below f1, still rises at the first: its peak lies beyond."""
+    return f0 >= f1 and _SLOPE[0] * f0 + _SLOPE[1] * f1 + _SLOPE[2] * f2 + _SLOPE[3] * f3 + _SLOPE[4] * f4 > 0.0
 
 
 @stage
@@ -218,10 +222,10 @@ def _watch_loads(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
         for i in range(1, NODES - 1):
             if rows[i, c] > rows[i - 1, c] and rows[i, c] >= rows[i + 1, c]:
                 _refine(c, _THETA[i - 1], _THETA[i + 1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
-        last = NODES - 1
-        if _rises(_THETA[1], _THETA[2], rows[0, c], rows[1, c], rows[2, c]):
+        f0, f1, f2, f3, f4 = rows[0, c], rows[1, c], rows[2, c], rows[3, c], rows[4, c]
+        if _rises(f0, f1, f2, f3, f4):
             _refine(c, 0.0, _THETA[1], t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
-        if _rises(_THETA[1], _THETA[2], rows[last, c], rows[last - 1, c], rows[last - 2, c]):
+        if _rises(f4, f3, f2, f1, f0):
             _refine(c, _THETA[NODES - 2], 1.0, t, h, y0, sample, weights, k, rk, rows[NODES], outcomes, m, w)
 
 
