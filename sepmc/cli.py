@@ -556,7 +556,7 @@ def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
     said = f"numerical error at most {accuracy['achieved']:.1e} ({accuracy['worst_outcome']}) of size or sigma"
-    asked = f", asked {accuracy['asked']:g}" if "asked" in accuracy else ""
+    asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
     place = accuracy.get("worst_place")
     places = f"; of times and places of extremes {accuracy['errors'][place]:.1e} ({place})" if place else ""
     left = accuracy.get("left_cases")

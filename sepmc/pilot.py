@@ -107,13 +107,20 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
     why = reasons(campaign)
     if not why:
         kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
+        _tell_trials(announce)
         found = _choose_steps(campaign, kernel)
         if found is not None:
             return replace(found, notes=remarks(campaign, found))
         why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
     warm_up(announce)
+    _tell_trials(announce)
     found = _choose_step(campaign, why)
     return replace(found, notes=remarks(campaign, found))
+
+
+def _tell_trials(announce: Say | None) -> None:
+    if announce:
+        announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
 def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:

@@ -40,8 +40,13 @@ WHY = {  # why a shipped campaign is flown by the general kernel as it is
     "nasa-fixed-joint": ["outputs of joint or pin loads"],
     "spring-pushers": ["outputs of joint or pin loads"],
     "residual-thrust": ["a fixed solver.step_s", "clearance outputs", "outputs of joint or pin loads"],
-    "srb": ["aerodynamic tables", "clearance outputs", "joint right_ball, which may let go late, not after a time"],
-    "hyper-x": ["aerodynamic tables", "proximity increments", "clearance outputs", "joint guide, which may let go late, not after a time"],
+    "srb": ["aerodynamic tables", "clearance outputs", "joint right_ball, which may let go late, not after a time alone"],
+    "hyper-x": [
+        "aerodynamic tables",
+        "proximity increments",
+        "clearance outputs",
+        "joint guide, which may let go late, not after a time alone",
+    ],
     "missile-rail": ["outputs of joint or pin loads", "the end of phase latched by a joint's force"],
 }
 

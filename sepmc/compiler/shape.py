@@ -163,10 +163,10 @@ def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
         changed = _changed(scene, phase, after)
         late = [name for name in changed if _may_be_late(scene, name, dispersed)]
         if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
-            found.append(f"joint {late[0]}, which may let go late, not after a time")
+            found.append(f"joint {late[0]}, which may let go late, not after a time alone")
         elif late and after.until is not None:
-            found.append(f"joint {late[0]}, which may let go late, when phase {after.name} may have ended already")
-    return found
+            found.append(f"joint {late[0]}, which may let go late, while the end of phase {after.name} is waited for already")
+    return list(dict.fromkeys(found))
 
 
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
