@@ -225,7 +225,8 @@ def nudged(node: Any, share: float, part: int, key: str = "") -> Any:
 
 def features(tree: Tree) -> list[str]:
     """What a scene has, for the table of the gate."""
-    found = {f"until {key.rsplit('_', 1)[0] if key != 'burn_out' else key}" for phase in tree["phase"] for key in phase.get("until", {})}
+    conditions = [phase["until"] for phase in tree["phase"] if "until" in phase] + [item["when"] for item in tree.get("release", [])]
+    found = {f"until {key if key == 'burn_out' else key.removesuffix('_N_m').rsplit('_', 1)[0]}" for c in conditions for key in _keys(c)}
     found -= {"until joint", "until body"}
     found |= {f"joint {kind}" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if not _own(tree, name, kind)}
     found |= {"joint own" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if _own(tree, name, kind)}
@@ -236,7 +237,31 @@ def features(tree: Tree) -> list[str]:
     found |= {key for key in ("motor", "spring", "load") if tree.get(key)}
     found |= {"aerodynamics"} if any("aerodynamics" in body for body in tree["body"].values()) else set()
     found |= {f"motor {key.rsplit('_', 1)[0]}" for m in tree.get("motor", []) for key in m if key in _OF_MOTOR}
-    return sorted(found)
+    return sorted(found | _late_features(tree))
+
+
+def _late_features(tree: Tree) -> set[str]:
+    """Those of the later kinds: releases, tables, guides, outputs of loads."""
+    environment, bodies = tree.get("environment", {}), tree["body"].values()
+    guides = [joint["guide"] for joint in tree.get("joint", {}).values() if "guide" in joint]
+    present = {
+        "release": tree.get("release"),
+        "proximity": tree.get("proximity"),
+        "wind profile": "profile" in environment.get("wind", {}),
+        "table of the air": "air" in environment,
+        "aerodynamic table": any("table" in body.get("aerodynamics", {}) for body in bodies),
+        "guide": guides,
+        "guide friction": any(guide.get("friction") for guide in guides),
+        "clearance": tree.get("clearance"),
+        **{f"output {key}": tree.get("output", {}).get(key) for key in ("loads", "tip_off", "guide")},
+    }
+    return {name for name, there in present.items() if there}
+
+
+def _keys(until: Tree) -> set[str]:
+    """Keys of a condition and of those inside it."""
+    inside = [part for key in ("any", "all") for part in until.get(key, [])]
+    return set(until).union(*map(_keys, inside))
 
 
 _OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")
