@@ -67,12 +67,29 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
             joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
             for name, kind in phase.get("joints", {}).items()
         }
-        for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
-            if key in phase.get("until", {}):
-                phase["until"][key] = names[phase["until"][key]]
+        if "until" in phase:
+            phase["until"] = _renamed_in(phase["until"], bodies, joints, motors)
         phase["name"] = f"P{phase['name']}"
-    if "tip_off" in new.get("output", {}):
-        new["output"]["tip_off"] = [joints[name] for name in new["output"]["tip_off"]]
+    for release in new.get("release", []):
+        own = tree["joint"][release["joint"]].get("kind", {})
+        release |= {"name": f"R{release['name']}", "joint": joints[release["joint"]]}
+        release["to"] = f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
+        release["when"] = _renamed_in(release["when"], bodies, joints, motors)
+    for entry in new.get("proximity", []):
+        entry |= {"name": f"N{entry['name']}", "body": bodies[entry["body"]], "joint": joints[entry["joint"]]}
+    new["output"] = {key: [joints[name] for name in names] for key, names in new.get("output", {}).items()}
+    return new
+
+
+def _renamed_in(until: Tree, bodies: dict[str, str], joints: dict[str, str], motors: dict[str, str]) -> Tree:
+    """A condition, and those inside it, with the new names."""
+    new = dict(until)
+    for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
+        if key in new:
+            new[key] = names[new[key]]
+    for key in ("any", "all"):
+        if key in new:
+            new[key] = [_renamed_in(part, bodies, joints, motors) for part in new[key]]
     return new
 
 
@@ -86,10 +103,11 @@ def turned(tree: Tree, dice: Dice) -> Tree:
     """Springs along a line, and joints that hold the same seen from either body, the other way round."""
     del dice
     new = copy.deepcopy(tree)
-    waited = {phase.get("until", {}).get("joint") for phase in tree["phase"]}
+    one_way = _with_direction(tree)
     for name, joint in new.get("joint", {}).items():
         kinds = {phase.get("joints", {}).get(name, "free") for phase in tree["phase"]}
-        if kinds <= _TURNED and name not in waited:
+        kinds |= {release.get("to", "free") for release in tree.get("release", []) if release["joint"] == name}
+        if kinds <= _TURNED and name not in one_way:
             joint["bodies"].reverse()
             if "apart" in joint:
                 joint["apart"] = -joint["apart"]
@@ -100,6 +118,18 @@ def turned(tree: Tree, dice: Dice) -> Tree:
             spring["bodies"] = spring["bodies"][::-1]
             spring["point_m"], spring["second_point_m"] = spring["second_point_m"], spring["point_m"]
     return new
+
+
+def _with_direction(tree: Tree) -> set[str]:
+    """Joints of which something depends on which body is the first: conditions, pins, increments, outputs of loads."""
+    waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [r["when"] for r in tree.get("release", [])]
+    found = set(tree.get("output", {}).get("loads", [])) | {entry["joint"] for entry in tree.get("proximity", [])}
+    found |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
+    while waiting:
+        until = waiting.pop()
+        found |= {until["joint"]} if "joint" in until else set()
+        waiting += [part for key in ("any", "all") for part in until.get(key, [])]
+    return found
 
 
 def halved(tree: Tree, dice: Dice) -> Tree:
@@ -118,7 +148,8 @@ def interrupted(tree: Tree, dice: Dice) -> Tree:
     """A boundary soon after the start at which nothing changes."""
     first = tree["phase"][0]
     until = first.get("until", {})
-    soon = min(until.get("time_s", 1.0), dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
+    times = [until.get("time_s", 1.0), *(part.get("time_s", 1.0) for key in ("any", "all") for part in until.get(key, []))]
+    soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
 
@@ -131,6 +162,12 @@ SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {
     "motors in halves": halved,
     "an idle boundary": interrupted,
 }
+
+
+_OF_JOINT = (
+    *("separation_speed_m_s", "separation_distance_mm", "release_time_s", "peak_force_", "peak_moment_", "force_impulse_"),
+    *("moment_impulse_", "time_in_guide_s", "pin", "jam_friction"),
+)
 
 
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:
@@ -147,7 +184,7 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
             start = f"{joint}_tip_off_{body}_"
             if column.startswith(start) and len(column) - len(start) == len("x_deg_s"):
                 return f"n{joint}_tip_off_{body}_1_{column[len(start) :]}"
-        if column in (f"{joint}_separation_speed_m_s", f"{joint}_separation_distance_mm", f"{joint}_release_time_s"):
+        if column.startswith(f"{joint}_") and column[len(joint) + 1 :].startswith(_OF_JOINT):
             return f"n{column}"
     body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len)
     return f"{body}_1{column[len(body) :]}"
