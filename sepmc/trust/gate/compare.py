@@ -114,7 +114,7 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     found, scale = settled(found, expected, columns), sizes(expected, columns, result.campaign.scene)
     accuracy = result.accuracy
     reported = np.array([accuracy.errors.get(c.name, 0.0) if accuracy else 0.0 for c in columns])
-    verdict.reported = float(reported.max(initial=0.0))
+    verdict.reported = accuracy.worst[1] if accuracy and accuracy.errors else 0.0
     verdict.met = bool(accuracy is None or accuracy.met)
     for number in range(count):
         status = str(table["status"][number])

@@ -12,6 +12,7 @@ _PLAIN = {
     "kind": ["keyed", "cupped"],
     "release": ["cut", "let_go"],
     "proximity": ["near", "wake"],
+    "clearance": ["gap", "exit"],
 }
 # Short names that formulas use, names that differ in case, keywords, names of modules and slabs, names that join to others.
 _HOSTILE = [

@@ -28,6 +28,7 @@ from sepmc.trust.gate.guides import add_guides, add_outputs
 from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
 from sepmc.trust.gate.names import Names
+from sepmc.trust.gate.outlines import add_clearances
 from sepmc.trust.gate.phases import add_phases
 from sepmc.trust.gate.tables import add_aero_tables, add_increments, add_profiles
 
@@ -50,11 +51,12 @@ LATE = {
     "table of the air": 0.15,
     "aerodynamic table": 0.2,  # over some of Mach, alpha and beta
     "proximity": 0.2,  # increments over a distance
+    "clearance": 0.15,  # outlines, and distances between them
 }
 _LATE_SHARE = 0.3
 _ORDER = (
-    *("environment", "body", "motor", "spring", "load", "proximity", "joint", "phase", "release", "output", "initial", "run"),
-    *("solver", "dispersion"),
+    *("environment", "body", "motor", "spring", "load", "proximity", "joint", "phase", "release", "clearance", "output"),
+    *("initial", "run", "solver", "dispersion"),
 )
 
 
@@ -78,6 +80,7 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     add_phases(draft)
     add_loads(draft)
     add_increments(draft)
+    add_clearances(draft)
     add_guides(draft)
     _run(draft)
     add_outputs(draft)

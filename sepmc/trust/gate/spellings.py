@@ -77,6 +77,9 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
         release["when"] = _renamed_in(release["when"], bodies, joints, motors)
     for entry in new.get("proximity", []):
         entry |= {"name": f"N{entry['name']}", "body": bodies[entry["body"]], "joint": joints[entry["joint"]]}
+    for clearance in new.get("clearance", []):
+        clearance |= {"name": f"C{clearance['name']}", "bodies": [bodies[name] for name in clearance["bodies"]]}
+        clearance |= {"after": joints[clearance["after"]]} if "after" in clearance else {}
     new["output"] = {key: [joints[name] for name in names] for key, names in new.get("output", {}).items()}
     return new
 
@@ -168,6 +171,7 @@ _OF_JOINT = (
     *("separation_speed_m_s", "separation_distance_mm", "release_time_s", "peak_force_", "peak_moment_", "force_impulse_"),
     *("moment_impulse_", "time_in_guide_s", "pin", "jam_friction"),
 )
+_OF_CLEARANCE = ("clearance_mm", "clearance_time_s", "clearance_station_m", "clearance_y_m", "clearance_z_m", "recontact")
 
 
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:
@@ -179,6 +183,7 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         return column
     if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
         return column
+    moved = {f"{name}_{end}": f"C{name}_{end}" for name in (c["name"] for c in tree.get("clearance", [])) for end in _OF_CLEARANCE}
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"
@@ -186,5 +191,5 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
                 return f"n{joint}_tip_off_{body}_1_{column[len(start) :]}"
         if column.startswith(f"{joint}_") and column[len(joint) + 1 :].startswith(_OF_JOINT):
             return f"n{column}"
-    body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len)
-    return f"{body}_1{column[len(body) :]}"
+    body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len, default="")
+    return moved.get(column, f"{body}_1{column[len(body) :]}")
