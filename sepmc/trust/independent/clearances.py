@@ -40,8 +40,9 @@ class Clearances:
         """Outcomes under their public names but for places; ``free_from`` tells since when joints are free."""
         out: dict[str, float] = {}
         for table in self.asked:
+            a, b = table["bodies"]
             begin = free_from.get(table["after"], math.inf) if table["after"] else 0.0
-            least, when = self._least(*table["bodies"], begin)
+            least, when = self._least(a, b, begin)
             out |= {
                 f"{table['name']}_clearance_mm": 1e3 * least,
                 f"{table['name']}_clearance_time_s": when,
