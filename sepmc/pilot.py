@@ -178,14 +178,14 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
 
     step = given or campaign.scene.run.end_time / FIRST
     least = step / 2.0**HALVINGS
-    spread = deviation(flown(step, np.vstack([tried[:1], drawn]))[0])
+    spread = _spread(*flown(step, np.vstack([tried[:1], drawn])))
     for number in range(_ROUNDS):
         if not given:
             size = partial(scales, units=units, scene_scale=own, spread=spread)
             step = settled_step(flown, tried, step, least, goal, size, decides)
         draws = np.vstack([tried, drawn])
         one, two = flown(step, draws), flown(0.5 * step, draws)
-        spread = deviation(two[0][len(tried) :])
+        spread = _spread(two[0][len(tried) :], two[1][len(tried) :])
         scale = scales(two[0], units, own, spread)
         found = changes(*one, *two, scale, decides)
         deep = changes(one[0][:_FEW], one[1][:_FEW], *flown(step / DEEP, draws[:_FEW]), scale, decides)
@@ -202,6 +202,12 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
     return Flight(why, None, None, None, step, scale, float(largest[decides].max(initial=0.0)), told, nominal)
+
+
+def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Standard deviations (o,) over the cases that statistics count, those that are ok; if there are none, over all."""
+    sound = status == Status.OK
+    return deviation(outcomes[sound] if sound.any() else outcomes)
 
 
 __all__ = [

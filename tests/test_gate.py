@@ -17,9 +17,9 @@ from sepmc.trust.gate import compare, drive
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import kind_of, paths
 from sepmc.trust.gate.plain import flown_plainly
-from sepmc.trust.gate.scenes import scene
+from sepmc.trust.gate.scenes import LATE, scene
 from sepmc.trust.gate.shrink import shrink
-from sepmc.trust.gate.spellings import SPELLINGS
+from sepmc.trust.gate.spellings import SPELLINGS, spelt
 from sepmc.trust.gate.workers import judge_all
 from sepmc.trust.independent import fly
 
@@ -52,10 +52,10 @@ def test_a_seed_gives_one_scene():
 
 
 def test_scenes_are_rarely_refused_and_hold_everything():
-    """Of 120 scenes hardly one is refused; all joint kinds, ends and most kinds of number occur."""
+    """Of 120 scenes without later kinds hardly one is refused; all joint kinds, ends and most kinds of number occur."""
     refused, kinds, ends, dispersed, all_paths = 0, set(), set(), set(), set()
     for seed in range(120):
-        tree = scene(seed)
+        tree = scene(seed, ())
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -75,6 +75,34 @@ def test_scenes_are_rarely_refused_and_hold_everything():
     assert {"motor.*.burn", "motor.*.build_up", "motor.*.tail_off", "spring.*.stroke", "load.*.end", "joint.*.delay"} <= dispersed
     settings = {path for path in all_paths if path.startswith(("run.", "solver."))}
     assert len(dispersed) > 0.75 * len(all_paths - settings)
+
+
+def test_later_kinds_occur_and_are_read():
+    """Of 30 scenes with all later kinds hardly one is refused; all kinds occur, and the columns of every other spelling are known."""
+    refused, found = 0, set()
+    for seed in range(30):
+        tree = scene(seed, LATE)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                campaign = Campaign(parse_campaign(tree, f"seed {seed}"))
+            except SceneError:
+                refused += 1
+                continue
+            other = Campaign(parse_campaign(SPELLINGS["other names"](copy.deepcopy(tree) | {"dispersion": {}}, Dice(1)), "renamed"))
+        known = {column.name for column in other.outcome_columns}
+        assert {spelt(column.name, "other names", tree) for column in campaign.outcome_columns} <= known
+        found |= set(compare.features(tree))
+    assert refused <= 2
+    assert {"until any", "until all", "until force", "until moment", "release", "proximity", "clearance"} <= found
+    assert {"wind profile", "table of the air", "aerodynamic table", "guide", "guide friction"} <= found
+    assert {"output loads", "output guide", "output tip_off"} <= found
+
+
+def test_later_kinds_leave_the_rest_of_a_seed():
+    """Whether a scene has later kinds is drawn apart, and most have none."""
+    same = [seed for seed in range(40) if scene(seed) == scene(seed, ())]
+    assert 20 <= len(same) < 40
 
 
 @pytest.mark.parametrize("spelling", SPELLINGS)

@@ -67,7 +67,7 @@ def add_air(draft: Draft) -> None:
     wind = draft.tree["environment"].get("wind", {}).get("speed_m_s", 0.0)
     pressure = max(0.5 * density * max(initial["speed_m_s"], wind, 10.0) ** 2, 1e-3)
     for body in draft.tree["body"].values():
-        if not dice.chance(0.6 if draft.tree["environment"]["atmosphere"] == "us1976" else 0.15):
+        if not dice.chance(0.6 if draft.tree["environment"]["atmosphere"] != "none" else 0.15):
             continue
         aero: Tree = {
             "reference_area_m2": min(100.0, body["mass_kg"] * dice.between(0.5, 10.0) / pressure),

@@ -5,11 +5,12 @@ import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from sepmc.accuracy import scales, scene_scales
+from sepmc.accuracy import deviation, scales, scene_scales
 from sepmc.campaign import Campaign
 from sepmc.pilot import reasons
 from sepmc.result import Result
@@ -24,6 +25,7 @@ from sepmc.trust.independent import fly
 # which lacks what the finer flight is off itself, and the cases of the run are few. What is smaller than _NOISE is round-off of
 # the row and of the independent flight, which integrate to 1e-12 what events and differences of large numbers magnify.
 _MARGIN, _NOISE = 3.0, 1e-9
+_OF_SPREAD = 64
 _ROUGH = 1e-10  # tolerance of the second independent flight, which says how well the first one knows what it says
 # What joints may drift by while their row passes its audit: an outcome that is zero but for round-off may differ by as much.
 _DRIFT = {"mm": 1e-6, "m/s": 1e-8, "deg": 6e-8, "deg/s": 6e-7, "s": 1e-9}
@@ -111,10 +113,11 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     flown = [reference(result.case(number).to_dict()) for number in range(count)]
     expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
     found = np.array([table[c.name] for c in columns]).T
+    spread = cache(partial(_spread, result.campaign))
     found, scale = settled(found, expected, columns), sizes(expected, columns, result.campaign.scene)
     accuracy = result.accuracy
     reported = np.array([accuracy.errors.get(c.name, 0.0) if accuracy else 0.0 for c in columns])
-    verdict.reported = float(reported.max(initial=0.0))
+    verdict.reported = accuracy.worst[1] if accuracy and accuracy.errors else 0.0
     verdict.met = bool(accuracy is None or accuracy.met)
     for number in range(count):
         status = str(table["status"][number])
@@ -135,6 +138,8 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
             off[_jumped(columns, table, number) | [c.name in flown[number].vague for c in columns]] = 0.0
             asked = accuracy.asked if accuracy and status != "ok" else 0.0  # of such rows no error is reported
             allowed = np.maximum(_MARGIN * np.maximum(reported, asked), _NOISE)
+            if (off > allowed).any():
+                off *= scale[number] / np.maximum(scale[number], spread())
             at = int(np.argmax(off / allowed))
             if off[at] <= allowed[at]:
                 verdict.worst = max(verdict.worst, float(off[at]))
@@ -149,6 +154,13 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
             fault = "tie"
         verdict.count(fault)
         verdict.said.append(f"{fault}: {said}")
+
+
+def _spread(campaign: Campaign) -> np.ndarray:
+    """Standard deviations (o,) of outcomes over more rows than are compared: errors are reported as shares of what a campaign has."""
+    table = campaign.run(cases=_OF_SPREAD).table
+    rows = np.array([table[c.name] for c in campaign.outcome_columns]).T[table["status"] == "ok"]
+    return deviation(rows) if len(rows) else np.zeros(rows.shape[1])
 
 
 def sizes(expected: np.ndarray, columns: list[Column], scene: Scene) -> np.ndarray:
@@ -225,7 +237,8 @@ def nudged(node: Any, share: float, part: int, key: str = "") -> Any:
 
 def features(tree: Tree) -> list[str]:
     """What a scene has, for the table of the gate."""
-    found = {f"until {key.rsplit('_', 1)[0] if key != 'burn_out' else key}" for phase in tree["phase"] for key in phase.get("until", {})}
+    conditions = [phase["until"] for phase in tree["phase"] if "until" in phase] + [item["when"] for item in tree.get("release", [])]
+    found = {f"until {key if key == 'burn_out' else key.removesuffix('_N_m').rsplit('_', 1)[0]}" for c in conditions for key in _keys(c)}
     found -= {"until joint", "until body"}
     found |= {f"joint {kind}" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if not _own(tree, name, kind)}
     found |= {"joint own" for phase in tree["phase"] for name, kind in phase.get("joints", {}).items() if _own(tree, name, kind)}
@@ -236,7 +249,31 @@ def features(tree: Tree) -> list[str]:
     found |= {key for key in ("motor", "spring", "load") if tree.get(key)}
     found |= {"aerodynamics"} if any("aerodynamics" in body for body in tree["body"].values()) else set()
     found |= {f"motor {key.rsplit('_', 1)[0]}" for m in tree.get("motor", []) for key in m if key in _OF_MOTOR}
-    return sorted(found)
+    return sorted(found | _late_features(tree))
+
+
+def _late_features(tree: Tree) -> set[str]:
+    """Those of the later kinds: releases, tables, guides, outputs of loads."""
+    environment, bodies = tree.get("environment", {}), tree["body"].values()
+    guides = [joint["guide"] for joint in tree.get("joint", {}).values() if "guide" in joint]
+    present = {
+        "release": tree.get("release"),
+        "proximity": tree.get("proximity"),
+        "wind profile": "profile" in environment.get("wind", {}),
+        "table of the air": "air" in environment,
+        "aerodynamic table": any("table" in body.get("aerodynamics", {}) for body in bodies),
+        "guide": guides,
+        "guide friction": any(guide.get("friction") for guide in guides),
+        "clearance": tree.get("clearance"),
+        **{f"output {key}": tree.get("output", {}).get(key) for key in ("loads", "tip_off", "guide")},
+    }
+    return {name for name, there in present.items() if there}
+
+
+def _keys(until: Tree) -> set[str]:
+    """Keys of a condition and of those inside it."""
+    inside = [part for key in ("any", "all") for part in until.get(key, [])]
+    return set(until).union(*map(_keys, inside))
 
 
 _OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")

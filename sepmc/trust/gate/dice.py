@@ -14,10 +14,10 @@ def rounded(number: float, digits: int = 4) -> float:
 
 
 class Dice:
-    """A stream of draws that follows from a seed alone."""
+    """A stream of draws that follows from a seed alone, and from the number of the stream."""
 
-    def __init__(self, seed: int):
-        self.random = np.random.default_rng([20190, seed])
+    def __init__(self, seed: int, stream: int = 0):
+        self.random = np.random.default_rng([20190, seed, stream] if stream else [20190, seed])
 
     def chance(self, probability: float) -> bool:
         return bool(self.random.random() < probability)

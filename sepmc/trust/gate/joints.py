@@ -15,6 +15,7 @@ _ON_GROUND = {
     **{"fixed": 0.25, "spherical": 0.25, "revolute": 0.1, "universal": 0.1, "slider": 0.1, "rod": 0.07},
     **{"cylindrical": 0.05, "planar": 0.03, "point-on-plane": 0.02, "own": 0.03},
 }
+_GUIDED = {"slider": 0.8, "fixed": 0.2}
 
 
 def add_joints(draft: Draft) -> None:
@@ -25,7 +26,7 @@ def add_joints(draft: Draft) -> None:
         _add(draft, GROUND, bodies[0], _ON_GROUND)
     for number in range(1, len(bodies)):
         other = bodies[number - 1] if dice.chance(0.75) else dice.pick(bodies[:number])
-        _add(draft, other, bodies[number], _FIRST)
+        _add(draft, other, bodies[number], _GUIDED if number == 1 and "guide" in draft.late else _FIRST)
     if dice.chance(0.3 if len(bodies) > 2 else 0.12):
         first, second = dice.some(bodies, 2)
         _add(draft, first, second, _IN_LOOP)

@@ -10,6 +10,9 @@ _PLAIN = {
     "load": ["drag", "plume", "gust", "torque", "tug", "load6", "load7"],
     "phase": ["locked", "guided", "loose", "clear", "coast", "late"],
     "kind": ["keyed", "cupped"],
+    "release": ["cut", "let_go"],
+    "proximity": ["near", "wake"],
+    "clearance": ["gap", "exit"],
 }
 # Short names that formulas use, names that differ in case, keywords, names of modules and slabs, names that join to others.
 _HOSTILE = [

@@ -1,9 +1,11 @@
 """Phases of a random scene: which joints hold, what ends each phase, and the load that brings that about."""
 
 import math
+from functools import partial
 
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
+from sepmc.trust.gate.events import add_releases, ending
 from sepmc.trust.gate.joints import chain, rows, toward
 
 _ENDS = {"time": 0.32, "stroke": 0.26, "distance": 0.1, "angle": 0.1, "altitude": 0.07, "burn_out": 0.15}
@@ -28,8 +30,9 @@ def add_phases(draft: Draft) -> None:
         if number < count - 1:
             span = dice.between(0.5, 1.0) * draft.span / count
             past += span
-            phase["until"] = _until(draft, held, span, past)
+            phase["until"] = ending(draft, held, partial(_until, draft, held, span, past))
         tree["phase"].append(phase)
+    add_releases(draft, partial(_until, draft))
     if dice.chance(0.3) and tree["joint"]:
         tree["output"] = {"tip_off": dice.some(list(tree["joint"]), dice.pick([1, 2]))}
 

@@ -10,9 +10,11 @@ loads              0 to 3 motors, springs and constant loads with any of their o
 dispersions        0 to 16, over any number of the scene, by any law, in any unit
 names              in 35 of 100 scenes such as a program that writes programs may trip over
 special structure  in 1 of 4 scenes, see `SPECIAL`
+later kinds        in 3 of 10 scenes, each of `LATE` as often as it says; the general kernel flies them
 =================  =================================================================================================
 """
 
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -22,10 +24,13 @@ from sepmc.trust.gate.bodies import add_air, add_bodies, add_environment, add_st
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import add_dispersions
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
+from sepmc.trust.gate.guides import add_guides, add_outputs
 from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
 from sepmc.trust.gate.names import Names
+from sepmc.trust.gate.outlines import add_clearances
 from sepmc.trust.gate.phases import add_phases
+from sepmc.trust.gate.tables import add_aero_tables, add_increments, add_profiles
 
 SPECIAL = {
     "": 0.75,
@@ -35,27 +40,59 @@ SPECIAL = {
     "shut": 0.05,  # joints between bodies never open
     "idle": 0.06,  # phases that change nothing
 }
-_ORDER = ("environment", "body", "motor", "spring", "load", "joint", "phase", "output", "initial", "run", "solver", "dispersion")
+# How often a scene that has later kinds has each of them, where it has what they belong to.
+LATE = {
+    "release": 0.2,  # of a joint, whatever the phase
+    "any and all": 0.2,  # conditions of several parts
+    "break load": 0.15,  # conditions on force or moment of a joint
+    "joint loads": 0.25,  # output.loads
+    "guide": 0.2,  # pins, friction, output.guide
+    "wind profile": 0.15,
+    "table of the air": 0.15,
+    "aerodynamic table": 0.2,  # over some of Mach, alpha and beta
+    "proximity": 0.2,  # increments over a distance
+    "clearance": 0.15,  # outlines, and distances between them
+}
+_LATE_SHARE = 0.3
+_ORDER = (
+    *("environment", "body", "motor", "spring", "load", "proximity", "joint", "phase", "release", "clearance", "output"),
+    *("initial", "run", "solver", "dispersion"),
+)
 
 
-def scene(seed: int) -> Tree:
-    """The tree of the campaign of a seed; the same for ever, as long as this generator is."""
+def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
+    """The tree of the campaign of a seed; the same for ever, as long as this generator is.
+
+    ``late`` names the kinds of `LATE` it may have, where the seed is not to draw them.
+    """
     dice = Dice(seed)
-    draft = Draft(dice, Names(dice), dice.weighted(SPECIAL), dice.between(0.1, 0.6))
+    chosen = _late(Dice(seed, 1)) if late is None else frozenset(late)
+    draft = Draft(dice, Names(dice), dice.weighted(SPECIAL), dice.between(0.1, 0.6), chosen)
     draft.tree = {"body": {}, "run": {"end_time_s": draft.span}}
     add_environment(draft)
     add_bodies(draft)
     add_start(draft)
+    add_profiles(draft)
     add_air(draft)
+    add_aero_tables(draft)
     add_joints(draft)
     _hold(draft)
     add_phases(draft)
     add_loads(draft)
+    add_increments(draft)
+    add_clearances(draft)
+    add_guides(draft)
     _run(draft)
+    add_outputs(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)
     return tree
+
+
+def _late(dice: Dice) -> frozenset[str]:
+    """Later kinds that a scene may have; a stream of their own leaves the rest of a seed as it is without them."""
+    return frozenset(kind for kind, share in LATE.items() if dice.chance(share)) if dice.chance(_LATE_SHARE) else frozenset()
 
 
 def _hold(draft: Draft) -> None:

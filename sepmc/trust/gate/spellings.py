@@ -67,12 +67,32 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
             joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
             for name, kind in phase.get("joints", {}).items()
         }
-        for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
-            if key in phase.get("until", {}):
-                phase["until"][key] = names[phase["until"][key]]
+        if "until" in phase:
+            phase["until"] = _renamed_in(phase["until"], bodies, joints, motors)
         phase["name"] = f"P{phase['name']}"
-    if "tip_off" in new.get("output", {}):
-        new["output"]["tip_off"] = [joints[name] for name in new["output"]["tip_off"]]
+    for release in new.get("release", []):
+        own = tree["joint"][release["joint"]].get("kind", {})
+        release |= {"name": f"R{release['name']}", "joint": joints[release["joint"]]}
+        release["to"] = f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
+        release["when"] = _renamed_in(release["when"], bodies, joints, motors)
+    for entry in new.get("proximity", []):
+        entry |= {"name": f"N{entry['name']}", "body": bodies[entry["body"]], "joint": joints[entry["joint"]]}
+    for clearance in new.get("clearance", []):
+        clearance |= {"name": f"C{clearance['name']}", "bodies": [bodies[name] for name in clearance["bodies"]]}
+        clearance |= {"after": joints[clearance["after"]]} if "after" in clearance else {}
+    new["output"] = {key: [joints[name] for name in names] for key, names in new.get("output", {}).items()}
+    return new
+
+
+def _renamed_in(until: Tree, bodies: dict[str, str], joints: dict[str, str], motors: dict[str, str]) -> Tree:
+    """A condition, and those inside it, with the new names."""
+    new = dict(until)
+    for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
+        if key in new:
+            new[key] = names[new[key]]
+    for key in ("any", "all"):
+        if key in new:
+            new[key] = [_renamed_in(part, bodies, joints, motors) for part in new[key]]
     return new
 
 
@@ -86,10 +106,11 @@ def turned(tree: Tree, dice: Dice) -> Tree:
     """Springs along a line, and joints that hold the same seen from either body, the other way round."""
     del dice
     new = copy.deepcopy(tree)
-    waited = {phase.get("until", {}).get("joint") for phase in tree["phase"]}
+    one_way = _with_direction(tree)
     for name, joint in new.get("joint", {}).items():
         kinds = {phase.get("joints", {}).get(name, "free") for phase in tree["phase"]}
-        if kinds <= _TURNED and name not in waited:
+        kinds |= {release.get("to", "free") for release in tree.get("release", []) if release["joint"] == name}
+        if kinds <= _TURNED and name not in one_way:
             joint["bodies"].reverse()
             if "apart" in joint:
                 joint["apart"] = -joint["apart"]
@@ -100,6 +121,18 @@ def turned(tree: Tree, dice: Dice) -> Tree:
             spring["bodies"] = spring["bodies"][::-1]
             spring["point_m"], spring["second_point_m"] = spring["second_point_m"], spring["point_m"]
     return new
+
+
+def _with_direction(tree: Tree) -> set[str]:
+    """Joints of which something depends on which body is the first: conditions, pins, increments, outputs of loads."""
+    waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [r["when"] for r in tree.get("release", [])]
+    found = set(tree.get("output", {}).get("loads", [])) | {entry["joint"] for entry in tree.get("proximity", [])}
+    found |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
+    while waiting:
+        until = waiting.pop()
+        found |= {until["joint"]} if "joint" in until else set()
+        waiting += [part for key in ("any", "all") for part in until.get(key, [])]
+    return found
 
 
 def halved(tree: Tree, dice: Dice) -> Tree:
@@ -118,7 +151,8 @@ def interrupted(tree: Tree, dice: Dice) -> Tree:
     """A boundary soon after the start at which nothing changes."""
     first = tree["phase"][0]
     until = first.get("until", {})
-    soon = min(until.get("time_s", 1.0), dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
+    times = [until.get("time_s", 1.0), *(part.get("time_s", 1.0) for key in ("any", "all") for part in until.get(key, []))]
+    soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
 
@@ -133,6 +167,13 @@ SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {
 }
 
 
+_OF_JOINT = (
+    *("separation_speed_m_s", "separation_distance_mm", "release_time_s", "peak_force_", "peak_moment_", "force_impulse_"),
+    *("moment_impulse_", "time_in_guide_s", "pin", "jam_friction"),
+)
+_OF_CLEARANCE = ("clearance_mm", "clearance_time_s", "clearance_station_m", "clearance_y_m", "clearance_z_m", "recontact")
+
+
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:
     """The column of another spelling that must hold the same as ``column``; None if there is none."""
     joints, one = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
@@ -142,12 +183,13 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         return column
     if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
         return column
+    moved = {f"{name}_{end}": f"C{name}_{end}" for name in (c["name"] for c in tree.get("clearance", [])) for end in _OF_CLEARANCE}
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"
             if column.startswith(start) and len(column) - len(start) == len("x_deg_s"):
                 return f"n{joint}_tip_off_{body}_1_{column[len(start) :]}"
-        if column in (f"{joint}_separation_speed_m_s", f"{joint}_separation_distance_mm", f"{joint}_release_time_s"):
+        if column.startswith(f"{joint}_") and column[len(joint) + 1 :].startswith(_OF_JOINT):
             return f"n{column}"
-    body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len)
-    return f"{body}_1{column[len(body) :]}"
+    body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len, default="")
+    return moved.get(column, f"{body}_1{column[len(body) :]}")

@@ -59,6 +59,8 @@ GUIDE = {
     "slip_speed": 0.01,
 }
 CUSTOM = {"translations": (), "rotations": ()}
+PART = {"stations": None, "radii": None, "offset": (0.0, 0.0), "points": (), "hollow": False}
+CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "after": None}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 RELEASE = {"name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED}
 UNTIL = {
@@ -117,14 +119,13 @@ def condition(table: Mapping[str, Any], where: str) -> Table:
 def read(case: Mapping[str, Any]) -> Table:
     """A case (SI, radians, as `sepmc.campaign.Case.to_dict` gives it) with every default in place."""
     scene = filled(case, SCENE, "scene")
-    if scene["clearance"]:
-        raise ValueError("the independent flight knows no scene.clearance")
     scene["environment"] = filled(scene["environment"], ENVIRONMENT, "environment")
     wind = scene["environment"]["wind"] = filled(scene["environment"]["wind"], WIND, "environment.wind")
     _inner(wind, "profile", WIND_PROFILE, "environment.wind")
     _inner(scene["environment"], "air", AIR, "environment")
     scene["body"] = {name: filled(table, BODY, f"body.{name}") for name, table in scene["body"].items()}
     for name, body in scene["body"].items():
+        body["outline"] = [filled(part, PART, f"body.{name}.outline") for part in body["outline"]]
         _inner(body, "aerodynamics", AERODYNAMICS, f"body.{name}")
         if body["aerodynamics"]:
             _inner(body["aerodynamics"], "table", AERO_TABLE, f"body.{name}.aerodynamics")
@@ -135,6 +136,7 @@ def read(case: Mapping[str, Any]) -> Table:
             motor["burn"] = motor["profile"]["time"][-1]  # nothing is left after the last row
     scene["spring"] = _list(scene["spring"], SPRING, "spring")
     scene["load"] = _list(scene["load"], LOAD, "load")
+    scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
     scene["joint"] = {name: filled(table, JOINT, f"joint.{name}") for name, table in (scene["joint"] or {}).items()}
     for name, joint in scene["joint"].items():

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from sepmc.trust.independent.case import read
+from sepmc.trust.independent.clearances import Clearances
 from sepmc.trust.independent.conditions import Leaf
 from sepmc.trust.independent.constraints import Singular
 from sepmc.trust.independent.loads import GRAIN, Flow
@@ -67,6 +68,7 @@ class Flight:
         self.follower = Follower(vehicle)
         self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
         self.watch = Watch(self.motion, scene["output"])
+        self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
         self.steps, self.drift, self.step = 0, 0.0, math.nan
 
     def state(self, t: float, y: Array) -> State:
@@ -194,7 +196,7 @@ class Flight:
                 raise Ended("not-finite")
             before, self.step = solver.t_old, solver.t - solver.t_old
             dense, start = (
-                solver.dense_output() if watched or self.watch.quantities() else _nowhere,
+                solver.dense_output() if watched or self.watch.quantities() or self.clearances.asked else _nowhere,
                 self.y,
             )
             first, time = self._first(watched, dense, before, solver.t)
@@ -206,6 +208,7 @@ class Flight:
             self.follower.follow(s, self.step)
             self.drift = max(self.drift, self.motion.constraints.residual(s))
             self.watch.step(dense, before, self.t)
+            self.clearances.step(dense, before, self.t)
             if self.motion.at(self.t, s) and self.motion.jammed:
                 raise Ended("jammed")
             if first is not None:

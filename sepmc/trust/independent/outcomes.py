@@ -24,7 +24,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
         {name: tuple(joint["bodies"]) for name, joint in scene["joint"].items()},
         tuple(output["loads"]),
         {name: scene["joint"][name]["guide"]["pins"] for name in output["guide"]},
-        (),
+        tuple(table["name"] for table in scene["clearance"]),
         tuple(output["tip_off"]),
     )
     return [column.name for column in outcome_columns(contents)]
@@ -55,7 +55,8 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 
 def vague(flight: "Flight") -> tuple[str, ...]:
-    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left."""
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left. And places of least
+    clearances, and when bodies that meet are nearest, which this flight does not tell."""
     s, found = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
@@ -63,6 +64,9 @@ def vague(flight: "Flight") -> tuple[str, ...]:
             found.append(f"{name}_alpha_deg")
         if np.linalg.norm(u) < _SLOW:
             found.append(f"{name}_beta_deg")
+    for table in flight.scene["clearance"]:
+        name = f"{table['name']}_clearance"
+        found += [f"{name}_station_m", f"{name}_y_m", f"{name}_z_m", f"{name}_time_s"]
     return tuple(found)
 
 
@@ -95,4 +99,6 @@ def report(flight: "Flight") -> dict[str, float]:
                 if body in vehicle.names:
                     for axis, rate in zip("xyz", flight.released[name][1][vehicle.index[body]], strict=True):
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
-    return out | flight.watch.report()
+    free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
+    free |= {name: time for name, (time, _) in flight.released.items()}
+    return out | flight.watch.report() | flight.clearances.report(free)

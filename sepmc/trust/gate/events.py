@@ -1,0 +1,73 @@
+"""Conditions of several parts, break loads, and releases apart from phases, of a random scene."""
+
+from collections.abc import Callable
+
+from sepmc.scene.kinds import KINDS, is_part
+from sepmc.trust.gate.dice import rounded
+from sepmc.trust.gate.draft import Draft, Tree
+from sepmc.trust.gate.joints import rows
+
+_Condition = Callable[[], Tree]
+
+
+def ending(draft: Draft, held: dict[str, str], one: _Condition) -> Tree:
+    """The condition that ends a phase: a plain one by ``one()``, or one of the later kinds."""
+    dice = draft.dice
+    if "break load" in draft.late and dice.chance(0.6):
+        load = _break_load(draft, held)
+        if load:
+            return load if dice.chance(0.3) else {"any": [load, one()]}
+    if "any and all" in draft.late and dice.chance(0.7):
+        return _combined(draft, one)
+    return one()
+
+
+def _combined(draft: Draft, one: _Condition, depth: int = 0) -> Tree:
+    """Several keys in one table, or ``any`` or ``all`` of several conditions, some of which are such themselves."""
+    dice = draft.dice
+    sort = dice.weighted({"keys": 0.25, "any": 0.35, "all": 0.4})
+    if sort == "keys":
+        found, other = one(), one()
+        clash = set(found) & set(other)
+        return found if clash else found | other
+    return {sort: [_combined(draft, one, depth + 1) if depth < 1 and dice.chance(0.2) else one() for _ in range(dice.pick([2, 2, 3]))]}
+
+
+def _break_load(draft: Draft, held: dict[str, str]) -> Tree:
+    """Force or moment at which a joint that holds something breaks; nothing if none does."""
+    dice = draft.dice
+    holding = [name for name, kind in held.items() if kind != "free"]
+    if not holding:
+        return {}
+    name = dice.pick(holding)
+    mass = draft.reduced(draft.tree["joint"][name]["bodies"])
+    if dice.chance(0.65):
+        return {"joint": name, "force_N": rounded(mass * dice.decades(0.5, 40.0))}
+    return {"joint": name, "moment_N_m": rounded(mass * dice.decades(0.1, 20.0))}
+
+
+def add_releases(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
+    """Releases of single joints, whatever the phase; ``until(held, span, past)`` draws a plain condition."""
+    dice, tree = draft.dice, draft.tree
+    if "release" not in draft.late:
+        return
+    kinds = {name: [phase["joints"].get(name, "free") for phase in tree["phase"]] for name in tree["joint"]}
+    for name in dice.some([name for name, found in kinds.items() if set(found) != {"free"}], dice.pick([1, 1, 2])):
+        past = dice.between(0.15, 0.95) * draft.span
+        held = {joint: found[0] for joint, found in kinds.items()}
+        when = ending(draft, held, lambda held=held, past=past: until(held, past, past))  # type: ignore[misc]
+        to = "free" if dice.chance(0.6) else dice.pick(_less(draft, name, kinds[name]))
+        tree.setdefault("release", []).append({"name": draft.names.new("release"), "joint": name, "to": to, "when": when})
+
+
+def _less(draft: Draft, name: str, kinds: list[str]) -> list[str]:
+    """Kinds to which a joint may be released that has these kinds in the phases."""
+    every = [rows(draft, name, kind) for kind in kinds]
+    own = draft.tree["joint"][name].get("kind", {})
+    found = []
+    for kind in [*KINDS, *own]:
+        to = rows(draft, name, kind)
+        comparable = all(is_part(to, held) or is_part(held, to) for held in every)
+        if kind != "rod" and comparable and any(is_part(to, held) and to != held for held in every):
+            found.append(kind)
+    return found
