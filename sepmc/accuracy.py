@@ -124,7 +124,7 @@ class Achieved:
 
     @property
     def met(self) -> bool:
-        return self.worst[1] <= self.asked
+        return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "Achieved":
         """The same with errors that are no smaller than some others, by outcome."""

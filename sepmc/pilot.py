@@ -21,7 +21,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status
 from sepmc.search import Search, usual_phases
-from sepmc.settle import DEEP, FIRST, HALVINGS, changes, fly_general, settled_step
+from sepmc.settle import DEEP, FIRST, HALVINGS, changes, fly_general, settle, settled_step
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -35,6 +35,7 @@ _EACH = 3  # corners at least with every value of a discrete law
 _SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
+_DOUBTED = 32  # trial cases at most that are flown by the general kernel because finer steps do not vouch for them
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
 
@@ -108,7 +109,7 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
     if not why:
         kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
         _tell_trials(announce)
-        found = _choose_steps(campaign, kernel)
+        found = _choose_steps(campaign, kernel, announce)
         if found is not None:
             return replace(found, notes=remarks(campaign, found))
         why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
@@ -123,7 +124,7 @@ def _tell_trials(announce: Say | None) -> None:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
+def _choose_steps(campaign: "Campaign", kernel: ModuleType, announce: Say | None = None) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
     first, usual = len(tried), usual_phases(campaign, kernel, tried)
@@ -153,10 +154,32 @@ def _choose_steps(campaign: "Campaign", kernel: ModuleType) -> Flight | None:
         if not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    count = int(np.count_nonzero(fair & finely) + np.count_nonzero(search.fair[:first]))
+    again, sound = flown(steps, tried[:first])
+    doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
+    if len(doubted):
+        vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
+        warm_up(announce)
+        largest = np.maximum(largest, _doubted(campaign, doubted[:_DOUBTED], vouched[:_DOUBTED], scale))
+    count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
     return Flight([], kernel, steps, usual, None, scale, float(largest.max(initial=0.0)), told, nominal)
+
+
+def _doubted(campaign: "Campaign", draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against the general kernel, each settled."""
+    right, status = np.empty_like(outcomes), np.empty(len(draws), dtype=np.int64)
+
+    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = fly_general(campaign, step, draws[which])
+        right[which], status[which] = block.outcomes[:, : outcomes.shape[1]], block.status
+        return right[which], status[which]
+
+    goal, decides = SAFE * campaign.scene.solver.accuracy, decisive(campaign.outcome_columns)
+    settle(flown, len(draws), campaign.scene.run.end_time / FIRST, goal, scale, decides)
+    found = errors(outcomes, right, scale)
+    found[status != Status.OK] = np.inf
+    return found.max(axis=0)
 
 
 def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:

@@ -87,7 +87,7 @@ _LOADS = (
     ("moment_impulse_N_m_s", "N m s", "integral of the size of the constraint moment of {0} over time", 1.0),
 )
 _CLEARANCE = (
-    ("clearance_mm", "mm", "least distance between the outlines of {0} over the flight, not positive if they met", 1000.0),
+    ("clearance_mm", "mm", "least distance of {0} over the flight, solids and rims or points in shells, not positive if they met", 1000.0),
     ("clearance_time_s", "s", "time of the least distance of {0}", 1.0),
     ("clearance_station_m", "m", "station of the nearest point of the first body of {0} at that time", 1.0),
     ("clearance_y_m", "m", "layout y of the nearest point of the first body of {0} at that time", 1.0),

@@ -10,6 +10,8 @@ from sepmc.compiler.emit_loads import feels_air
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
 
+_BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
+
 
 def coefficients(rk: Method) -> list[str]:
     """The coefficients a step uses, as named constants."""
@@ -134,9 +136,7 @@ def emit_settle(out: Text, c: Context) -> None:
         inner("far = 0.0")
         for body in shape.bodies:
             if feels_air(shape, body):
-                inner(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
-                inner(f"level, far = geopotential(height), larger(far, abs(height - w[NEAR_{body} + l]))")
-                inner("w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
+                _settle_height(inner, c, body)
         inner("w[FAR + l], w[LOST + l] = far, w[LOST + l] if far <= NEAR else 1.0")
     inner("w[STEPS + l] += 1.0")
     if slabs.has("AIR"):
@@ -146,6 +146,22 @@ def emit_settle(out: Text, c: Context) -> None:
     for number, stage in enumerate(shape.stages):
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
+
+
+def _settle_height(text: Text, c: Context, body: str) -> None:
+    """A case is lost if a body leaves its layer of air at the end of a step or, where it turns from climbing to falling or back, within."""
+    height = f"w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])"
+    climb = f"w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l]"
+    if c.slabs.add(f"CLIMB_{body}", 2):  # height and its rate at the last end of a step
+        c.parameters(f"w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l] = {height}, {climb}")
+    text(f"height, climb = {height}, {climb}")
+    text(f"before, rate = w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l]")
+    text(f"w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l] = height, climb")
+    text("turns = rate * climb < 0.0")
+    text(f"top = before + {_BEYOND} * rate * abs(rate) * abs(w[STEP + l]) / abs(climb - rate if turns else 1.0) if turns else height")
+    text(f"level, far = geopotential(height), larger(far, abs(height - w[NEAR_{body} + l]))")
+    text("w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
+    text("level = geopotential(top)", "w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
 
 
 def _settle_attitude(text: Text, body: str) -> None:

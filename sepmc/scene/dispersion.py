@@ -51,6 +51,7 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
     """Resolve the laws of a file against the scene's nominal values, noting every problem."""
     result: list[Dispersion] = []
     seen: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for key, law in laws.items():
         place = f"dispersion.{key}"
         try:
@@ -64,7 +65,10 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
         if _is_structure(parameter.path.split(".")):
             problems.add(place, "is a setting of the scene, which cannot vary from case to case")
             continue
-        seen[parameter.path] = key
+        if parameter.column in columns:
+            problems.add(place, f"has the column {parameter.column}, as {columns[parameter.column]!r} has: rename one of their tables")
+            continue
+        seen[parameter.path] = columns[parameter.column] = key
         found = _resolve_one(law, parameter, value(scene, parameter.path) / parameter.factor, place, problems)
         if found:
             result.append(found)
