@@ -78,5 +78,5 @@ def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int
     step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
     scale = 1e-4 * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     found = settle(flown, len(lost), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
-    ok = found.status == Status.OK
+    ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
     return Lost(lost, int(np.count_nonzero(ok & ~found.settled)), found.change[ok].max(axis=0, initial=0.0))
