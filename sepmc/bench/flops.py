@@ -55,14 +55,15 @@ class Flops:
 
 def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
     """Operations of a case flown by the scene's own kernel in ``steps`` a phase; None if the compiled code does not show them."""
-    text, names = kernel_text(campaign), [phase.name for phase in campaign.scene.phase]
-    each = _each(text, names)
-    if set(each) != set(names):
+    shape = make_shape(campaign.plan, campaign.dispersed)
+    called = shape.names.of["phase"]
+    found = _each(kernel_text(campaign), list(called.values()))
+    if set(found) != set(called.values()):
         return None
+    names, each = list(called), {name: found[written] for name, written in called.items()}
     taken = apart.call("flops:evaluations_here", [campaign.file.tree, campaign.name, steps.tolist()], {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
     rk = method(campaign.scene.solver.method)
-    shape = make_shape(campaign.plan, campaign.dispersed)
     stages = len(rk.b)
     per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
     sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, shape.stages, strict=True))
@@ -76,7 +77,8 @@ def _each(text: str, phases: list[str]) -> dict[str, float]:
         return json.loads(kept.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as folder:
         found = apart.call("flops:each_here", [text, phases], {"SEPMC_CACHE_DIR": folder})
-    kept.write_text(json.dumps(found), encoding="utf-8")
+    if set(found) == set(phases):
+        kept.write_text(json.dumps(found), encoding="utf-8")
     return found
 
 
@@ -116,9 +118,9 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[
 
         return rates
 
-    phases = [phase.name for phase in campaign.scene.phase]
-    for phase in phases:
-        setattr(module, f"rates_{phase}", counted(phase, getattr(module, f"rates_{phase}")))
+    called = make_shape(campaign.plan, campaign.dispersed).names.of["phase"]
+    for phase, written in called.items():
+        setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
     fly_specialised(module, campaign.plan, np.array(steps, dtype=np.int64), np.full(len(steps), np.inf), campaign.slots, drawn)
-    return {phase: seen[phase] for phase in phases}
+    return {phase: seen[phase] for phase in called}
