@@ -69,7 +69,10 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     """A time that is past as its phase begins ends it at once; a joint that lets go late is late from then on."""
     late = "" if stage.delay is None else f" + {raw(stage.delay)}"
     told = " + ".join(raw(place) for place in stage.end_time)
-    text.lanes()(f"w[UNTIL_{stage.name} + l] = larger({told}, w[T + l]){late}")
+    text = text.lanes()
+    if stage.after_late:  # its end came while a late joint held on
+        text(f"w[LOST + l] = w[LOST + l] if {told} >= w[T + l] - 1e-12 else 1.0")
+    text(f"w[UNTIL_{stage.name} + l] = larger({told}, w[T + l]){late}")
 
 
 def _stand_still(text: Text, c: Context) -> None:

@@ -53,6 +53,7 @@ class Stage:
     events: list[Event] = field(default_factory=list)
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
+    after_late: bool = False  # whether it was waited for its end before a late joint let go and it began here
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     stops: int = 1
 
@@ -155,8 +156,8 @@ def _unfit(until: Until) -> str:
 def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
     """What delays, given or dispersed, add to the obstacles.
 
-    A late joint goes on holding while conditions of the next phase are waited for already. A specialised kernel changes both at once,
-    so there must be no such condition.
+    A late joint goes on holding while the end of the next phase is waited for already. A specialised kernel changes both at once;
+    cases in which that end may have come meanwhile are lost to the general one (`Stage.after_late`).
     """
     found = []
     for phase, after in pairwise(scene.phase):
@@ -164,8 +165,6 @@ def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
         late = [name for name in changed if _may_be_late(scene, name, dispersed)]
         if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
             found.append(f"joint {late[0]}, which may let go late, not after a time alone")
-        elif late and after.until is not None:
-            found.append(f"joint {late[0]}, which may let go late, while the end of phase {after.name} is waited for already")
     return list(dict.fromkeys(found))
 
 
@@ -206,6 +205,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             late = [name for name in _changed(scene, before, phase) if _may_be_late(scene, name, dispersed)]
             if late:
                 stages[-1].delay = plan.slots[f"joint.{late[0]}.delay"]
+                stage.after_late = True
             stage.released = _released(scene, before, phase)
         stages.append(stage)
     turning: list[str] = []
