@@ -70,7 +70,7 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     late = "" if stage.delay is None else f" + {raw(stage.delay)}"
     told = " + ".join(raw(place) for place in stage.end_time)
     text = text.lanes()
-    if stage.after_late:  # its end came while a late joint held on
+    if stage.after_late is not None:  # its end came while a late joint held on
         text(f"w[LOST + l] = w[LOST + l] if {told} >= w[T + l] - 1e-12 else 1.0")
     text(f"w[UNTIL_{stage.name} + l] = larger({told}, w[T + l]){late}")
 

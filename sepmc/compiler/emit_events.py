@@ -28,9 +28,9 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
         text(f"at_once = (1.0 if value >= -1e-12 else 0.0) if earlier == math.inf else w[AT_ONCE_{name} + l]")
         text(f"w[AT_ONCE_{name} + l] = at_once", "wait = time_left(value, rate, acceleration, jerk)")
         text("wait = 0.0 if at_once > 0.0 else wait  # met before it was waited for")
-        if event.ends_phase and stage.after_late:  # met in the meantime, or it recedes and may have been
-            text("early = earlier == math.inf and (value >= -1e-12 or rate < -1e-9)")
-            text("w[LOST + l] = 1.0 if early else w[LOST + l]")
+        if event.ends_phase and stage.after_late is not None:  # met in the meantime, or it recedes and may have been
+            text(f"early = earlier == math.inf and (value >= -1e-12 or value - 2.0 * rate * {raw(stage.after_late)} >= 0.0)")
+            text("w[LOST + l] = 1.0 if early and w[DONE + l] == 0.0 else w[LOST + l]")
         if event.ends_phase:
             text("wait = usual if earlier == math.inf and wait > usual else wait")
         else:

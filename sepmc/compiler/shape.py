@@ -53,7 +53,7 @@ class Stage:
     events: list[Event] = field(default_factory=list)
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
-    after_late: bool = False  # whether it was waited for its end before a late joint let go and it began here
+    after_late: int | None = None  # place in w of the delay for which its end was waited for before a late joint let go and it began
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     stops: int = 1
 
@@ -205,7 +205,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             late = [name for name in _changed(scene, before, phase) if _may_be_late(scene, name, dispersed)]
             if late:
                 stages[-1].delay = plan.slots[f"joint.{late[0]}.delay"]
-                stage.after_late = True
+                stage.after_late = stages[-1].delay
             stage.released = _released(scene, before, phase)
         stages.append(stage)
     turning: list[str] = []
