@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import sepmc
+from sepmc.kernels.lips import lip_gap, lip_least
 from sepmc.kernels.outlines import gap
 from sepmc.kernels.rims import rim_gap
 from sepmc.trust import geometry
@@ -87,3 +88,38 @@ def test_the_geometry_agrees_on_rims():
         assert math.isinf(ours) == math.isinf(found)
         if math.isfinite(ours):
             assert_allclose(found, ours, rtol=0, atol=1e-10)
+
+
+def tuples(*vectors):
+    return (tuple(map(float, vector)) for vector in vectors)
+
+
+def test_the_geometry_agrees_on_lips():
+    """And both nearest points lie as far apart, the cheap bound is one, and a circle on the axis needs no search."""
+    rng = np.random.default_rng(5)
+    for i in range(200):
+        axis, start, radius = Rotation.random(rng=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3), float(rng.uniform(0.2, 1.5))
+        length, r0 = float(rng.choice([0.0, 0.5, 2.5])), float(rng.choice([0.0, rng.uniform(0.0, 1.0)]))
+        part = (start[None], axis[None], length, r0, r0 if length == 0.0 else float(rng.uniform(0.0, 1.0)))
+        normal = axis + rng.choice([0.0, 1e-6, 0.02, 0.3, 3.0]) * rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        centre = start + axis * rng.uniform(-0.3, 1.3) * max(length, 0.5) + rng.choice([0.0, 0.01, 0.1, 1.0]) * rng.normal(size=3)
+        lip = *tuples(centre, normal), radius
+        solid = *tuples(start, axis), *part[2:]
+        distance, on_lip, on_solid = lip_gap(lip, solid)
+        assert_allclose(distance, geometry.lip_distance((centre[None], normal[None], radius), part)[0], rtol=0, atol=1e-10, err_msg=i)
+        assert_allclose(math.dist(on_lip, on_solid), distance, rtol=0, atol=1e-12)
+        assert_allclose(math.dist(on_lip, centre), radius, rtol=1e-12)
+        assert lip_least(lip, solid) <= distance
+
+
+def test_lips_by_hand():
+    """On the axis, shifted, past the end, and touching; NaN stays NaN."""
+    part = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.0, 0.3, 0.3)
+    assert_allclose(lip_gap(((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0], 0.2, rtol=1e-14)
+    distance, on_lip, on_solid = lip_gap(((1.0, 0.06, -0.08), (1.0, 0.0, 0.0), 0.5), part)
+    assert_allclose([distance, *on_lip], [0.1, 1.0, -0.24, 0.32], rtol=0, atol=1e-9)
+    assert_allclose(on_solid, [1.0, -0.18, 0.24], rtol=0, atol=1e-9)
+    assert_allclose(lip_gap(((2.3, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7), part)[0], 0.5, rtol=1e-14)
+    assert lip_gap(((1.0, 0.25, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0] == 0.0
+    assert math.isnan(lip_gap(((math.nan, 0.0, 0.0), (1.0, 0.0, 0.0), 0.5), part)[0])

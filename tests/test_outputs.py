@@ -461,13 +461,26 @@ def test_a_point_inside_a_shell(pair, order):
 
 
 def test_out_of_a_shell_in_time(pair):
-    """The shell is 0.2 m long: the point leaves it before it could meet the wall, and nothing is near afterwards."""
+    """The shell is 0.4 m long: the point leaves it before it could meet the wall, and passes its lip from outside."""
     bodies = {"fore": [cylinder(2.0, 2.4, 0.5, hollow=True)], "aft": [{"points_m": [[2.2, 0.3, 0.0]]}]}
     _, outcomes = flown(pair(tubes(bodies, load=[PAST], run__end_time_s=1.0)))
     assert outcomes["gap_recontact"] == 0.0
-    # out at t^2 = 0.2: y = -0.1 by then; the wall was nearest at the start, 0.2 m away
-    assert_allclose(outcomes["gap_clearance_mm"], 200.0, rtol=1e-9)
-    assert outcomes["gap_clearance_time_s"] == 0.0
+    # out at t^2 = 0.2, when y = -0.1; from the lip at y = -0.5 it is (0.2 - t^2, 0.8 - 2 t^2): least at t^2 = 0.36
+    assert_allclose(outcomes["gap_clearance_mm"], 1e3 * math.hypot(0.16, 0.08), rtol=1e-9)
+    assert_allclose(outcomes["gap_clearance_time_s"], 0.6, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("order", [["fore", "aft"], ["aft", "fore"]])
+def test_a_side_on_the_lip_of_a_shell(pair, order):
+    """A cylinder of 0.3 m that stands out of a ring of 0.5 m at both ends falls 2 t^2: it touches both lips at t^2 = 0.1."""
+    bodies = {"fore": [cylinder(2.0, 2.2, 0.5, hollow=True)], "aft": [cylinder(1.0, 4.0, 0.3)]}
+    scene = tubes(bodies, load=[PAST], run__end_time_s=0.25, clearance=[{"name": "gap", "bodies": order}])
+    _, outcomes = flown(pair(scene))
+    assert_allclose(outcomes["gap_clearance_mm"], 75.0, rtol=1e-9)
+    assert_allclose([outcomes["gap_clearance_time_s"], outcomes["gap_clearance_z_m"]], [0.25, 0.0], rtol=0, atol=1e-6)
+    _, later = flown(pair(scene | {"run.end_time_s": 0.5}))
+    assert (later["gap_recontact"], later["gap_clearance_mm"]) == (1.0, 0.0)
+    assert_allclose(later["gap_clearance_time_s"], math.sqrt(0.1), rtol=0, atol=1e-8)
 
 
 def test_recontact(pair):

@@ -18,11 +18,13 @@ import numpy as np
 from sepmc.kernels import layout as at
 from sepmc.kernels import outlines, quat, vec3
 from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.lips import lip_gap, lip_least
 from sepmc.kernels.places import body_params
 from sepmc.kernels.rims import rim_gap
 from sepmc.kernels.rk import interpolate
 
-SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND = 0, 1, 2
+# two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of the first or of the second body
+SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
 _PLACES = 5  # of a step at which the relative motion is looked at
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
@@ -59,6 +61,9 @@ def watch_clearance(i, first, t, h, y0, sample, weights, k, rk, outcomes, m, w):
             length = part_b[2] if shell_a else part_a[2]
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
                 pair = kind, end, part_a, part_b
+                _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w)
+            for end in range(2 if kind != SOLIDS else 0):
+                pair = (LIP_ON_FIRST if shell_a else LIP_ON_SECOND), end, part_a, part_b
                 _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w)
 
 
@@ -142,7 +147,7 @@ def _placed(part, pose):
 
 @stage
 def _rim(part, end):
-    """Rim of a solid part: centre, normal, radius."""
+    """Rim of a part: centre, normal, radius."""
     start, axis, length, r0, r1 = part
     if end == 0:
         return start, axis, r0
@@ -159,8 +164,12 @@ def _distance(pair, pose, margin):
         distance, here, _ = outlines.gap(part_a, part_b)
     elif kind == SHELL_ON_FIRST:
         distance, _, here = rim_gap(_rim(part_b, end), part_a, margin)
-    else:
+    elif kind == SHELL_ON_SECOND:
         distance, here, _ = rim_gap(_rim(part_a, end), part_b, margin)
+    elif kind == LIP_ON_FIRST:
+        distance, here, _ = lip_gap(_rim(part_a, end), part_b)
+    else:
+        distance, _, here = lip_gap(_rim(part_b, end), part_a)
     return distance, here
 
 
@@ -171,6 +180,10 @@ def _far(pair, pose):
     part_b = _placed(part, pose)
     if kind == SOLIDS:
         return outlines.least_gap(part_a, part_b)
+    if kind == LIP_ON_FIRST:
+        return lip_least(_rim(part_a, end), part_b)
+    if kind == LIP_ON_SECOND:
+        return lip_least(_rim(part_b, end), part_a)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
     centre, _, radius = _rim(solid, end)
     return outlines.wall_gap(centre, shell)[0] - radius
@@ -224,7 +237,8 @@ def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, 
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
     beyond = outcomes[first]  # NaN: nothing known yet
-    if kind != SOLIDS:
+    within = kind == SHELL_ON_FIRST or kind == SHELL_ON_SECOND
+    if within:
         beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
     elif beyond < 0.0:
         return
@@ -274,7 +288,7 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
     move = speed * dt
     if not move > tiny:
         return False
-    if kind == SOLIDS:
+    if kind != SHELL_ON_FIRST and kind != SHELL_ON_SECOND:
         if best == 0.0:  # only touching earlier counts
             may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, right, move, dt) < 0.0
             return may_touch and d0 > 0.0 and time < outcomes[first + 1]
@@ -303,7 +317,7 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
 
 @stage
 def _least_solids(d0, d1, bend, right, move, dt):
-    """What two solids are nowhere nearer than between two times."""
+    """What two solids, or a lip and a solid, are nowhere nearer than between two times."""
     low = 0.5 * (d0 + d1 - move)
     if not low > 0.0:
         return low

@@ -36,9 +36,9 @@ def _health(y, m, w):
     """OK, or why the state cannot be used. Outside the atmosphere or a table there is no number, and the state is not finite."""
     for n in range(y.shape[0]):
         if not math.isfinite(y[n]):
-            if w[m.scene.work + at.LEFT_TABLE] != 0.0:
-                return OUTSIDE_TABLE
-            return OUTSIDE_ATMOSPHERE if w[m.scene.work + at.LEFT_AIR] != 0.0 else NOT_FINITE
+            if w[m.scene.work + at.LEFT_AIR] != 0.0:
+                return OUTSIDE_ATMOSPHERE
+            return OUTSIDE_TABLE if w[m.scene.work + at.LEFT_TABLE] != 0.0 else NOT_FINITE
     return OK
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 Array = np.ndarray
 THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
 _ANGLES = 360  # of a rim, at first
+_SECTORS = 8  # of a lip
 _ZOOMS = 9  # each narrows the angle, or the time, by ten
 _STEPS, _FEW = 2000, 60  # of the projections, at most; where only the order of distances counts
 _PROVED = 1e-9  # m
@@ -89,14 +90,11 @@ def rim_distance(rim: tuple, shell: tuple) -> Array:
     """
     centre, normal, radius = rim
     start, axis, length, r0, r1 = shell
-    other = np.where(np.abs(normal[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    u = np.cross(normal, other)
-    u /= np.linalg.norm(u, axis=1)[:, None]
-    v = np.cross(normal, u)
+    u, v = _in_plane(normal)
 
     def signed(angle: Array) -> Array:
         """Of the points of the rim at angles (n, k)."""
-        point = centre[:, None] + radius * (np.cos(angle)[..., None] * u[:, None] + np.sin(angle)[..., None] * v[:, None])
+        point = _circle(rim, u, v, angle)
         from_start = point - start[:, None]
         along = np.einsum("ikj,ij->ik", from_start, axis)
         rho = np.linalg.norm(from_start - along[..., None] * axis[:, None], axis=2)
@@ -116,14 +114,51 @@ def rim_distance(rim: tuple, shell: tuple) -> Array:
         share = (plane - middle) / np.where(half > 0.0, half, 1.0)
         turn = np.arccos(np.clip(share, -1.0, 1.0))
         ends += [top + s * turn * (1.0 + e) for s in (1.0, -1.0) for e in (-1e-13, 1e-13)]
-    angles = np.concatenate([grid, np.stack(ends, axis=1)], axis=1)
-    values = signed(angles)
-    width, rows = 2.0 * np.pi / _ANGLES, np.arange(len(centre))
+    return _zoom(signed, np.concatenate([grid, np.stack(ends, axis=1)], axis=1))
+
+
+def lip_distance(lip: tuple, solid: tuple) -> Array:
+    """Least distances (n,) of circles, which stand as rims do, from solid frustums, m."""
+    u, v = _in_plane(lip[1])
+    flat = {}
+
+    def distance(angle: Array) -> Array:
+        """Of the points of the circle at angles (n, k)."""
+        points = _circle(lip, u, v, angle)
+        n, k = angle.shape
+        if k not in flat:
+            flat[k] = (np.repeat(solid[0], k, axis=0), np.repeat(solid[1], k, axis=0), *solid[2:])
+        points = points.reshape(-1, 3)
+        return np.linalg.norm(points - on_frustum(points, flat[k]), axis=1).reshape(n, k)
+
+    each = _ANGLES // _SECTORS  # a least of every sector: where the solid is all but met, dips are narrow
+    starts = 2.0 * np.pi / _SECTORS * np.arange(_SECTORS)
+    grids = [np.broadcast_to(start + 2.0 * np.pi / _ANGLES * np.arange(each), (len(lip[0]), each)) for start in starts]
+    return np.min([_zoom(distance, grid) for grid in grids], axis=0)
+
+
+def _in_plane(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors (n, 3) normal to unit vectors (n, 3) and to each other."""
+    other = np.where(np.abs(normal[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    u = np.cross(normal, other)
+    u /= np.linalg.norm(u, axis=1)[:, None]
+    return u, np.cross(normal, u)
+
+
+def _circle(rim: tuple, u: Array, v: Array, angle: Array) -> Array:
+    """Points (n, k, 3) of circles at angles (n, k)."""
+    return rim[0][:, None] + rim[2] * (np.cos(angle)[..., None] * u[:, None] + np.sin(angle)[..., None] * v[:, None])
+
+
+def _zoom(value: Callable[[Array], Array], angles: Array) -> Array:
+    """Least values (n,) of a function of angles: the best of some (n, k), then closer and closer around it."""
+    values = value(angles)
+    width, rows = 2.0 * np.pi / _ANGLES, np.arange(len(angles))
     for _ in range(_ZOOMS):
         chosen = np.argmin(values, axis=1)
         angle = angles[rows, chosen]
         angles = angle[:, None] + width * np.linspace(-1.0, 1.0, 21)  # the middle one is the best so far
-        values = np.minimum(signed(angles), np.where(np.arange(21) == 10, values[rows, chosen][:, None], np.inf))
+        values = np.minimum(value(angles), np.where(np.arange(21) == 10, values[rows, chosen][:, None], np.inf))
         width *= 0.1
     return values.min(axis=1)
 
@@ -159,6 +194,8 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
                 if solid[2] > 0.0:
                     end = solid[0] + solid[2] * solid[1]
                     best = np.minimum(best, rim_distance((end, solid[1], solid[4]), shell))
+                for share, radius in ((0.0, shell[3]), (shell[2], shell[4])):
+                    best = np.minimum(best, lip_distance((shell[0] + share * shell[1], shell[1], radius), solid))
             else:
                 near = _axes_apart(a, b) < best  # the others are further than what is known
                 if near.any():

@@ -43,7 +43,7 @@ def _shell(draft: Draft, inner: str) -> Tree:
     """The inside of a shell around a body."""
     dice, station = draft.dice, draft.cg(inner)[0]
     return {
-        "stations_m": [rounded(station - dice.between(0.2, 1.0)), rounded(station + dice.between(0.2, 1.0))],
+        "stations_m": [rounded(station - dice.between(0.05, 1.0)), rounded(station + dice.between(0.05, 1.0))],
         "radii_m": [dice.between(0.35, 0.6), dice.between(0.35, 0.6)],
         "hollow": True,
     }
