@@ -1,6 +1,5 @@
 """Bad input: exit code 2, a line per problem with its place, value and what is allowed, no traceback, and nothing written."""
 
-import os
 from pathlib import Path
 
 import pytest
@@ -370,7 +369,9 @@ def test_every_problem_is_told_at_once(sepmc):
         ]
 
 
-@pytest.mark.parametrize("content", [b"this is = = not TOML", b"\x89PNG\r\n\x1a\n\x00\xff", b"\x00" * 9, os.urandom(64) + b"\xff", b""])
+@pytest.mark.parametrize(
+    "content", [b"this is = = not TOML", b"\x89PNG\r\n\x1a\n\x00\xff", b"\x00" * 9, bytes(range(128, 192)) + b"\xff", b""]
+)
 def test_no_toml(sepmc, content):
     Path("bad.toml").write_bytes(content)
     assert "error: bad.toml: " in sepmc("campaign", "bad.toml")

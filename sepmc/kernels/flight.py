@@ -23,6 +23,9 @@ OK, NEVER_RELEASED, INVALID_INPUT, OUTSIDE_ATMOSPHERE, SINGULAR_JOINT, NOT_FINIT
 INCONSISTENT_START, OUTSIDE_TABLE, JAMMED, TOO_MANY_EVENTS = 9, 10, 11, 12
 
 _ROOT = 1e-13  # s: an event is located when the next correction is below this
+# A flight of n times as many steps has root n steps at least between any two instants at which something changes. So shorter steps are
+# shorter everywhere, and the difference that they make is an error that holds for what happens within one step too.
+_WHOLE, _MOST_AT_LEAST = 8.0, 1000.0
 _CLEVER = 60  # trials before the bracket is only halved: Newton wanders where round-off over speed is above _ROOT
 _PEAK_ROUNDS = 36  # of golden section for the peak of a load
 _UNRESOLVED = 1e-6  # drift of a quaternion in one step, or share of energy lost, beyond which a case is not called ok
@@ -258,16 +261,20 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     phase, _ = events.settle(t, y0, phase, m, w)
     _note_releases(t, y0, outcomes, m, w)
     fresh = True  # what the joints hold has just changed
+    least = max(1, math.ceil(min(math.sqrt(end / (_WHOLE * rk.step)), _MOST_AT_LEAST) - 1e-9))
+    divided, split_end, fresh_t = 0, -1.0, -1.0
     while t < end and status == OK:
         if fresh and level == at.FULL_HISTORY:
             set_stretch(t + GRAIN, m, w)
             rows = _record(t, y0, phase, times, phases, history, rows, level, m, w)
-        fresh_t = t if fresh else -1.0
+        fresh_t = t if fresh else fresh_t
         fresh = False
         stretch_end = min(end, next_break(t, m, w), events.next_known_time(t, phase, m, w))
         set_stretch(0.5 * (t + stretch_end), m, w)
         stretch_start = t
-        count = max(1, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
+        count = max(least, math.ceil((stretch_end - stretch_start) / rk.step - 1e-9))
+        if divided > 0:  # again up to a condition that was met within the first steps
+            stretch_end, count, divided = split_end, divided, 0
         for i in range(count):
             last = i == count - 1
             t_next = stretch_end if last else stretch_start + (stretch_end - stretch_start) * (i + 1) / count
@@ -295,8 +302,12 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
                     status = NO_ROOT
                     break
                 cut = found >= 0 or length < whole
+                if cut and i + 1 < least and length > GRAIN and t > split_end + GRAIN:
+                    divided, split_end = least - i, t + length
+                    set_attitudes(y0, m, w)
+                    break
                 if cut:
-                    t_next = t + length
+                    t_next, split_end = t + length, -1.0
                 if found >= 0:
                     audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
                     w[leaf_work(found, m) + at.MET] = 1.0
