@@ -21,7 +21,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status
 from sepmc.search import Search, usual_phases
-from sepmc.settle import DEEP, FIRST, HALVINGS, changes, fly_general, settle, settled_step
+from sepmc.settle import DEEP, HALVINGS, changes, first_step, fly_general, settle, settled_step
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -176,7 +176,7 @@ def _doubted(campaign: "Campaign", draws: np.ndarray, outcomes: np.ndarray, scal
         return right[which], status[which]
 
     goal, decides = SAFE * campaign.scene.solver.accuracy, decisive(campaign.outcome_columns)
-    settle(flown, len(draws), campaign.scene.run.end_time / FIRST, goal, scale, decides)
+    settle(flown, len(draws), first_step(campaign.scene), goal, scale, decides)
     found = errors(outcomes, right, scale)
     found[status != Status.OK] = np.inf
     return found.max(axis=0)
@@ -199,7 +199,7 @@ def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
         block = fly_general(campaign, step, draws)
         return block.outcomes[:, : len(units)].copy(), block.status
 
-    step = given or campaign.scene.run.end_time / FIRST
+    step = given or first_step(campaign.scene)
     least = step / 2.0**HALVINGS
     spread = _spread(*flown(step, np.vstack([tried[:1], drawn])))
     for number in range(_ROUNDS):

@@ -1,5 +1,6 @@
 """Steps of the general kernel: how short they have to be for outcomes to settle, of each case by itself or of many together."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,7 +18,9 @@ from sepmc.schema import Column, Status
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
 
-FIRST = 8  # steps of a flight that are tried first
+_FIRST = 8  # steps of a flight that are tried first
+_ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
+_MOST_FIRST = 2**15  # steps that are tried first, however close the rows
 HALVINGS = 9  # at most
 _AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
 DEEP = 16  # times finer are a few cases flown once more: what is shorter than a step, neither it nor its half may see
@@ -35,6 +38,17 @@ def fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, roo
     block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
     names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
     return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
+
+
+def first_step(scene: Scene) -> float:
+    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height."""
+    end, start = scene.run.end_time, scene.initial
+    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
+    tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
+    low, high = start.altitude - climb * end, start.altitude + climb * end
+    passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
+    closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
+    return min(end / _FIRST, max(_ROWS * closest / climb if climb > 0.0 else math.inf, end / _MOST_FIRST))
 
 
 @dataclass
@@ -96,7 +110,7 @@ def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
         block = fly_block(make_plan(scene, step=step), none, np.empty((len(which), 0)), 0, 0, NO_HISTORY)
         return block.outcomes[:, : len(units)], block.status
 
-    step, one, goal = scene.run.end_time / FIRST, np.zeros(1, dtype=np.int64), scene.solver.accuracy
+    step, one, goal = first_step(scene), np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
     scale = scales(flown(step, one)[0], units, scene_scales(scene, units))
     while True:

@@ -204,6 +204,7 @@ OTHERS = [  # the same for everything.toml
     ('name = "strut"', 'name = "pusher"', ["spring.pusher", "used twice"]),
     ('body = "half"\nforce_N', 'body = "hlf"\nforce_N', ["load.plume.body = 'hlf'", "did you mean 'half'?"]),
     ("end_s = 0.4", "end_s = 0.2", ["load.plume.end_s = 0.2", "must be > start_s = 0.2"]),
+    ("end_s = 0.4", "end_s = 0.2000000000004", ["load.plume.end_s = 0.2", "must be > start_s = 0.2, by more than 1e-12 s"]),
     ('frame = "ground"', 'frame = "wind"', ["load.tug.frame = 'wind'", "body, ground"]),
     ('body = "half"\nforce_N', 'body = "ground"\nforce_N', ["load.plume.body = 'ground'", "no such body"]),
     (

@@ -6,6 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sepmc import settle
 from sepmc.schema import Status
+from sepmc.settle import first_step
+from sepmc.trust.independent import fly
 
 ONE = np.ones(2)
 BOTH = np.array([True, True])
@@ -106,3 +108,25 @@ def test_a_single_run_is_as_accurate_as_asked(table2, accuracy):
     assert found["notes"] == []
     for name in ("upper_omega_z_deg_s", "separation_distance_mm", "release_time_s"):
         assert found["outcomes"][name] == pytest.approx(fine["outcomes"][name], rel=accuracy)
+
+
+def test_no_gust_is_jumped_over(pair):
+    """Steps pass four rows of a wind profile at most: a gust of a millisecond, between the nodes of usual first steps, turns the body."""
+    heights = 1500.0 + 0.25 * np.arange(-12, 13)
+    rows = {"altitude_m": [0.0, *heights, 80_000.0], "speed_m_s": [0.0, *(100.0 * np.exp(-(np.arange(-12, 13) ** 2) / 8.0)), 0.0]}
+    rows |= {"direction_deg": [90.0] * len(rows["altitude_m"])}
+    air = {"reference_area_m2": 0.1, "reference_length_m": 1.0, "roll": {"beta": 1.0}}
+    settings = {
+        "environment": {"atmosphere": "us1976", "gravity": "none", "wind": {"profile": rows}},
+        "body.fore.aerodynamics": air,
+        "initial": {"altitude_m": 1000.0, "speed_m_s": 1000.0, "pitch_deg": 90.0},
+        "phase": [{"name": "free"}],
+        "run.end_time_s": 1.0,
+        "solver": {"accuracy": 1e-6},
+    }
+    campaign = pair(settings)
+    assert first_step(campaign.scene) <= 1.0 / 1000.0
+    found = campaign.run(cases=1).table["fore_omega_x_deg_s"][0]
+    expected = fly(campaign.case(0).to_dict()).outcomes["fore_omega_x_deg_s"]
+    assert abs(expected) > 0.1
+    assert_allclose(found, expected, rtol=1e-5)

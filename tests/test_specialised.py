@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from specialised_scenes import SCENES, scene
 
 import sepmc
@@ -402,6 +402,36 @@ def test_an_event_that_is_over_as_its_phase_begins(distance):
     phases[2]["until"] = {"joint": "upper", "distance_mm": distance}
     campaign = scene("stack", {"phase": phases, "dispersion": {"body.top.mass_kg": {"uniform": 5.0}}})
     compare_statuses(campaign, draws(campaign, 24), step=0.005)
+
+
+@pytest.mark.slow
+def test_a_stroke_just_missed(pair):
+    """A spring that would be spent 1 to 10 um beyond where it turns back: x = (1 - cos(w t)) / 2, to the end.
+
+    The stroke is foretold until the springs turn; the way that is then left to the end is no short one.
+    """
+    spring = {"name": "s", "bodies": ["aft", "fore"], "point_m": [2.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0]}
+    settings = {
+        "spring": [spring | {"force_N": 1000.0, "stiffness_N_per_m": 2000.0, "stroke_m": 1.0}],
+        "phase": [
+            {"name": "held", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
+            {"name": "slide", "joints": {"pins": "slider"}},
+        ],
+        "body.fore.mass_kg": 100.0,
+        "body.aft.mass_kg": 50.0,
+        "run.end_time_s": 0.6,
+        "solver": {"accuracy": 1e-6},
+        "dispersion": {"spring.s.stroke_m": {"uniform": [0.95, 1.05]}},
+    }
+    campaign = pair(settings)
+    flight = pilot.plan_flight(campaign)
+    assert flight.kernel is not None, flight.why
+    found = pilot.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
+    turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
+    names = [column.name for column in campaign.outcome_columns]
+    distance = outcomes(campaign, found, found.status == Status.OK)[:, names.index("separation_distance_mm")]
+    assert len(distance) == 24
+    assert_allclose(np.abs(distance), 0.5 * (1.0 - np.cos(turn)), rtol=3.0 * campaign.scene.solver.accuracy)
 
 
 def test_an_event_touched_but_not_crossed(quiet):

@@ -10,6 +10,9 @@ from sepmc.compiler.emit_loads import feels_air
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
 
+# A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
+# hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
+_LONGER, _SHORT = 3.0, 0.05
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
 
@@ -57,7 +60,7 @@ def emit_advance(out: Text, c: Context) -> None:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, "left, usual", c.history)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
-    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0", "w[LONGEST + l] = 3.0 * h + 1e-9")
+    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0", f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name)
     if c.history:
         text("extend(w, phase)")
@@ -70,6 +73,7 @@ def emit_approach(out: Text, c: Context) -> None:
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
     text = out.function("approach(w, phase, size)", says)
     _begin(text, "1, math.inf", False)
+    text.lanes()(f"w[LOST + l] = w[LOST + l] if abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l] else 1.0")
     _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
     text("settle(w, phase)", "set_step(w, phase, 1, math.inf)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
