@@ -56,7 +56,7 @@ def add_releases(draft: Draft, until: Callable[[dict[str, str], float, float], T
         past = dice.between(0.15, 0.95) * draft.span
         held = {joint: found[0] for joint, found in kinds.items()}
         when = ending(draft, held, lambda held=held, past=past: until(held, past, past))  # type: ignore[misc]
-        to = "free" if dice.chance(0.6) else dice.pick(_less(draft, name, kinds[name]))
+        to = "free" if dice.chance(0.6) else dice.pick(_less(draft, name, kinds[name]) or ["free"])
         tree.setdefault("release", []).append({"name": draft.names.new("release"), "joint": name, "to": to, "when": when})
 
 
