@@ -31,7 +31,7 @@ _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below 
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
 _NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
 _DEPTH = 56  # halvings of a step, one within the other, at most
-_MOST = 1_000_000  # halvings of a step in all, some seconds: 10 are usual, 150 where a rim leaves a shell
+_MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. Steps far too long for a motion take them all
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
 _NODE = 15
 
