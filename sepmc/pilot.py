@@ -115,8 +115,15 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
         why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
     warm_up(announce)
     _tell_trials(announce)
-    found = _choose_step(campaign, why)
+    found = choose_step(campaign, why, *_trials(campaign))
     return replace(found, notes=remarks(campaign, found))
+
+
+def _trials(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
+    """Corners, and a sample of the laws, that the general kernel flies first."""
+    if not campaign.file.dispersions:
+        return np.empty((1, 0)), np.empty((0, 0))
+    return corners(campaign), sample(campaign, SAMPLE // _OF_GENERAL)
 
 
 def _tell_trials(announce: Say | None) -> None:
@@ -187,12 +194,13 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
     return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
 
 
-def _choose_step(campaign: "Campaign", why: list[str]) -> Flight:
-    """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given."""
+def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: np.ndarray) -> Flight:
+    """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given.
+
+    tried : draws (n, d), SI, that decide; drawn : draws that the step is then held against, the worst of which join those that decide
+    """
     columns, given = campaign.outcome_columns, campaign.scene.solver.step
     units, decides = [c.unit for c in columns], decisive(columns)
-    tried = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
-    drawn = sample(campaign, SAMPLE // _OF_GENERAL if campaign.file.dispersions else 0)
     own, goal = scene_scales(campaign.scene, units), SAFE * campaign.scene.solver.accuracy
 
     def flown(step: float, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

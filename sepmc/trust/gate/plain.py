@@ -1,4 +1,4 @@
-"""The pilot of plain Python: steps for the text that is flown as it stands, from a flight or two of the run's own first cases.
+"""The pilot of plain Python: steps for the text that is flown as it stands, or for the general kernel, from the run's own first cases.
 
 The campaign's pilot would take most of the time there. What steps it finds is not what the gate is about: whatever they are, the run
 reports the error it was flown with, and rows are held to that.
@@ -13,7 +13,7 @@ from sepmc import campaign as campaigns
 from sepmc import cases, pilot
 from sepmc.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign import Campaign
-from sepmc.door import fly_specialised, interpreted, specialised_kernel
+from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
 from sepmc.pilot import Flight
 
 _MOST_STEPS = 64  # of a phase
@@ -34,11 +34,12 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
 
 
 def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
-    if pilot.reasons(campaign):
-        return pilot.plan_flight(campaign, history, announce)
-    kernel = specialised_kernel(pilot.kernel_text(campaign, history=history))
     scene = campaign.scene
     draws = cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES) * campaign.factors
+    if why := pilot.reasons(campaign):
+        warm_up(announce)
+        return pilot.choose_step(campaign, why, draws, draws[:0])
+    kernel = specialised_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
     usual = np.full(len(scene.phase), np.inf)

@@ -19,7 +19,7 @@ class Worker:
     def __init__(self, limit_s: float = _LIMIT_S):
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-        self.limit_s = limit_s
+        self.limit_s, self.stopped = limit_s, False
         self.process = subprocess.Popen(
             [sys.executable, "-m", "sepmc.trust.gate.worker"], env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -28,7 +28,7 @@ class Worker:
         """The verdict on a job; None if the process died over it or took too long."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        timer = threading.Timer(self.limit_s, self.process.kill)
+        timer = threading.Timer(self.limit_s, self._stop)
         timer.start()
         try:
             print(json.dumps(job), file=self.process.stdin, flush=True)
@@ -39,37 +39,42 @@ class Worker:
             timer.cancel()
         return json.loads(answer) if answer else None
 
+    def _stop(self) -> None:
+        self.stopped = True
+        self.process.kill()
+
     def close(self) -> None:
         self.process.kill()
         self.process.communicate()  # closes its pipes
 
 
-def judge_all(jobs: list[Job], processes: int = 2) -> Iterator[dict[str, Any]]:
-    """Verdicts on all jobs as they come, by so many processes."""
+def judge_all(jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S) -> Iterator[dict[str, Any]]:
+    """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than ``limit_s`` gets none."""
     left: queue.SimpleQueue[Job] = queue.SimpleQueue()
     found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     for job in jobs:
         left.put(job)
     for _ in range(processes):
-        threading.Thread(target=_work, args=(left, found), daemon=True).start()
+        threading.Thread(target=_work, args=(left, found, limit_s), daemon=True).start()
     for _ in jobs:
         yield found.get()
 
 
-def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]]) -> None:
+def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]], limit_s: float) -> None:
     worker = None
     while True:
         try:
             job = left.get_nowait()
         except queue.Empty:
             break
-        worker = worker or Worker()
+        worker = worker or Worker(limit_s)
         verdict = worker.judge(job)
         if verdict is None:
             worker.close()
+            why = f"no verdict within {worker.limit_s:g} s" if worker.stopped else "the process died"
             worker = None
             name = job.get("name") or f"seed {job['seed']}"
-            verdict = {"name": name, "seed": job.get("seed"), "crash": "the process died or took too long", "rows": {}, "said": []}
+            verdict = {"name": name, "seed": job.get("seed"), "crash": why, "rows": {}, "said": []}
         found.put({**verdict, "interpreted": not job.get("compiled") and verdict.get("kernel") == "written"})
     if worker:
         worker.close()
