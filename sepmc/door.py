@@ -2,20 +2,24 @@
 
 import contextlib
 import operator
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sepmc import schema
+from sepmc.compiler.pieces import split
 from sepmc.compiler.plan import Plan
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
+
+if TYPE_CHECKING:
+    from sepmc.kernels.pieces import Kernel
 
 
 @dataclass
@@ -64,7 +68,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
 
 
 def fly_specialised(
-    kernel: ModuleType, plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
+    kernel: "Kernel", plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
 
@@ -151,17 +155,19 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting = before
 
 
-def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> ModuleType:
-    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling it there if need be."""
-    if _interpreting:
+def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> "Kernel":
+    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there what of it is not yet."""
+    if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.kernels import interpreted as plain  # noqa: PLC0415
 
         return plain.load(text)
     from sepmc.kernels import specialised  # noqa: PLC0415
 
-    name = specialised.write(text)
-    if not specialised.is_compiled(name):
+    pieces = split(text)
+    names = specialised.write([piece.text for piece in pieces])
+    left = len(specialised.missing(names))
+    if left:
         if announce:
-            announce("compiling a kernel for scenes of this shape, once (some fifteen seconds) ...")
-        specialised.compile_apart(name)
-    return specialised.load(name)
+            announce(f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some ten seconds) ...")
+        specialised.compile_apart(names)
+    return specialised.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +13,7 @@ from sepmc.settle import fly_general, settle
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
+    from sepmc.kernels.pieces import Kernel
 
 SAFE = 0.5  # share of the accuracy asked for that trial cases may use
 
@@ -31,7 +31,7 @@ class Flight:
     """
 
     why: list[str] = field(default_factory=list)
-    kernel: ModuleType | None = None
+    kernel: "Kernel | None" = None
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
     step: float | None = None

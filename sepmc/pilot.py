@@ -5,7 +5,6 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 
 from dataclasses import replace
 from functools import partial
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +24,7 @@ from sepmc.settle import DEEP, HALVINGS, changes, first_step, fly_general, settl
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
+    from sepmc.kernels.pieces import Kernel
 
 CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
 SAMPLE = 512  # trial cases drawn from the laws
@@ -131,7 +131,7 @@ def _tell_trials(announce: Say | None) -> None:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _choose_steps(campaign: "Campaign", kernel: ModuleType, announce: Say | None = None) -> Flight | None:
+def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None = None) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
     first, usual = len(tried), usual_phases(campaign, kernel, tried)

@@ -1,7 +1,6 @@
 """Search for the fewest steps of a specialised kernel: in every phase, such that some cases come within a goal of a reference."""
 
 from collections.abc import Callable
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from sepmc.door import fly_specialised
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
+    from sepmc.kernels.pieces import Kernel
 
 _MOST_STEPS = 2048  # of a phase
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
@@ -18,7 +18,7 @@ _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
 
 
-def usual_phases(campaign: "Campaign", kernel: ModuleType, draws: np.ndarray) -> np.ndarray | None:
+def usual_phases(campaign: "Campaign", kernel: "Kernel", draws: np.ndarray) -> np.ndarray | None:
     """How long phases usually last, s, shape (phases,): the median of some cases (n, d), SI. None if the kernel can fly none."""
     phases = len(campaign.scene.phase)
     usual, steps = np.full(phases, np.inf), np.full(phases, 2, dtype=np.int64)

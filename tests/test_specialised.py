@@ -543,18 +543,19 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 # -- machine code -----------------------------------------------------------------------------------------------------------------
 
 ASSEMBLY = """
-import importlib.util, json, re, sys
+import json, re
 from sepmc import pilot
+from sepmc.compiler.pieces import split
 from sepmc.kernels import specialised
-from sepmc.kernels._jit import CACHE_FOLDER
 import sepmc
 text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
-name = specialised.write(text)
-spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
-module = sys.modules[name] = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(module)
+code = []
+for piece in split(text):
+    if piece.name.startswith("rates_"):
+        module = specialised.module(specialised.write([piece.text])[0])
+        code += getattr(module, piece.name)._library.get_asm_str().splitlines()
 found, function = {}, None
-for line in module.enter._library.get_asm_str().splitlines():
+for line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:
         function = next((f for f in ("rates_phase1", "rates_phase2", "rates_phase3") if f in label[1]), None)

@@ -22,9 +22,10 @@ import numpy as np
 from sepmc import cases
 from sepmc.bench import apart
 from sepmc.campaign import Campaign
+from sepmc.compiler.pieces import split
 from sepmc.compiler.shape import make_shape
 from sepmc.door import fly_specialised
-from sepmc.kernels import specialised
+from sepmc.kernels import interpreted, specialised
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.methods import method
 from sepmc.pilot import kernel_text
@@ -71,31 +72,37 @@ def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
 
 
 def _each(text: str, phases: list[str]) -> dict[str, float]:
-    """Flops of an evaluation, by phase; from the count kept beside the kernel if there is one."""
-    kept = specialised.CACHE_FOLDER / f"{specialised.write(text)}.flops.json"
-    if kept.is_file():
-        return json.loads(kept.read_text(encoding="utf-8"))
-    with tempfile.TemporaryDirectory() as folder:
-        found = apart.call("flops:each_here", [text, phases], {"SEPMC_CACHE_DIR": folder})
-    if set(found) == set(phases):
-        kept.write_text(json.dumps(found), encoding="utf-8")
+    """Flops of an evaluation, by phase; from the count kept beside its piece of the kernel if there is one."""
+    texts = {piece.name: piece.text for piece in split(text)}
+    found: dict[str, float] = {}
+    for phase in phases:
+        piece = texts[f"rates_{phase}"]
+        kept = specialised.CACHE_FOLDER / f"{specialised.write([piece])[0]}.flops.json"
+        if kept.is_file():
+            found |= json.loads(kept.read_text(encoding="utf-8"))
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            counted = apart.call("flops:each_here", [piece, phase], {"SEPMC_CACHE_DIR": folder})
+        if counted:
+            kept.write_text(json.dumps(counted), encoding="utf-8")
+        found |= counted
     return found
 
 
-def each_here(text: str, phases: list[str]) -> dict[str, float]:
-    """Flops of an evaluation, by phase, of a kernel that is compiled here."""
-    module = specialised.load(specialised.write(text))
-    return in_code(module.enter._library.get_llvm_str(), phases)
+def each_here(piece: str, phase: str) -> dict[str, float]:
+    """Flops of an evaluation in a phase, whose piece of a kernel is compiled here."""
+    module = specialised.module(specialised.write([piece])[0])
+    return in_code(getattr(module, f"rates_{phase}")._library.get_llvm_str(), [phase])
 
 
 def in_code(code: str, phases: list[str]) -> dict[str, float]:
     """Flops for one lane of the functions ``rates_<phase>``, in LLVM code."""
-    found = {}
+    found: dict[str, float] = {}
     for match in _FUNCTION.finditer(code):
         for phase in phases:
             name = f"rates_{phase}"
             if f"{len(name)}{name}B" in match[1]:  # as Numba mangles it: its length, itself, its version
-                found[phase] = _of_a_lane(match[0])
+                found[phase] = max(found.get(phase, 0.0), _of_a_lane(match[0]))  # what calls it from outside has none
     return found
 
 
@@ -108,7 +115,8 @@ def _of_a_lane(body: str) -> float:
 def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[str, int]:
     """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are plain Python."""
     campaign = Campaign(parse_campaign(tree, name))
-    module = specialised.load(specialised.write(kernel_text(campaign)))
+    kernel = interpreted.load(kernel_text(campaign))
+    module = kernel.plain
     seen: collections.Counter[str] = collections.Counter()
 
     def counted(phase: str, function: Any) -> Any:
@@ -122,5 +130,5 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_specialised(module, campaign.plan, np.array(steps, dtype=np.int64), np.full(len(steps), np.inf), campaign.slots, drawn)
+    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.full(len(steps), np.inf), campaign.slots, drawn)
     return {phase: seen[phase] for phase in called}

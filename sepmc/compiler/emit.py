@@ -4,14 +4,14 @@ The module flies LANES cases side by side. Sizes and places are constants in it,
 shape share it. `sepmc check --code` prints it.
 """
 
-from sepmc.compiler.emit_block import emit_block, emit_entry
+from sepmc.compiler.emit_block import emit_block
 from sepmc.compiler.emit_context import Context
 from sepmc.compiler.emit_events import emit_aim
 from sepmc.compiler.emit_history import emit_history
 from sepmc.compiler.emit_loads import emit_centre
 from sepmc.compiler.emit_motion import emit_correct, emit_rates
 from sepmc.compiler.emit_outcomes import emit_report
-from sepmc.compiler.emit_prepare import emit_prepare
+from sepmc.compiler.emit_prepare import emit_prepare, shared_size
 from sepmc.compiler.emit_steps import coefficients, emit_advance, emit_approach, emit_lengths, emit_settle
 from sepmc.compiler.shape import Shape
 from sepmc.compiler.text import Text
@@ -28,7 +28,7 @@ import numpy as np
 
 from sepmc.kernels import joints, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
-from sepmc.kernels.blocks import block, entry, indices, record, table, vector
+from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
@@ -71,7 +71,6 @@ def _body(c: Context) -> Text:
     emit_report(body, c)
     emit_prepare(body, c)
     emit_block(body, c)
-    emit_entry(body)
     return body
 
 
@@ -98,7 +97,7 @@ def _head(c: Context) -> Text:
         head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
         head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
-    head(*c.slabs.lines(), *_places(c.shape))
+    head(*c.slabs.lines(), f"SIZE_SHARED = {shared_size(c)}", *_places(c.shape))
     return head
 
 

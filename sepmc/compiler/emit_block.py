@@ -8,13 +8,26 @@ from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
-_ARGUMENTS = "first, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status, scene, integers, numbers"
+_ARGUMENTS = (
+    ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
+    ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
+    ("scene, integers, numbers", "record(a, 10), indices(a, 11), vector(a, 12)"),
+)
 
 
 def emit_block(out: Text, c: Context) -> None:
-    """The function that flies a block."""
-    text = out.function(f"fly_block({_ARGUMENTS})", "Fly the cases of a block, LANES from number ``first`` on.")
-    text("w = np.empty(SIZE_W)", "prepare(w, first, nominal, slots, draws, numbers)")
+    """The function that flies a block, with its arrays in the order of `sepmc.kernels.blocks.fly`."""
+    says = "Fly the cases of a block, LANES from number ``first`` on; ``a`` holds the arrays that come in and go out."
+    text = out.function("fly_block(w, first: int, a: Arrays)", says)
+    for names, arrays in _ARGUMENTS:
+        text(f"{names} = {arrays}")
+    text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
+    text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
+    text.block("for l in range(LANES):  # the last block is filled up with its last case")("w[UNSOUND + l] = 0.0")
+    inner = text.block("for k in range(slots.shape[0]):").lanes()
+    inner("value = draws[k, min(first + l, draws.shape[1] - 1)]", "w[P + slots[k] * LANES + l] = value")
+    inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
+    text("prepare(w)")
     if c.slabs.has("AIR"):
         text("centre(w, 0.0)")
     if c.shape.switches:
@@ -24,17 +37,6 @@ def emit_block(out: Text, c: Context) -> None:
     for number, stage in enumerate(c.shape.stages):
         _phase(text, c, number, stage)
     emit_results(text, c)
-
-
-def emit_entry(out: Text) -> None:
-    """The function that is called by address: it unpacks the arrays."""
-    out("", "", "@entry")
-    text = out.block("def enter(first, a):")
-    text('"""Fly a block; the arrays are unpacked in the order of `sepmc.kernels.blocks.fly`."""')
-    inner = text.block("fly_block(")
-    inner("first, vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4), vector(a, 5)[0], table(a, 6),")
-    inner("table(a, 7), block(a, 8), indices(a, 9), record(a, 10), indices(a, 11), vector(a, 12),")
-    text(")")
 
 
 def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
@@ -101,7 +103,7 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     inner(f"advance(w, {number}, {size}, left, usual[{number}])")
     if c.history:
         beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"  # the way to an event is not a step of the method
-        inner(f"keep(w, {number}, {beyond}, every, history, first)")
+        inner(f"keep(w, {number}, {beyond}, first, a)")
     if stage.events:
         text(f"approach(w, {number}, {size})")
     else:

@@ -34,8 +34,8 @@ class Context:
         return self.shape.plan.model.scene[0]
 
     def shared_vector(self, start: int) -> str:
-        """Name of a vector that all cases share, by its place in ``numbers``; it is read before the loop over lanes."""
-        line = f"shared_{start} = vec3.get(numbers, {start})"
+        """Name of a vector that all cases share, by its place in ``numbers`` and so in SHARED; it is read before the loop over lanes."""
+        line = f"shared_{start} = vec3.get(w, SHARED + {start})"
         if line not in (known.strip() for known in self.shared.lines):
             self.shared(line)
         return f"shared_{start}"

@@ -11,7 +11,7 @@ from sepmc.scene.model import GROUND
 def emit_aim(out: Text, c: Context, stage: Stage) -> None:
     """A function that finds the time to a phase's next event."""
     says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
-    text = out.function(f"aim_{stage.name}(w, usual)", says + " these change; at most to END.").lanes()
+    text = out.function(f"aim_{stage.name}(w, usual: float)", says + " these change; at most to END.").lanes()
     g = emit_state(text, c, stage, "Y")
     for body in c.shape.bodies:
         text(f"a_{body} = get3(w, K1 + V_{body} + l)")

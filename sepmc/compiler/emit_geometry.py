@@ -94,7 +94,7 @@ def emit_separation(text: Text, g: Geometry, joint: str) -> None:
     g.joint(text, joint)
     if g.slabs.add(f"APART_{joint}", 2):
         gap = f"vec3.dot({g.joint_ends(joint)[2]}, {g.context.shared_vector(10 * j)})"
-        g.context.shared(f"apart_{joint} = numbers[{10 * j + 9}]")
+        g.context.shared(f"apart_{joint} = w[SHARED + {10 * j + 9}]")
         g.parameters(f"w[APART_{joint} + l], w[APART_{joint} + LANES + l] = apart_{joint}, {gap}")
     text(f"apart, e = w[APART_{joint} + l], {g.axis(joint, 0)}")
     text(f"distance = apart * (vec3.dot(d, e) - w[APART_{joint} + LANES + l])")

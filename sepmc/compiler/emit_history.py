@@ -28,7 +28,7 @@ def _add(out: Text) -> None:
 def _extend(out: Text, c: Context) -> None:
     """A function for the continuous extension, after the stages that only it needs."""
     says = "Coefficients P1, P2, ... of the state over the step just made, by powers of its share gone by."
-    text = out.function("extend(w, phase)", says)
+    text = out.function("extend(w, phase: int)", says)
     stages, total, order = len(c.method.b), c.method.dense.shape[0], c.method.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
     if total > stages:
@@ -59,7 +59,8 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
 def _keep(out: Text, c: Context) -> None:
     """A function that writes the rows of a history that fall within a step. A row is written for the lanes whose step holds its instant."""
     says = "Separations at the instants within the step just made, and ``beyond`` it as a share of its length, every so many seconds."
-    text = out.function("keep(w, phase, beyond, every, history, first)", says)
+    text = out.function("keep(w, phase: int, beyond: float, first: int, a: Arrays)", says)
+    text("every, history = vector(a, 5)[0], block(a, 8)")
     text("low, high = math.inf, 0.0")
     text.lanes()("low = min(low, w[BEGIN_T + l])", "high = max(high, w[T + l] + beyond * w[STEP + l])")
     text.block("if not high < math.inf:")("return")

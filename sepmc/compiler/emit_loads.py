@@ -79,7 +79,7 @@ def emit_centre(out: Text, c: Context) -> None:
     if not bodies:
         return
     says = "Expand density and gravity about the height of every body that is further than ``far`` metres from where they were last."
-    text = out.function("centre(w, far)", says).lanes()
+    text = out.function("centre(w, far: float)", says).lanes()
     for body in bodies:
         c.slabs.add(f"NEAR_{body}", 4), c.slabs.add(f"DENSITY_{body}", 9)  # height, 1 / (R0 + height), R0 / (R0 + height), weight there
         c.parameters(f"w[NEAR_{body} + l] = -math.inf")

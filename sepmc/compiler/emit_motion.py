@@ -13,7 +13,7 @@ def emit_rates(out: Text, c: Context) -> None:
     """Functions for the derivative in every phase, and one that calls that of the phase."""
     for stage in c.shape.stages:
         _rates(out, c, stage)
-    text = out.function("rates(w, phase)", "Derivative D of the state S at the times CLOCK.")
+    text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
     for number, stage in enumerate(c.shape.stages):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{stage.name}(w)")
 

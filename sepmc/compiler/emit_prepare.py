@@ -12,17 +12,17 @@ _ZERO_AT_FIRST = (
 )
 
 
+def shared_size(c: Context) -> int:
+    """Numbers that all cases share: axes of joints and what makes their separation positive, axes of springs."""
+    return int(c.model.springs_x) + 3 * len(c.shape.scene.spring)
+
+
 def emit_prepare(out: Text, c: Context) -> None:
-    """A function that puts draws into lanes and sets up a flight; written when the other parts have said what they need."""
+    """A function that sets up a flight; written when the other parts have said what they need."""
     shape, slabs = c.shape, c.slabs
-    says = "Draws into lanes, and what a flight needs of the parameters P; the last block is filled up with its last case."
-    text = out.function("prepare(w, first, nominal, slots, draws, numbers)", says)
+    text = out.function("prepare(w)", "What a flight needs of the parameters P of its cases.")
     slabs.add("P", int(c.model.work)), slabs.add("UNSOUND", 1)
-    text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
-    text.lanes()("w[UNSOUND + l] = 0.0")
-    inner = text.block("for k in range(slots.shape[0]):").lanes()
-    inner("value = draws[k, min(first + l, draws.shape[1] - 1)]", "w[P + slots[k] * LANES + l] = value")
-    inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
+    slabs.add("SHARED", shared_size(c))
     if slabs.has("AIR"):
         text.lanes()(f"air, w[AIR_TOP + l] = layer({raw(at.ALTITUDE)})", "put4(w, AIR + l, air)")
     text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")("w[k] = 0.0")

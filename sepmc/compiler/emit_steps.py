@@ -32,7 +32,7 @@ def coefficients(rk: Method) -> list[str]:
 def emit_lengths(out: Text, c: Context) -> None:
     """A function for the step lengths of all lanes."""
     says = "Length of the first of ``left`` steps to END or to the next event, into all of STEP; an event is never foretold later than"
-    text = out.function("set_step(w, phase, left, usual)", says + " ``usual`` at first.")
+    text = out.function("set_step(w, phase: int, left: int, usual: float)", says + " ``usual`` at first.")
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
@@ -54,7 +54,7 @@ def emit_advance(out: Text, c: Context) -> None:
     """A function for one step by the method of the module; with a history, the beginning of the step is kept."""
     rk = c.method
     says = f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
-    text = out.function("advance(w, phase, size, left, usual)", says)
+    text = out.function("advance(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
     if c.history:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
@@ -71,7 +71,7 @@ def emit_approach(out: Text, c: Context) -> None:
     """A function for the rest of the way to an event: what is left is short, so that a method of low order will do."""
     rk = method("rk4")
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
-    text = out.function("approach(w, phase, size)", says)
+    text = out.function("approach(w, phase: int, size: int)", says)
     _begin(text, "1, math.inf", False)
     text.lanes()(f"w[LOST + l] = w[LOST + l] if abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l] else 1.0")
     _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
@@ -128,7 +128,7 @@ def emit_settle(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
     shape, slabs = c.shape, c.slabs
     says = "After a step: attitudes of unit length, pitch and roll followed through turns, constraints, and what disqualifies a case."
-    text = out.function("settle(w, phase)", says)
+    text = out.function("settle(w, phase: int)", says)
     for body in shape.turning:
         first = next((n for n, stage in enumerate(shape.stages) if body in stage.leaders), None)
         if first is not None:

@@ -123,9 +123,13 @@ def door(function):
         return numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(function)
 
 
-def entry(function):
-    """Compile, at once, a kernel called by its address with the number of a case and a pointer to its arguments; kept on disk."""
-    if config.DISABLE_JIT:
-        return function
-    with _own_cache():
-        return numba.cfunc("void(int64, CPointer(int64))", cache=True)(function)
+def compiled_piece(signature):
+    """Compile, at once, a function that is called by its address; kept on disk."""
+
+    def compiled(function):
+        if config.DISABLE_JIT:
+            return function
+        with _own_cache():
+            return numba.cfunc(signature, cache=True, fastmath=_FASTMATH, error_model="numpy")(function)
+
+    return compiled

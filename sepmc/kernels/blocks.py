@@ -4,7 +4,6 @@ A kernel compiled into a prange loop of its own would be optimised and turned in
 compile.
 """
 
-from types import ModuleType
 from typing import Any
 
 import numba
@@ -12,9 +11,10 @@ import numpy as np
 from numba import carray, prange, types
 from numba.extending import intrinsic
 
-from sepmc.kernels._jit import door, entry, formula
+from sepmc.kernels._jit import config, door, formula
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.layout import STRUCTURE
+from sepmc.kernels.pieces import Kernel
 
 _RECORD = numba.from_dtype(STRUCTURE)
 
@@ -36,25 +36,42 @@ _integers: Any = _pointer_to(types.int64)
 _records: Any = _pointer_to(_RECORD)
 
 
-def _call_intrinsic(typing_context, address, first, arguments):
-    """Call a kernel: void (int64 first, int64* arguments)."""
+def _enter_intrinsic(typing_context, address, room, skipped, first, arguments):
+    """Call a kernel: void (double* workspace, int64 first, int64* arguments); the workspace starts after so many numbers of ``room``."""
 
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
 
-        whole = ir.IntType(64)
-        kernel = ir.FunctionType(ir.VoidType(), [whole, whole.as_pointer()])
-        array = context.make_array(signature.args[2])(context, builder, values[2])
-        builder.call(builder.inttoptr(values[0], kernel.as_pointer()), [values[1], array.data])
+        whole, number = ir.IntType(64), ir.DoubleType()
+        kernel = ir.FunctionType(ir.VoidType(), [number.as_pointer(), whole, whole.as_pointer()])
+        data = context.make_array(signature.args[1])(context, builder, values[1]).data
+        array = context.make_array(signature.args[4])(context, builder, values[4])
+        workspace = builder.gep(data, [values[2]])
+        builder.call(builder.inttoptr(values[0], kernel.as_pointer()), [workspace, values[3], array.data])
         return context.get_dummy_value()
 
-    return types.none(types.int64, types.int64, arguments), generate
+    return types.none(types.int64, room, types.int64, types.int64, arguments), generate
 
 
-_call: Any = intrinsic(_call_intrinsic)
+def _put_intrinsic(typing_context, room, k, address):
+    """Put a whole number in the place of a floating one."""
+
+    def generate(context, builder, signature, values):
+        from llvmlite import ir  # noqa: PLC0415
+
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        places = builder.bitcast(data, ir.IntType(64).as_pointer())
+        builder.store(values[2], builder.gep(places, [values[1]]))
+        return context.get_dummy_value()
+
+    return types.none(room, types.int64, types.int64), generate
 
 
-# What a kernel is given: address and up to three sizes of every array, four numbers each.
+_enter: Any = intrinsic(_enter_intrinsic)
+_put: Any = intrinsic(_put_intrinsic)
+Arrays = Any  # what a kernel is given: address and up to three sizes of every array, four numbers each
+
+
 @formula
 def vector(a, k):
     return carray(_floats(a[4 * k]), (a[4 * k + 1],))
@@ -80,14 +97,29 @@ def record(a, k):
     return carray(_records(a[4 * k]), (1,))[0]
 
 
+if config.DISABLE_JIT:  # then they are given as they are
+
+    def _as_it_is(a, k):
+        return a[k]
+
+    def _record_as_it_is(a, k):
+        return a[k][0]
+
+    vector = indices = table = block = _as_it_is
+    record = _record_as_it_is
+
+
 @door
-def _fly_blocks(address, blocks, arguments):
-    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address."""
+def _fly_blocks(address, blocks, size, calls, arguments):
+    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address, whose pieces are at ``calls``."""
     for number in prange(blocks):
-        _call(address, number * LANES, arguments)
+        room = np.empty(calls.shape[0] + size)
+        for k in range(calls.shape[0]):
+            _put(room, k, calls[k])
+        _enter(address, room, calls.shape[0], number * LANES, arguments)
 
 
-def fly(module: ModuleType, scene, whole, numbers, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status) -> None:
+def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status) -> None:
     """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (phases,) steps a phase, which usually
     lasts ``usual`` (phases,) s.
 
@@ -96,21 +128,21 @@ def fly(module: ModuleType, scene, whole, numbers, nominal, slots, draws, steps,
     (n, rows, 2 joints). Arrays are contiguous.
     """
     arrays = (nominal, slots, draws, steps, usual, np.array([every]), outcomes, ends, history, status, scene, whole, numbers)
-    blocks = (draws.shape[1] + module.LANES - 1) // module.LANES
-    if not hasattr(module.enter, "address"):  # plain Python
+    if kernel.plain is not None:
         with np.errstate(all="ignore"):  # as compiled code is
-            for number in range(blocks):
-                module.fly_block(number * module.LANES, *arrays[:5], every, *arrays[6:10], scene[0], whole, numbers)
+            for first in range(0, draws.shape[1], kernel.plain.LANES):
+                kernel.plain.fly_block(np.empty(kernel.plain.SIZE_W), first, arrays)
         return
     for array in arrays:
         assert array.flags.c_contiguous
     rows = [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays]
-    _fly_blocks(module.enter.address, blocks, np.array(rows, dtype=np.int64).ravel())
+    blocks = (draws.shape[1] + LANES - 1) // LANES
+    _fly_blocks(kernel.address, blocks, kernel.size, kernel.calls, np.array(rows, dtype=np.int64).ravel())
 
 
 def compile_blocks() -> None:
     """Compile the loop over blocks, or load it from the disk cache, by flying none."""
-    _fly_blocks(0, 0, np.zeros(0, dtype=np.int64))
+    _fly_blocks(0, 0, 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
 
-__all__ = ["block", "compile_blocks", "entry", "fly", "indices", "record", "table", "vector"]
+__all__ = ["Arrays", "block", "compile_blocks", "fly", "indices", "record", "table", "vector"]

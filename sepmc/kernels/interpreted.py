@@ -13,10 +13,11 @@ import numpy as np
 
 import sepmc.kernels
 from sepmc.kernels._jit import config
+from sepmc.kernels.pieces import Kernel
 
 _PACKAGE = "sepmc.kernels"
 _plain: dict[str, ModuleType] = {}  # second copies, by name
-_loaded: dict[str, ModuleType] = {}  # kernels, by their text
+_loaded: dict[str, Kernel] = {}  # kernels, by their text
 # Compiled code divides by zero as numpy does, so a root must be one of numpy's numbers.
 _MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: np.float64(math.sqrt(x) if x >= 0.0 else math.nan)})
 
@@ -45,7 +46,7 @@ def _without_compiler() -> Iterator[None]:
         package.kernels = sepmc.kernels  # type: ignore[attr-defined]
 
 
-def load(text: str) -> ModuleType:
+def load(text: str) -> Kernel:
     """The kernel with this text, to be flown by `sepmc.kernels.blocks.fly` in plain Python."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
@@ -55,5 +56,5 @@ def load(text: str) -> ModuleType:
             if getattr(plain, "math", None) is math:
                 plain.math = _MATH  # type: ignore[attr-defined]
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
-        _loaded[text] = module
+        _loaded[text] = Kernel(plain=module)
     return _loaded[text]
