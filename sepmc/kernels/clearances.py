@@ -31,7 +31,7 @@ _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below 
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
 _NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
 _DEPTH = 56  # halvings of a step, one within the other, at most
-_MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. Steps far too long for a motion take them all
+_MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them all is given up
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
 _NODE = 15
 
@@ -138,6 +138,12 @@ def _reach(part):
 
 
 @stage
+def _is_rim(kind):
+    """Whether a pair is a rim of a solid within a shell, whose distance ends where the rim leaves."""
+    return kind in (SHELL_ON_FIRST, SHELL_ON_SECOND)
+
+
+@stage
 def _placed(part, pose):
     """A part of body b in the axes of body a."""
     start, axis, length, r0, r1 = part
@@ -237,8 +243,7 @@ def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, 
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
     beyond = outcomes[first]  # NaN: nothing known yet
-    within = kind in (SHELL_ON_FIRST, SHELL_ON_SECOND)
-    if within:
+    if _is_rim(kind):
         beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
     elif beyond < 0.0:
         return
@@ -265,6 +270,8 @@ def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, 
             middle[_BEND] = right[_BEND] = 8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
         top += 1
         halvings += 1
+    if top > 0:
+        w[m.scene.work + at.UNSEARCHED] = 1.0
 
 
 @stage
@@ -288,7 +295,7 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
     move = speed * dt
     if not move > tiny:
         return False
-    if kind not in (SHELL_ON_FIRST, SHELL_ON_SECOND):
+    if not _is_rim(kind):
         if best == 0.0:  # only touching earlier counts
             may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, right, move, dt) < 0.0
             return may_touch and d0 > 0.0 and time < outcomes[first + 1]

@@ -343,7 +343,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             lost, turned = follow_angles(y0, length, m, w)
             if lost:
                 audit[at.SINGULAR_AUDIT] = 1.0
-            if turned > _MOST_TURNED:
+            if turned > _MOST_TURNED or w[m.scene.work + at.UNSEARCHED] != 0.0:
                 status = UNRESOLVED
                 break
             energy = kinetic_energy(y0, m, w)

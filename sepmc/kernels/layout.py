@@ -65,7 +65,8 @@ WRENCH_COLUMNS = 15  # per joint in a full history: force and moment on both bod
 ORIGIN, ORIGIN_VELOCITY, STEADY_WIND = 0, 3, 6
 LEFT_AIR, LEFT_TABLE, JAMMED = 9, 10, 11  # set once a height was outside the atmosphere, a flow outside a table, a guide jammed
 PIVOT, REDUNDANT = 12, 13  # smallest pivot so far, most redundant rows so far
-WORK_HEAD = 14
+UNSEARCHED = 14  # set once a step was too long to be searched for a clearance
+WORK_HEAD = 15
 # per body: inertia, its inverse, attitude (9 each); load: force in ground axes, moment less w x J w in body axes; acceleration:
 # linear in ground axes, angular in body axes; 1 / mass; pitch and roll at the last step, continuous
 TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL, INVERSE_MASS, LAST_PITCH, LAST_ROLL = 0, 9, 18, 27, 33, 39, 40, 41
