@@ -165,9 +165,9 @@ def test_a_planted_fault_is_found(planted, monkeypatch):
 
 
 @pytest.mark.slow
-def test_twelve_scenes():
-    """Twelve random scenes fly as the independent flight does, interpreted."""
-    found = drive.gate(12, 1000, say=lambda text: None)
+def test_thirty_scenes():
+    """Thirty random scenes fly as the independent flight does, interpreted."""
+    found = drive.gate(30, 1000, say=lambda text: None, cases=2)
     assert not [v for v in found if drive.fails(v)], drive.table(found)
 
 
