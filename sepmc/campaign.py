@@ -23,6 +23,7 @@ from sepmc.remarks import together
 from sepmc.result import Result
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.fields import convert
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
@@ -143,6 +144,14 @@ class Campaign:
     def factors(self) -> np.ndarray:
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
+    def in_si(self, drawn: np.ndarray) -> np.ndarray:
+        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where a law's tail reaches what may not be."""
+        draws = drawn * self.factors
+        for i, dispersion in enumerate(self.file.dispersions):
+            if dispersion.has_tails:
+                draws[~dispersion.allowed(drawn[:, i]), i] = np.nan
+        return draws
+
     @property
     def digest(self) -> str:
         """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal rows."""
@@ -183,14 +192,15 @@ class Campaign:
         """
         check_every(step_s, self.scene)
         warm_up()
-        scene, none = (case or self.nominal()).scene, np.empty(0, dtype=np.int64)
-        step, notes = (scene.solver.step, []) if scene.solver.step else settle_case(scene, self.outcome_columns)
+        scene = (case or self.nominal()).scene
+        unfit = self._unfit(case)
+        step, notes = (scene.solver.step, []) if scene.solver.step or unfit else settle_case(scene, self.outcome_columns)
         plan = make_plan(scene, history_step=step_s, step=step)
         columns = schema.history_columns(plan.contents)
         counts = plan.model.scene[0]
         changes = counts.n_events + counts.n_joints * (counts.n_phases + counts.n_releases)  # each with a row before and one after
         room = int(plan.scene.run.end_time / step_s) + 2 * int(changes) + 4
-        block = fly_block(plan, none, np.empty((1, 0)), room, len(columns), FULL_HISTORY)
+        block = fly_block(plan, self.slots[: len(unfit)], np.full((1, len(unfit)), np.nan), room, len(columns), FULL_HISTORY)
         rows = int(block.rows[0])
         data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}
         data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}
@@ -202,9 +212,20 @@ class Campaign:
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": outcomes,
             "status": Status(int(block.status[0])).label,
-            "notes": notes + together(scene, outcomes, which),
+            "notes": unfit + notes + together(scene, outcomes, which),
         }
         return frame
+
+    def _unfit(self, case: Case | None) -> list[str]:
+        """A sentence for each number of a case that may not be, drawn from the tail of a law."""
+        found = []
+        for dispersion in self.file.dispersions:
+            parameter, field = dispersion.parameter, dispersion.parameter.field
+            value = (case.inputs if case else {}).get(parameter.column)
+            if value is not None and field is not None and dispersion.has_tails:
+                why = convert(value * parameter.factor, field.type)[1]
+                found += [f"{parameter.key} = {value:g}: {why}"] if why else []
+        return found
 
     def _seed(self, seed: int | None) -> int:
         return self.scene.run.seed if seed is None else whole("seed", seed, 0)

@@ -108,7 +108,7 @@ class Chunks:
         drawn = cases.draw(campaign.file.dispersions, self.seed, first, end - first)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
-        block = fly(campaign, self.flight, drawn * campaign.factors, self.room, self.announce)
+        block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
         if block.lost:
             self.left, self.unsettled = self.left + len(block.lost.which), self.unsettled + block.lost.unsettled
             self._change = np.maximum(self._change, block.lost.change)

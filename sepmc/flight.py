@@ -49,11 +49,15 @@ class Flight:
 
 
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one."""
+    """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one; those with a draw
+    that is not finite by none."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step, draws, room)
     block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
     lost = np.flatnonzero(block.status < 0)
+    fit = np.isfinite(draws[lost]).all(axis=1)
+    block.outcomes[lost[~fit]], block.status[lost[~fit]], block.rows[lost[~fit]] = np.nan, Status.INVALID_INPUT, 0
+    lost = lost[fit]
     if len(lost):
         warm_up(announce)
         block.lost = _fly_lost(campaign, flight, draws, room, block, lost)

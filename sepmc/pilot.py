@@ -68,8 +68,8 @@ def corners(campaign: "Campaign") -> np.ndarray:
             u = random.permutation(np.resize(_middles(law), count))
         elif _is_wide(law):
             u = (random.permutation(count) + 0.5) / max(1, count)
-        table[:, i] = cases.quantile(law, np.concatenate([[0.5], u])) * campaign.factors[i]
-    return table
+        table[:, i] = _quantiles(law, np.concatenate([[0.5], u]))
+    return table * campaign.factors
 
 
 def sample(campaign: "Campaign", count: int) -> np.ndarray:
@@ -84,8 +84,14 @@ def sample(campaign: "Campaign", count: int) -> np.ndarray:
         u = np.concatenate([(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)])
         if law.law == "discrete" and not law.parameter.path.endswith(".fails"):
             u[half:] = random.permutation(np.resize(_middles(law), count - half))
-        table[:, i] = cases.quantile(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53)) * campaign.factors[i]
-    return table
+        table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
+    return table * campaign.factors
+
+
+def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
+    """Values of a law at probabilities; the middle one in place of what the parameter may not be."""
+    values = cases.quantile(law, u)
+    return np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5]))) if law.has_tails else values
 
 
 def _middles(law: Dispersion) -> np.ndarray:

@@ -37,7 +37,7 @@ _SENTENCES = {
     Status.OK: "flown to the end",
     Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, at the end time: a release that was "
     "drawn to fail, a run.end_time_s too short, or too little separation force; left out of the statistics",
-    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number not finite: narrow the dispersion",
+    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number not what it may be: narrow the dispersion",
     Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
     Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no length, or an axis parallel to another?",
     Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",

@@ -12,6 +12,7 @@ from scipy import stats
 
 from sepmc import cases
 from sepmc.campaign import Campaign
+from sepmc.door import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
 
@@ -194,3 +195,38 @@ def test_independent_inertias_warn_and_are_counted():
     xx, yy, zz = (drawn := cases.draw(campaign.file.dispersions, 2019, 0, 200)).T
     broken = np.sum(np.maximum(yy, zz) > xx + np.minimum(yy, zz))
     assert 0 < campaign.implausible_inertias(drawn) == broken < 200
+
+
+TAIL = {
+    "body": {
+        name: {"mass_kg": mass, "inertia_kg_m2": [mass, 2.0 * mass, 2.0 * mass], "cg_m": [station, 0.0, 0.0]}
+        for name, mass, station in (("upper", 100.0, 1.0), ("lower", 200.0, 3.0))
+    },
+    "environment": {"atmosphere": "none", "gravity": "none"},
+    "motor": [
+        {"name": "retro", "body": "lower", "thrust_N": 2000.0, "station_m": 4.0, "build_up_s": 0.05, "burn_s": 0.06, "tail_off_s": 0.1}
+    ],
+    "joint": {"bolt": {"bodies": ["upper", "lower"], "point_m": [2.0, 0.0, 0.0]}},
+    "phase": [{"name": "locked", "joints": {"bolt": "fixed"}, "until": {"time_s": 0.1}}, {"name": "free"}],
+    "initial": {"altitude_m": 1000.0, "speed_m_s": 100.0},
+    "run": {"end_time_s": 0.5, "cases": 60},
+    "solver": {"accuracy": 1e-6},
+}
+
+
+@pytest.mark.parametrize("full", [False, True], ids=["written", "general"])
+@pytest.mark.parametrize("key", ["joint.bolt.delay_s", "motor.retro.burn_s"])
+def test_a_tail_that_may_not_be(key, full):
+    """A negative delay or burn, drawn by a normal law that is not cut: a status, of the row and of its replay, and no number."""
+    settings = {"dispersion": {key: {"normal": [0.03, 0.03]}}} | ({"solver.formulation": "full"} if full else {})
+    campaign = Campaign(parse_campaign(TAIL, "tail.toml", settings))
+    with interpreted():
+        table = campaign.run().to_pandas()
+    bad = (table[campaign.input_columns[0].name] < 0.0).to_numpy()
+    assert 3 <= bad.sum() <= 20
+    assert list(table["status"][bad].unique()) == ["invalid-input"]
+    assert list(table["status"][~bad].unique()) == ["ok"]
+    assert table.loc[bad, [c.name for c in campaign.outcome_columns]].isna().all(axis=None)
+    history = campaign.simulate(campaign.case(int(np.flatnonzero(bad)[0])))
+    assert history.attrs["status"] == "invalid-input"
+    assert f"{key} = -" in history.attrs["notes"][0]

@@ -195,3 +195,25 @@ def test_any_tree_is_refused_or_can_be_flown(edits):
     drawn = cases.draw(campaign.file.dispersions, 1, 0, 3) * campaign.factors
     assert np.isfinite(drawn).all()
     assert len(campaign.plan.nominal) > campaign.slots.max(initial=0)
+
+
+@pytest.mark.parametrize("key", ["body.upper.cg_mm.z", "body.upper.cg_m.z"])
+@pytest.mark.parametrize("given", [[1.0, 0.02, 0.0], {"x": 1.0, "y": 0.02}], ids=["list", "table"])
+def test_one_component_in_another_unit_keeps_the_others(given, key):
+    """However the vector was written."""
+    tree = copy.deepcopy(TREE)
+    body = tree["body"]["upper"]
+    for old in [k for k in body if k.startswith("cg_")]:
+        del body[old]
+    body["cg_m"] = given
+    scene = parse_campaign(tree, "t.toml", {key: 5.0 if "_mm" in key else 0.005}).scene
+    assert scene.body["upper"].cg == pytest.approx((1.0, 0.02, 0.005), rel=1e-15)
+
+
+def test_names_are_not_units(pair):
+    """A joint called strut_t is not strut_m in another unit."""
+    strut = {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0]}
+    phase = {"name": "locked", "joints": {"strut_t": "fixed", "strut_m": "point-on-line"}}
+    tree = pair().file.tree | {"joint": {"strut_t": strut, "strut_m": strut}, "phase": [phase]}
+    scene = parse_campaign(tree, "t.toml", {"phase.locked.joints.strut_t": "point-on-plane"}).scene
+    assert scene.phase[0].joints == {"strut_t": "point-on-plane", "strut_m": "point-on-line"}

@@ -6,7 +6,7 @@ from sepmc.kernels import guides, joints, quat, vec3
 from sepmc.kernels import layout as at
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, air_angles
-from sepmc.kernels.atmosphere import sound_speed, us1976
+from sepmc.kernels.atmosphere import TOP, density_in_layer, in_layer, sound_speed
 from sepmc.kernels.cfe import attitude, joint_axes, joint_geometry, load_pair, separation, solve_motion
 from sepmc.kernels.gravity import gravity
 from sepmc.kernels.places import (
@@ -63,18 +63,21 @@ def air_velocity(t, y, b, m, w):
 
 
 @stage
-def air_at(altitude, m, w):
-    """Density (kg/m3) and speed of sound (m/s) at a height; notes a height at which there is none."""
+def air_at(altitude, b, m, w):
+    """Density (kg/m3) and speed of sound (m/s) for body b at a height; notes a height at which there is none."""
     if m.scene.atmosphere == at.AIR_TABLE:
         if not m.numbers[m.scene.air_x - 2] <= altitude <= m.numbers[m.scene.air_x - 1]:
             if math.isfinite(altitude):
                 w[m.scene.work + at.LEFT_AIR] = 1.0
             return math.nan, math.nan
         return math.exp(curve(m.numbers, m.scene.air_x, 0, altitude)), curve(m.numbers, m.scene.air_x, 1, altitude)
-    density, _, temperature = us1976(altitude)
-    if math.isnan(density) and math.isfinite(altitude):
-        w[m.scene.work + at.LEFT_AIR] = 1.0
-    return density, sound_speed(temperature)
+    if not 0.0 <= altitude <= TOP:
+        if math.isfinite(altitude):
+            w[m.scene.work + at.LEFT_AIR] = 1.0
+        return math.nan, math.nan
+    k = body_work(b, m) + at.LAYER
+    base = (w[k], w[k + 1], w[k + 2], w[k + 3])
+    return density_in_layer(altitude, base), sound_speed(in_layer(altitude, base)[1])
 
 
 @stage
@@ -143,7 +146,7 @@ def aerodynamics(t, y, b, m, w):
     keep_apart()
     p = body_params(b)
     speed, alpha, beta = air_angles(air_velocity(t, y, b, m, w))
-    density, sound = air_at(height(t, y, b, m, w), m, w)
+    density, sound = air_at(height(t, y, b, m, w), b, m, w)
     force_c, moment_c = _coefficients(y, b, speed / sound, alpha, beta, m, w)
     qs = 0.5 * (w[at.DENSITY_FACTOR] * density) * speed * speed * w[p + at.AREA]
     force = aero_force(qs * w[p + at.FORCE_FACTOR], force_c)

@@ -9,6 +9,7 @@ from sepmc.kernels import layout as at
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.correct import hold, residuals
 from sepmc.kernels.dynamics import kinetic_energy, motion, rest_energy, set_attitudes
+from sepmc.kernels.layers import enter_layer, set_layers, stop_at_layer
 from sepmc.kernels.layout import GRAIN
 from sepmc.kernels.observe import follow_angles, full_row, joint_outcomes_at, report, separation_row
 from sepmc.kernels.outputs import GOLDEN, NODES, note_tip_off, row_size, start_watching, watch_step, watches
@@ -250,6 +251,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
     audit[at.PIVOT_AUDIT] = 1.0
     _begin(y0, outcomes, m, w)
     start_watching(outcomes, m)
+    set_layers(t, y0, m, w)
     set_attitudes(y0, m, w)
     start = residuals(y0, m, w)
     if not max(start[0], start[1], start[2], start[3]) <= _CONSISTENT:
@@ -294,23 +296,26 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             if drift > _UNRESOLVED:
                 status = UNRESOLVED
                 break
-            found, cut, stages_kept = -1, False, True
+            found, error, stages_kept, whole = -1, 0.0, True, length
+            length, leaves, into = stop_at_layer(t, length, y0, y1, scratch, k, rk, m, w)
+            border = length
             if m.scene.n_leaves > 0:
-                whole = length
                 length, found, error, stages_kept = _first_event(t, length, y0, y1, sample, scratch, weights, k, rk, phase, m, w)
                 if length < 0.0:
                     status = NO_ROOT
                     break
-                cut = found >= 0 or length < whole
-                if cut and i + 1 < least and length > GRAIN and t > split_end + GRAIN:
-                    divided, split_end = least - i, t + length
-                    set_attitudes(y0, m, w)
-                    break
-                if cut:
-                    t_next, split_end = t + length, -1.0
-                if found >= 0:
-                    audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
-                    w[leaf_work(found, m) + at.MET] = 1.0
+            cut = found >= 0 or length < whole
+            if cut and i + 1 < least and length > GRAIN and t > split_end + GRAIN:
+                divided, split_end = least - i, t + length
+                set_attitudes(y0, m, w)
+                break
+            if cut:
+                t_next, split_end = t + length, -1.0
+            if found >= 0:
+                audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
+                w[leaf_work(found, m) + at.MET] = 1.0
+            if leaves >= 0 and length == border:
+                enter_layer(into, leaves, m, w)
             wants_history = level != at.NO_HISTORY and rk.history_step > 0.0
             if length > 0.0 and (watches(m) or (wants_history and next_sample * rk.history_step <= t_next + GRAIN)):
                 if cut or not stages_kept:

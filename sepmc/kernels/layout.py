@@ -40,7 +40,7 @@ NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
 # Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis k of A" is ROTATION + 3 i + k.
 ROTATION, ROD, NO_ROW = 3, 12, -1
 KIND_SIZE = 7  # of a joint kind in the integer table: number of rows, then their codes
-FREE, FIXED = 0, 1  # kinds every scene has
+FREE = 0  # a kind that every scene has
 # Conditions: what is compared with a threshold.
 AT_TIME, AT_BURN_OUT, AT_STROKE, AT_DISTANCE, AT_ANGLE, AT_FORCE, AT_MOMENT, AT_ALTITUDE, AT_SPRING_STROKE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 LEAF_SIZE = (
@@ -70,7 +70,8 @@ WORK_HEAD = 15
 # per body: inertia, its inverse, attitude (9 each); load: force in ground axes, moment less w x J w in body axes; acceleration:
 # linear in ground axes, angular in body axes; 1 / mass; pitch and roll at the last step, continuous
 TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL, INVERSE_MASS, LAST_PITCH, LAST_ROLL = 0, 9, 18, 27, 33, 39, 40, 41
-BODY_WORK = 42
+LAYER, LAYER_TOP = 42, 46  # of the standard atmosphere that a body flies in: see `atmosphere.layer`
+BODY_WORK = 47
 # per motor: unit thrust, its moment about the centre of mass (body axes); whether it burns in this stretch of time or tails off,
 # and the line its profile follows there
 THRUST_LINE, THRUST_MOMENT, BURNING, LEVEL, SLOPE = 0, 3, 6, 7, 8
@@ -107,7 +108,7 @@ STRUCTURE = np.dtype(
     n_bodies ground n_motors n_joints n_springs n_loads n_phases n_releases n_leaves n_events n_terms n_proximity n_load_outputs n_tip_off
     n_guides n_clearances friction pivot_joint atmosphere gravity formulation drift motors_p joints_p springs_p loads_p leaves_p
     proximity_p terms_p work motors_w joints_w springs_w loads_w leaves_w events_w rows_w matrix_w rhs_w size_w motor_body_i profile_i
-    joint_bodies_i kinds_i phase_kinds_i spring_bodies_i load_i leaves_i events_i clauses_i clause_leaves_i releases_i terms_i
+    joint_bodies_i kinds_i held_along_i phase_kinds_i spring_bodies_i load_i leaves_i events_i clauses_i clause_leaves_i releases_i terms_i
     aero_table_i proximity_i load_outputs_i tip_off_i guides_i pins_i clearances_i parts_i springs_x air_x wind_x
 """.split()
         ],
@@ -122,7 +123,8 @@ class Model(NamedTuple):
     ``*_i`` of integer tables in ``table``, ``*_x`` of numbers that all cases share in ``numbers``.
 
     Integer tables: motor_body (motors,); profile (motors, 2) start in ``numbers`` and rows; joint_bodies (joints, 2); kinds of
-    KIND_SIZE; phase_kinds (phases, joints); spring_bodies (springs, 2); load (loads, 2) body and frame; leaves of LEAF_SIZE;
+    KIND_SIZE; held_along (kinds,) the kind that holds x too; phase_kinds (phases, joints); spring_bodies (springs, 2); load
+    (loads, 2) body and frame; leaves of LEAF_SIZE;
     events (events, 2) first clause and their number, an event being met when one of its clauses is: first the ends of the phases,
     then the releases, then the strokes of springs; clauses (clauses, 2) first condition and their number, all of which must be met,
     in clause_leaves; releases (releases, 2) joint and kind; terms (terms, 4) of body, coefficient, power of alpha, power of beta;

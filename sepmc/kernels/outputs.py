@@ -66,7 +66,8 @@ def _guide_row(y, j, row, k, m, w):
         row[k + i] = max(at_mouth, at_tip)
     # what would hold the joint along x, less friction, is what drives it apart
     work = joint_work(j, m)
-    kind, w[work + at.KIND] = w[work + at.KIND], at.FIXED
+    kind = w[work + at.KIND]
+    w[work + at.KIND] = m.table[m.scene.held_along_i + kind_of(j, m, w)]
     solve_motion(y, m, w)
     drive = max(0.0, -m.numbers[joint_axes_x(j) + 9] * guide_wrench(j, m, w)[0][0] - w[work + at.FRICTION_FORCE])
     w[work + at.KIND] = kind

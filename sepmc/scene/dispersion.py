@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from sepmc.scene.fields import allowed
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Law, Scene
 from sepmc.scene.parameters import Parameter, UnknownPath, find, value
@@ -45,6 +48,16 @@ class Dispersion:
             mean, sigma, _ = self.numbers
             return mean - 3.0 * sigma, mean + 3.0 * sigma
         return self.support
+
+    @property
+    def has_tails(self) -> bool:
+        """Whether the law, a normal one that is not cut, can give what its parameter may not be."""
+        return self.law == "normal" and math.isinf(self.numbers[2]) and self.parameter.field is not None
+
+    def allowed(self, values: np.ndarray) -> np.ndarray:
+        """Which of the values (n,), in the unit of the key, the parameter may have."""
+        field = self.parameter.field
+        return np.isfinite(values) if field is None else allowed(field.type, values * self.parameter.factor)
 
 
 def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dispersion, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+import numpy as np
 
 from sepmc.scene.model import Quantity
 from sepmc.scene.units import UNITS
@@ -79,6 +80,24 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
         bare, nested = _unwrap(inner)
         return bare, quantity or nested
     return annotation, None
+
+
+def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
+    """Which of the values (n,) a field of a type may have: what `convert` says of each, from the bounds alone."""
+    fits = np.isfinite(values)
+    for bound in _bounds(kind):
+        fits &= values > bound.gt if bound.gt is not None else True
+        fits &= values >= bound.ge if bound.ge is not None else True
+        fits &= values < bound.lt if bound.lt is not None else True
+        fits &= values <= bound.le if bound.le is not None else True
+    return fits
+
+
+def _bounds(annotation: Any) -> list[msgspec.Meta]:
+    """All bounds of a type."""
+    found = [extra for extra in get_args(annotation)[1:] if isinstance(extra, msgspec.Meta)] if get_origin(annotation) is Annotated else []
+    inner = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else get_args(annotation)[:1]
+    return found + [bound for option in inner for bound in _bounds(option)]
 
 
 def to_si(value: Any, factor: float) -> Any:

@@ -79,6 +79,11 @@ class Kinds:
         return self.rows.index(rows_of(self.scene.joint[joint], kind))
 
     @property
+    def held_along(self) -> list[int]:
+        """Of every kind, the one that holds translation along x too; itself if there is none."""
+        return [self.rows.index(rows) if rows in self.rows else i for i, rows in enumerate(map(_with_x, self.rows))]
+
+    @property
     def table(self) -> list[int]:
         return [x for rows in self.rows for x in (len(rows), *rows, *([at.NO_ROW] * (at.KIND_SIZE - 1 - len(rows))))]
 
@@ -87,8 +92,18 @@ class Kinds:
         return [self.index(j, phase.joints.get(j, "free")) for phase in self.scene.phase for j in self.scene.joint]
 
 
+def _with_x(rows: tuple[int, ...]) -> tuple[int, ...]:
+    return rows if 0 in rows else (0, *rows)
+
+
 def make_kinds(scene: Scene) -> Kinds:
-    """Kinds of a scene; free and fixed always come first."""
-    used = [rows_of(scene.joint[j], kind) for phase in scene.phase for j, kind in phase.joints.items()]
-    used += [rows_of(scene.joint[release.joint], release.to) for release in scene.release]
-    return Kinds(scene, list(dict.fromkeys([KINDS["free"], KINDS["fixed"], *used])))
+    """Kinds of a scene; free always comes first. Of guides that are watched also what they would hold if they jammed."""
+    used = [(j, rows_of(scene.joint[j], kind)) for phase in scene.phase for j, kind in phase.joints.items()]
+    used += [(release.joint, rows_of(scene.joint[release.joint], release.to)) for release in scene.release]
+    jammed = [_with_x(rows) for joint, rows in used if joint in scene.output.guide and _slides(rows)]
+    return Kinds(scene, list(dict.fromkeys([KINDS["free"], *(rows for _, rows in used), *jammed])))
+
+
+def _slides(rows: tuple[int, ...]) -> bool:
+    """Whether a kind is that of a guide: free along x, held sideways and against tilting."""
+    return 0 not in rows and {1, 2} <= set(rows) and sum(at.ROTATION <= row < at.ROD for row in rows) >= 2

@@ -166,10 +166,13 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 break
 
 
-def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, named: bool = False) -> None:
+_NAMES = ("body", "joint", "joints", "kind", "outcome")  # tables whose keys are names, in which nothing is a unit
+
+
+def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, table: str = "") -> None:
     """Put a value at a TOML path, replacing the same parameter if it was given in another unit.
 
-    ``named``: the tables in ``node`` have names of their own, so that one can be changed but not made.
+    ``table``: what ``node`` is called. Bodies and joints have names of their own, so that one can be changed but not made.
     """
     head, rest = parts[0], parts[1:]
     if isinstance(node, list):
@@ -184,16 +187,16 @@ def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, 
     if not isinstance(node, dict):
         problems.add(key, "the path ends before " + repr(head))
         return
-    stem, unit = split_unit(head)
+    stem, unit = (head, "") if table in _NAMES else split_unit(head)
     other = next((k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem), None)
     if other is not None:
         held = node.pop(other)
-        if rest and isinstance(held, list) and _kind(unit) == _kind(split_unit(other)[1]):
-            kind = UNITS[_kind(unit)]
-            node[head] = to_si(held, kind[split_unit(other)[1]] / kind[unit])
+        if rest and isinstance(held, list | dict) and _kind(unit) == _kind(split_unit(other)[1]):
+            factor = UNITS[_kind(unit)][split_unit(other)[1]] / UNITS[_kind(unit)][unit]
+            node[head] = to_si(held, factor) if isinstance(held, list) else {k: to_si(v, factor) for k, v in held.items()}
     if not rest:
         node[head] = value
-    elif head not in node and named:
+    elif head not in node and table in ("body", "joint"):
         problems.add(key, f"no {head!r} here; {nearest(head, node)}")
     elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:
         if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
@@ -201,7 +204,7 @@ def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, 
         else:
             problems.add(key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem]))
     else:
-        _put(node.setdefault(head, {}), rest, value, problems, key, named=head in ("body", "joint"))
+        _put(node.setdefault(head, {}), rest, value, problems, key, head)
 
 
 def _kind(unit: str) -> str:

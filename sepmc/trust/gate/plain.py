@@ -35,7 +35,7 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
 
 def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
     scene = campaign.scene
-    draws = cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES) * campaign.factors
+    draws = campaign.in_si(cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES))
     if why := pilot.reasons(campaign):
         warm_up(announce)
         return pilot.choose_step(campaign, why, draws, draws[:0])

@@ -1,0 +1,61 @@
+"""Borders between the layers of the standard atmosphere: steps end there, and nowhere else."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sepmc.kernels.atmosphere import R0
+from sepmc.trust.independent import fly
+
+BORDER = R0 * 11_000.0 / (R0 - 11_000.0)  # m, 11 km of geopotential height
+AIR = {"reference_area_m2": 0.5, "reference_length_m": 1.0}
+CLIMBING = {
+    "environment": {"atmosphere": "us1976", "gravity": "inverse-square"},
+    "body.fore.aerodynamics": AIR | {"axial": {"const": 0.003}},
+    "body.aft.aerodynamics": AIR | {"axial": {"const": 0.008}},
+    "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.2}}, {"name": "free", "joints": {}}],
+    "initial": {"altitude_m": BORDER - 101.0, "speed_m_s": 600.0, "pitch_deg": 30.0},
+    "output.loads": ["pins"],
+}
+
+
+def outcomes(campaign, step_s=0.05):
+    history = campaign.with_settings({"solver.step_s": step_s}).simulate(step_s=0.1)
+    assert history.attrs["status"] == "ok"
+    return history.attrs["outcomes"]
+
+
+@pytest.mark.parametrize("pitch", [30.0, -30.0])
+def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
+    """Both bodies pass at 300 m/s, free and at different times, in the middle of a step: 1e-11, where it was 1e-6."""
+    side = math.copysign(1.0, pitch)
+    campaign = pair(CLIMBING).with_settings({"initial.altitude_m": BORDER - side * 101.0, "initial.pitch_deg": pitch})
+    long, short = outcomes(campaign), outcomes(campaign, 0.001)
+    for name in ("separation_distance_mm", "separation_speed_m_s", "pins_force_impulse_N_s", "fore_alpha_deg"):
+        assert_allclose(long[name], short[name], rtol=1e-11, err_msg=name)
+    assert long["steps"] <= 10 + 2 * 4  # two borders, each with steps up to it and from there on
+
+
+def test_a_top_just_beyond_a_border(pair):
+    """A lob that comes 2 m into the next layer and falls back, all within one step of 1 s: both borders cut it."""
+    climb = 40.0 * math.sin(math.radians(80.0))
+    lob = {"altitude_m": BORDER + 2.0 - climb**2 / (2.0 * 9.773), "speed_m_s": 40.0, "pitch_deg": 80.0}
+    campaign = pair(CLIMBING | {"initial": lob, "phase": [{"name": "locked", "joints": {"pins": "fixed"}}], "run.end_time_s": 8.0})
+    long, short = outcomes(campaign, 1.0), outcomes(campaign, 0.01)
+    expected = fly(campaign.nominal().to_dict()).outcomes
+    for name in ("pins_peak_force_N", "fore_alpha_deg"):
+        assert_allclose(long[name], short[name], rtol=1e-9, err_msg=name)
+        assert_allclose(short[name], expected[name], rtol=1e-9, err_msg=name)
+    assert long["steps"] >= 8 + 4
+
+
+def test_a_start_on_a_border(pair):
+    """A body that starts there flies in the layer that it goes to: nothing is cut, up or down."""
+    one = {name: value for name, value in CLIMBING.items() if name != "body.aft.aerodynamics"}
+    for pitch in (30.0, -30.0):
+        ahead = 0.5 * math.sin(math.radians(pitch))  # of the mass centre
+        found = outcomes(pair(one).with_settings({"initial.altitude_m": BORDER - ahead, "initial.pitch_deg": pitch}))
+        assert found["steps"] == 10.0
+        assert np.isfinite(found["fore_alpha_deg"])
