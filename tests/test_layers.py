@@ -39,9 +39,9 @@ def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
 
 
 def test_a_top_just_beyond_a_border(pair):
-    """A lob that comes 2 m into the next layer and falls back, all within one step of 1 s: both borders cut it."""
+    """A lob that comes some 4 m into the next layer and falls back, all within one step of 1 s: both borders cut it."""
     climb = 40.0 * math.sin(math.radians(80.0))
-    lob = {"altitude_m": BORDER + 2.0 - climb**2 / (2.0 * 9.773), "speed_m_s": 40.0, "pitch_deg": 80.0}
+    lob = {"altitude_m": BORDER + 6.0 - climb**2 / (2.0 * 9.773), "speed_m_s": 40.0, "pitch_deg": 80.0}
     campaign = pair(CLIMBING | {"initial": lob, "phase": [{"name": "locked", "joints": {"pins": "fixed"}}], "run.end_time_s": 8.0})
     long, short = outcomes(campaign, 1.0), outcomes(campaign, 0.01)
     expected = fly(campaign.nominal().to_dict()).outcomes
