@@ -14,10 +14,12 @@ from sepmc import cases, pilot
 from sepmc.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign import Campaign
 from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
+from sepmc.kernels.methods import method
 from sepmc.pilot import Flight
 
 _MOST_STEPS = 64  # of a phase
 _HOPELESS = 16  # steps with which no case is sound: some other kernel has to fly it
+_HIGH = 8  # order of a method whose halved steps tell its error
 _CASES = 3  # as many as the gate compares: what the others need in steps would not be seen
 
 
@@ -44,7 +46,7 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
     own = scene_scales(scene, units)
     usual = np.full(len(scene.phase), np.inf)
     steps, before = np.full(len(scene.phase), 2, dtype=np.int64), None
-    errors = np.full(len(units), np.inf)
+    errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
@@ -54,6 +56,10 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
         settled = errors.max() <= pilot.SAFE * scene.solver.accuracy
+        if settled and before is not None and low_order:  # a step and its half can be off by the same
+            block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
+            both = sound & before[1] & (block.status == 0)
+            errors = np.maximum(errors, relative_error(before[0][both], block.outcomes[both, : len(units)], units, own))
         if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
             scale = scales(now[0][sound], units, own)

@@ -35,6 +35,7 @@ class Constraints:
         self.turn_a, self.turn_b = (np.array([getattr(j, side) for j, _ in turns], int) for side in "ab")
         self.axis_b = _vectors([j.axes[row[1]] for j, row in turns])
         self.axis_a = _vectors([j.axes[row[2]] for j, row in turns])
+        self.rank, self.known = -1, False  # rank and consistency show at the first state: later ones, of trial steps, are off the joints
         bodies = vehicle.n + 1
         self.units = np.eye(6 * bodies).reshape(bodies, 6, 6 * bodies)  # each of all speeds in turn
 
@@ -96,12 +97,19 @@ class Rows:
         self.weighted = np.concatenate([parts[:, :, :3] / self.vehicle.root[:, None], turn], axis=2).reshape(len(rows), 6 * n)
         self.scale = 1.0 / np.sqrt(np.sum(self.weighted**2, axis=1))
         self.scaled = self.scale[:, None] * self.weighted
+        if not np.isfinite(self.scaled).all():
+            raise np.linalg.LinAlgError
+        self.u, self.sizes, self.vt = np.linalg.svd(self.scaled)
+        if constraints.rank < 0:
+            constraints.rank = int(np.count_nonzero(self.sizes > _REDUNDANT * self.sizes.max(initial=0.0)))
 
     def change(self, wanted: Array) -> Array:
         """Least change of the weighted speeds, or accelerations, (6 n,) that changes those along the rows by as much as wanted."""
-        found = np.linalg.lstsq(self.scaled, self.scale * wanted, _REDUNDANT)[0]
+        rank = self.constraints.rank
+        found = self.vt[:rank].T @ ((self.u[:, :rank].T @ (self.scale * wanted)) / self.sizes[:rank])
         off = self.scaled @ found - self.scale * wanted
-        if not np.abs(off).max() <= _OFF * max(1.0, np.abs(self.scale * wanted).max()):
+        known, self.constraints.known = self.constraints.known, True
+        if not known and not np.abs(off).max() <= _OFF * max(1.0, np.abs(self.scale * wanted).max()):
             raise Singular
         return found
 
@@ -119,9 +127,8 @@ class Rows:
 
     def multipliers(self, added: Array) -> Array:
         """Multipliers of the rows, N and N m, of least sum of squares, that make a weighted change of the accelerations."""
-        u, sizes, vt = np.linalg.svd(self.scaled)
-        rank = int(np.count_nonzero(sizes > _REDUNDANT * sizes[0]))
-        found = self.scale * (u[:, :rank] @ ((vt[:rank] @ added) / sizes[:rank]))
+        u, rank = self.u, self.constraints.rank
+        found = self.scale * (u[:, :rank] @ ((self.vt[:rank] @ added) / self.sizes[:rank]))
         if rank == len(self.rows):
             return found
         idle = self.scale[:, None] * u[:, rank:]  # multipliers that move nothing
