@@ -56,11 +56,13 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
         settled = errors.max() <= pilot.SAFE * scene.solver.accuracy
-        if settled and before is not None and low_order:  # a step and its half can be off by the same
-            block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
-            both = sound & before[1] & (block.status == 0)
-            errors = np.maximum(errors, relative_error(before[0][both], block.outcomes[both, : len(units)], units, own))
         if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
+            flown = before if settled and before is not None else now
+            if low_order:  # a step and its half can be off by the same
+                block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
+                both = flown[1] & (block.status == 0)
+                finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
+                errors = np.maximum(errors, finer) if both.any() else errors
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
             scale = scales(now[0][sound], units, own)
             return Flight([], kernel, steps // 2 if settled else steps, usual, None, scale, float(errors.max()), told)
