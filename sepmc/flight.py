@@ -9,7 +9,7 @@ import numpy as np
 from sepmc.accuracy import Achieved, decisive, scene_scales
 from sepmc.door import Block, Lost, fly_specialised, warm_up
 from sepmc.schema import Status
-from sepmc.settle import fly_general, settle
+from sepmc.settle import first_step, fly_general, settle
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -79,7 +79,7 @@ def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int
         return again.outcomes[:, : len(columns)].copy(), again.status
 
     lasts = flight.usual > 0.0
-    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=campaign.scene.run.end_time))
+    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=first_step(campaign.scene)))
     scale = 1e-4 * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     found = settle(flown, len(lost), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
     ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
