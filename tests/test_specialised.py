@@ -558,7 +558,8 @@ found, function = {}, None
 for line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:
-        function = next((f for f in ("rates_phase1", "rates_phase2", "rates_phase3") if f in label[1]), None)
+        named = (f for f in ("rates_phase1", "rates_phase2", "rates_phase3") if f in label[1])
+        function = None if label[1].startswith("cfunc") else next(named, None)  # that only calls it
     if ".cfi_endproc" in line:
         function = None
     if function:

@@ -17,6 +17,7 @@ from sepmc.kernels import layout as at
 from sepmc.kernels.cfe import separation
 from sepmc.kernels.dynamics import derivative, set_attitudes
 from sepmc.kernels.flight import _begin
+from sepmc.kernels.layers import set_layers
 from sepmc.kernels.layout import Model
 from sepmc.kernels.places import joint_work
 from sepmc.kernels.prepare import prepare
@@ -49,6 +50,7 @@ class Flight:
         set_stretch(0.5 * inputs.end, m, w)
 
         def rate(t: float, state: Array) -> Array:
+            set_layers(t, state, m, w)
             derivative(t, state, out, m, w)
             return out.copy()
 

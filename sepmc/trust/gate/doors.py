@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sepmc.accuracy import decisive
 from sepmc.campaign import Campaign
 from sepmc.result import Result
 from sepmc.scene.read import parse_campaign
@@ -76,10 +77,12 @@ def _reported(result: Result) -> float:
 
 
 def _off(found: Any, expected: Any, columns: list[Column], result: Result, share: float, what: str, more: float = 0.0) -> list[str]:
-    """A line if outcomes differ by more than the run reports and was asked for."""
+    """A line if outcomes differ by more than the run reports and was asked for. Times and places of extremes, which a flat one leaves
+    open, are left to the comparison of rows."""
     asked = result.accuracy.asked if result.accuracy else 0.0
     off = differences(settled(found[None], expected[None], columns)[0], expected, columns)
     off /= sizes(expected[None], columns, result.campaign.scene)[0]
+    off[~decisive(columns)] = 0.0
     at = int(np.argmax(off))
     if off[at] <= max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more)):
         return []
