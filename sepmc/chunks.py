@@ -1,5 +1,6 @@
 """The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies; the manifest says how far the run got."""
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -13,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sepmc import cases, schema, store
-from sepmc.accuracy import SAFETY, Achieved
+from sepmc.accuracy import SAFETY, Achieved, errors
+from sepmc.extremes import Extremes
 from sepmc.flight import Flight, Say, fly
+from sepmc.pilot import SAMPLE
 from sepmc.remarks import unmet, unsettled
 from sepmc.schema import Status
 from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
@@ -52,6 +55,7 @@ class Chunks:
         how = self.earlier.get("accuracy", {})
         self.left, self.unsettled = how.get("left_cases", 0), how.get("unsettled_cases", 0)  # by the specialised kernel to the general one
         self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
+        self.extremes = Extremes(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
@@ -114,7 +118,21 @@ class Chunks:
             self._change = np.maximum(self._change, block.lost.change)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
+        self.extremes.note(block, drawn)
         return Piece(first, drawn, block)
+
+    def check_extremes(self) -> None:
+        """Fly the cases with the extremes once more at twice the resolution: their error is the run's too. Of a small run trial cases
+        tell enough, and the general kernel's steps are far shorter than it needs."""
+        flight, table = self.flight, self.extremes.table()
+        if flight.kernel is None or flight.scale is None or self.flown <= SAMPLE or not len(table):
+            return
+        draws = self.campaign.in_si(table)
+        one, two = fly(self.campaign, flight, draws), fly(self.campaign, flight.sharper(), draws)
+        count = len(flight.scale)
+        both = (one.status == Status.OK) & (two.status == Status.OK)
+        found = errors(one.outcomes[both, :count], two.outcomes[both, :count], flight.scale)
+        self._change = np.maximum(self._change, found.max(axis=0, initial=0.0))
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so memory is bounded. Returns a new list."""
@@ -177,7 +195,13 @@ class Chunks:
         """Error of the run: what trial cases show, and cases that the general kernel flew in place of the specialised one."""
         assert self.flight.achieved is not None
         own = {c.name: float(SAFETY * x) for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)}
-        return self.flight.achieved.with_errors(own).with_errors(self.earlier.get("accuracy", {}).get("errors", {}))
+        return self.flight.achieved.with_errors(own).with_errors(self._earlier_errors)
+
+    @property
+    def _earlier_errors(self) -> dict[str, float]:
+        """Errors that the manifest tells, in which what is infinite is null."""
+        told = self.earlier.get("accuracy", {}).get("errors", {})
+        return {name: math.inf if error is None else error for name, error in told.items()}
 
     def _accuracy(self) -> dict[str, Any]:
         flight, told = self.flight, self.accuracy

@@ -550,15 +550,20 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
     return ok, not (audited["beyond"] > 0).any()
 
 
+def _error(number: float | None) -> str:
+    """An error of the manifest, in which what is infinite is null."""
+    return "inf" if number is None else f"{number:.1e}"
+
+
 def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
     steps = ", ".join(f"{phase} {n}" for phase, n in zip(phases, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
-    said = f"numerical error at most {accuracy['achieved']:.1e} ({accuracy['worst_outcome']}) of size or sigma"
+    said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"
     asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
     place = accuracy.get("worst_place")
-    places = f"; of times and places of extremes {accuracy['errors'][place]:.1e} ({place})" if place else ""
+    places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
     left = accuracy.get("left_cases")
     others = f", {left} cases by the general kernel, each at a step of its own" if left else ""
     return f"{said}{asked}{places}: twice that of {accuracy['cases']} trial cases flown again at twice the resolution; {how}{others}"

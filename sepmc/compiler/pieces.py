@@ -9,6 +9,7 @@ A piece is a function of the workspace and numbers. Functions that take anything
 import ast
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 ENTRY = "fly_block"
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
@@ -57,7 +58,7 @@ class _Module:
         while left:
             function = left.pop()
             own.append(function)
-            names = _loaded(self.functions[function], function == name)
+            names = list(_loaded(self.functions[function], function == name))
             while names:
                 used = names.pop(0)
                 if used in self.codes and used != name:
@@ -80,6 +81,7 @@ class _Module:
         return Piece(name, "\n".join(lines) + "\n")
 
 
+@lru_cache(maxsize=16)
 def split(text: str) -> list[Piece]:
     """The pieces of a module in the order of their places in the table of addresses; the last is the one that is entered."""
     module = _Module(text)
@@ -108,6 +110,7 @@ def _stored(node: ast.AST) -> list[str]:
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
 
 
+@lru_cache(maxsize=4096)
 def _loaded(node: ast.stmt, body_only: bool = False) -> list[str]:
     """Names that a statement uses, or the body of a function."""
     parts = node.body if body_only and isinstance(node, ast.FunctionDef) else [node]

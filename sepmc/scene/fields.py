@@ -135,6 +135,7 @@ _WORDS = {
     "`float` >= 0.0": "must be >= 0",
     "`int` >= 0": "must be >= 0",
     "`int` >= 1": "must be >= 1",
+    "`float` <= 3.14": "must be at most 180 deg (an angle between two attitudes is no larger)",
     "`int` <= ": "must be at most 1000000000",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }

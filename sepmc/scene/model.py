@@ -232,7 +232,7 @@ class Until(_Table, frozen=True, kw_only=True):
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
     distance: Annotated[float, Positive, Quantity("length")] | None = None
-    angle: Annotated[float, Positive, Quantity("angle")] | None = None
+    angle: Annotated[float, Meta(gt=0, le=math.pi), Quantity("angle")] | None = None
     force: Annotated[float, Positive, Quantity("force")] | None = None
     moment: Annotated[float, Positive, Quantity("moment")] | None = None
     body: str | None = None
