@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _FIRST = 256  # cases flown first, to see how long they take
 _CALL_S = 0.5  # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about so long
 _PART_S = 5.0  # what took longer to fly is handed over before its chunk is full, so that little is lost with the machine
+_OWN = 1.1  # times the change of a case by halved steps is its own error; `SAFETY` is for cases that nobody tried
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 
 
@@ -132,7 +133,7 @@ class Chunks:
         count = len(flight.scale)
         both = (one.status == Status.OK) & (two.status == Status.OK)
         found = errors(one.outcomes[both, :count], two.outcomes[both, :count], flight.scale)
-        self._change = np.maximum(self._change, found.max(axis=0, initial=0.0))
+        self._change = np.maximum(self._change, _OWN / SAFETY * found.max(axis=0, initial=0.0))
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so memory is bounded. Returns a new list."""

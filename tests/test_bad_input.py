@@ -144,6 +144,8 @@ OTHERS = [  # the same for everything.toml
     ),
     (APART, "until = { any = 3 }", ["phase.apart.until.any = 3"]),
     (SHED, 'when = { joint = "pins", angle_dg = 1.0 }', ["release.shed.when.angle_dg", "unknown key"]),
+    (SHED, 'when = { joint = "hinge", angle_deg = 200.0 }', ["release.shed.when.angle_deg = 200.0", "at most 180 deg"]),
+    (APART, 'until = { joint = "hinge", angle_deg = 181.0 }', ["phase.apart.until.angle_deg = 181.0", "at most 180 deg"]),
     (SHED, "when = {}", ["release.shed.when", "never ends"]),
     (SHED, "", ["release.shed", "[when] is missing"]),
     # kinds, releases, letting go

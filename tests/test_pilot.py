@@ -296,10 +296,13 @@ def test_the_error_told_is_the_error_there_is(table2, name):
         assert lost.unsettled == 0
 
 
-def test_what_is_told_does_not_depend_on_seed_or_cases(table2):
+def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
+    """The extremes of a larger run can only add to it."""
     campaign = table2.with_settings({"run.history_step_s": 0.0})
-    one, two = campaign.run(cases=5), campaign.run(cases=700, seed=3)
+    one, two, many = campaign.run(cases=5), campaign.run(cases=pilot.SAMPLE, seed=3), campaign.run(cases=700, seed=3)
     assert one.accuracy == two.accuracy
+    assert all(error >= one.accuracy.errors[name] for name, error in many.accuracy.errors.items())
+    assert many.accuracy.met
 
 
 def test_the_error_of_failed_cases_does_not_count(table2):
@@ -345,7 +348,7 @@ def test_sepmc_load_is_not_slowed(table2):
 
 
 def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
-    """The error is known before the flight: leaving a run flies no case more, and what is left behind tells it all the same."""
+    """The error is known before the flight: leaving a run flies no case more, and what is left behind tells it."""
     calls = []
     monkeypatch.setattr(chunks, "fly", lambda *given: calls.append("flown") or pilot.fly(*given))
 
@@ -361,7 +364,8 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     assert written["complete"] is False
     assert 0.0 < written["accuracy"]["achieved"] <= 1e-9
     resumed = table2.run(cases=2000, out=tmp_path / "run", resume=True)
-    assert resumed.accuracy.errors == written["accuracy"]["errors"]
+    assert all(error >= written["accuracy"]["errors"][name] for name, error in resumed.accuracy.errors.items())
+    assert resumed.accuracy.met
 
 
 def test_a_kernel_that_lost_cases_need_is_announced(table2, monkeypatch):
