@@ -129,7 +129,7 @@ class Chunks:
         if flight.kernel is None or flight.scale is None or self.flown <= SAMPLE or not len(table):
             return
         draws = self.campaign.in_si(table)
-        one, two = fly(self.campaign, flight, draws), fly(self.campaign, flight.sharper(), draws)
+        one, two = (fly(self.campaign, how, draws, announce=self.announce) for how in (flight, flight.sharper()))
         count = len(flight.scale)
         both = (one.status == Status.OK) & (two.status == Status.OK)
         found = errors(one.outcomes[both, :count], two.outcomes[both, :count], flight.scale)

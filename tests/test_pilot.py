@@ -350,7 +350,7 @@ def test_sepmc_load_is_not_slowed(table2):
 def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     """The error is known before the flight: leaving a run flies no case more, and what is left behind tells it."""
     calls = []
-    monkeypatch.setattr(chunks, "fly", lambda *given: calls.append("flown") or pilot.fly(*given))
+    monkeypatch.setattr(chunks, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named))
 
     def stop(done, total, failures):
         if done:

@@ -100,10 +100,5 @@ def make_kinds(scene: Scene) -> Kinds:
     """Kinds of a scene; free always comes first. Of guides that are watched also what they would hold if they jammed."""
     used = [(j, rows_of(scene.joint[j], kind)) for phase in scene.phase for j, kind in phase.joints.items()]
     used += [(release.joint, rows_of(scene.joint[release.joint], release.to)) for release in scene.release]
-    jammed = [_with_x(rows) for joint, rows in used if joint in scene.output.guide and _slides(rows)]
+    jammed = [_with_x(rows) for joint, rows in used if joint in scene.output.guide and rows]
     return Kinds(scene, list(dict.fromkeys([KINDS["free"], *(rows for _, rows in used), *jammed])))
-
-
-def _slides(rows: tuple[int, ...]) -> bool:
-    """Whether a kind is that of a guide: free along x, held sideways and against tilting."""
-    return 0 not in rows and {1, 2} <= set(rows) and sum(at.ROTATION <= row < at.ROD for row in rows) >= 2
