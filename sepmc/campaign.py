@@ -317,7 +317,6 @@ class Campaign:
                     progress(0, left, 0)
                 for first, end in store.missing_ranges(total, done, chunks.size):
                     chunks.fly(first, end, (lambda: progress(chunks.flown, left, chunks.failures)) if progress else lambda: None)
-                chunks.check_extremes()
         finally:
             if folder:
                 chunks.write_manifest(threads, complete=chunks.held == left)

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from sepmc import cases, schema, store
-from sepmc.accuracy import SAFETY, Achieved, errors
-from sepmc.extremes import Extremes
+from sepmc.accuracy import SAFETY, Achieved
 from sepmc.flight import Flight, Say, fly
-from sepmc.pilot import SAMPLE
 from sepmc.remarks import unmet, unsettled
 from sepmc.schema import Status
 from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
 _FIRST = 256  # cases flown first, to see how long they take
 _CALL_S = 0.5  # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about so long
 _PART_S = 5.0  # what took longer to fly is handed over before its chunk is full, so that little is lost with the machine
-_OWN = 1.1  # times the change of a case by halved steps is its own error; `SAFETY` is for cases that nobody tried
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 
 
@@ -54,9 +51,10 @@ class Chunks:
         self.earlier = earlier or {}  # the manifest of the run that is resumed
         self.implausible = self.earlier.get("implausible_inertias", 0)
         how = self.earlier.get("accuracy", {})
-        self.left, self.unsettled = how.get("left_cases", 0), how.get("unsettled_cases", 0)  # by the specialised kernel to the general one
+        self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
+        self.left = how.get("left_cases", 0)  # by the specialised kernel to the general one
+        self.unsettled = how.get("unsettled_cases", 0)  # of both
         self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
-        self.extremes = Extremes(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
@@ -114,26 +112,13 @@ class Chunks:
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
-        if block.lost:
-            self.left, self.unsettled = self.left + len(block.lost.which), self.unsettled + block.lost.unsettled
-            self._change = np.maximum(self._change, block.lost.change)
+        if block.again:
+            self.left, self.unsettled = self.left + len(block.again.left), self.unsettled + block.again.unsettled
+            self.finer += block.again.finer
+            self._change = np.maximum(self._change, block.again.change)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
-        self.extremes.note(block, drawn)
         return Piece(first, drawn, block)
-
-    def check_extremes(self) -> None:
-        """Fly the cases with the extremes once more at twice the resolution: their error is the run's too. Of a small run trial cases
-        tell enough, and the general kernel's steps are far shorter than it needs."""
-        flight, table = self.flight, self.extremes.table()
-        if flight.kernel is None or flight.scale is None or self.flown <= SAMPLE or not len(table):
-            return
-        draws = self.campaign.in_si(table)
-        one, two = (fly(self.campaign, how, draws, announce=self.announce) for how in (flight, flight.sharper()))
-        count = len(flight.scale)
-        both = (one.status == Status.OK) & (two.status == Status.OK)
-        found = errors(one.outcomes[both, :count], two.outcomes[both, :count], flight.scale)
-        self._change = np.maximum(self._change, _OWN / SAFETY * found.max(axis=0, initial=0.0))
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so memory is bounded. Returns a new list."""
@@ -211,8 +196,12 @@ class Chunks:
         said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
+        if self.finer:
+            said |= {"finer_cases": self.finer}
         if self.left:
-            said |= {"left_cases": self.left, "unsettled_cases": self.unsettled}
+            said |= {"left_cases": self.left}
+        if self.finer or self.left:
+            said |= {"unsettled_cases": self.unsettled}
         if self.campaign.scene.solver.step is None:
             said |= {"asked": told.asked, "met": told.met}
         if told.worst_place:
@@ -224,7 +213,7 @@ class Chunks:
         """What a person should know of the run."""
         told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
-        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.left)]
+        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.left + self.finer)]
         return found + [note for note in self.flight.notes if note not in found]
 
     def kept(self) -> Kept:

@@ -564,8 +564,9 @@ def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
     place = accuracy.get("worst_place")
     places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
-    left = accuracy.get("left_cases")
-    others = f", {left} cases by the general kernel, each at a step of its own" if left else ""
+    finer, left = accuracy.get("finer_cases"), accuracy.get("left_cases")
+    others = f", {finer} cases harder than trial cases at finer steps of their own" if finer else ""
+    others += f", {left} cases by the general kernel, each at a step of its own" if left else ""
     return f"{said}{asked}{places}: twice that of {accuracy['cases']} trial cases flown again at twice the resolution; {how}{others}"
 
 

@@ -5,7 +5,7 @@ import operator
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,13 +23,19 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Lost:
-    """Cases that a specialised kernel could not vouch for: which, how many of them no step of the general kernel settled, and the
-    largest change (o,) of outcomes by the last halvings of their steps."""
+class Again:
+    """Cases that are flown again: the largest change (o,) of outcomes by the last halvings of steps; how many were flown at finer steps
+    than the others; which a specialised kernel left to the general one; and how many no step settled."""
 
-    which: np.ndarray
-    unsettled: int
     change: np.ndarray
+    finer: int = 0
+    left: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    unsettled: int = 0
+
+    def with_others(self, others: "Again") -> "Again":
+        """These and others."""
+        left = np.concatenate([self.left, others.left])
+        return Again(np.maximum(self.change, others.change), self.finer + others.finer, left, self.unsettled + others.unsettled)
 
 
 @dataclass
@@ -42,7 +48,8 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    lost: Lost | None = None
+    guards: np.ndarray | None = None  # (n, g): how hard cases are to integrate, see `sepmc.compiler.emit_context.Context.guards`
+    again: Again | None = None
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
@@ -58,11 +65,12 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
         np.zeros((n, room), dtype=np.int64),
         np.full((n, room, width), np.nan),
         np.zeros(n, dtype=np.int64),
+        np.zeros((n, 3 * len(plan.bodies))),
     )
     nominal = np.ascontiguousarray(plan.nominal)
     fly(
         plan.model.scene, plan.model.table, plan.model.numbers, plan.tableau, nominal, slots, np.ascontiguousarray(draws),
-        block.outcomes, block.status, block.times, block.phases, block.history, block.rows, level,
+        block.outcomes, block.guards, block.status, block.times, block.phases, block.history, block.rows, level,
     )  # fmt: skip
     return block
 
@@ -75,7 +83,8 @@ def fly_specialised(
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (phases, n) at which phases end.
     """
     n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
-    outcomes, status, ends = np.full((len(columns), n), np.nan), np.zeros(n, dtype=np.int64), np.empty((len(plan.phases), n))
+    outcomes, status = np.full((len(columns) + kernel.guards, n), np.nan), np.zeros(n, dtype=np.int64)
+    ends = np.empty((len(plan.phases), n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     every = plan.tableau.history_step
@@ -87,7 +96,8 @@ def fly_specialised(
     )  # fmt: skip
     times = np.broadcast_to(np.arange(room) * every, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
-    return Block(outcomes.T, status, times, phases, history, np.full(n, room)), ends
+    block = Block(outcomes[: len(columns)].T, status, times, phases, history, np.full(n, room), outcomes[len(columns) :].T)
+    return block, ends
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:

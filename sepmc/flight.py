@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sepmc.accuracy import Achieved, decisive, scene_scales
-from sepmc.door import Block, Lost, fly_specialised, warm_up
+from sepmc.accuracy import SMALL, Achieved, decisive, errors, scene_scales
+from sepmc.door import Again, Block, fly_specialised, warm_up
 from sepmc.schema import Status
-from sepmc.settle import first_step, fly_general, settle
+from sepmc.settle import Settled, first_step, fly_general, settle
 
 if TYPE_CHECKING:
     from sepmc.campaign import Campaign
@@ -26,7 +26,8 @@ class Flight:
 
     ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
     last ``usual`` (phases,) s; ``step`` (s) is that of the general one. ``scale`` (o,) is what errors of small outcomes are taken
-    relative to, see `sepmc.accuracy.errors`. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
+    relative to, see `sepmc.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its error too
+    (`Block.guards`). ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
     ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
     """
 
@@ -36,6 +37,7 @@ class Flight:
     usual: np.ndarray | None = None
     step: float | None = None
     scale: np.ndarray | None = None
+    limits: np.ndarray | None = None
     error: float = np.nan
     achieved: Achieved | None = None
     nominal: np.ndarray | None = None
@@ -49,38 +51,95 @@ class Flight:
 
 
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases that a specialised kernel cannot vouch for are flown again by the general one; those with a draw
-    that is not finite by none."""
-    if flight.kernel is None or flight.steps is None or flight.usual is None:
-        return fly_general(campaign, flight.step, draws, room)
-    block, _ = fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)
+    """Fly draws (n, d), SI. Cases harder than any trial case are flown again at shorter steps; those that a specialised kernel cannot
+    vouch for by the general one; those with a draw that is not finite by none."""
+    block = _fly_once(campaign, flight, draws, room)
     lost = np.flatnonzero(block.status < 0)
     fit = np.isfinite(draws[lost]).all(axis=1)
     block.outcomes[lost[~fit]], block.status[lost[~fit]], block.rows[lost[~fit]] = np.nan, Status.INVALID_INPUT, 0
-    lost = lost[fit]
+    lost, again = lost[fit], Again(np.zeros(len(campaign.outcome_columns)))
+    hard = np.flatnonzero((block.status == Status.OK) & ~_is_like_trials(flight, block))
+    if len(hard):
+        again, unsettled = _fly_hard(campaign, flight, draws, room, block, hard)
+        lost = np.union1d(lost, unsettled)
     if len(lost):
         warm_up(announce)
-        block.lost = _fly_lost(campaign, flight, draws, room, block, lost)
+        again = again.with_others(_fly_lost(campaign, flight, draws, room, block, lost))
+    block.again = again
     return block
 
 
-def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Lost:
+def _fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, finer: int = 1) -> Block:
+    """Fly draws at the flight's steps, or at so many times finer ones."""
+    if flight.kernel is None or flight.steps is None or flight.usual is None:
+        return fly_general(campaign, flight.step / finer if flight.step else None, draws, room)
+    return fly_specialised(flight.kernel, campaign.plan, finer * flight.steps, flight.usual, campaign.slots, draws, room)[0]
+
+
+def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
+    """Which cases (n,) are no harder to integrate than trial cases."""
+    assert block.guards is not None
+    if flight.limits is None:
+        return np.ones(len(block.status), dtype=bool)
+    return np.asarray((block.guards <= flight.limits).all(axis=1))
+
+
+def _fly_hard(
+    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray
+) -> tuple[Again, np.ndarray]:
+    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to
+    learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
+
+    def flown(share: float, which: np.ndarray) -> Block:
+        return _fly_once(campaign, flight, draws[which], room, round(1.0 / share))
+
+    given = campaign.scene.solver.step is not None
+    before = replace(block, outcomes=block.outcomes[hard], status=block.status[hard], history=block.history[hard], rows=block.rows[hard])
+    found = _settle(campaign, flight, block, hard, 1.0, flown)
+    held = found.settled & (found.status == Status.OK)
+    change = found.change
+    if given:
+        assert flight.scale is not None
+        n = len(flight.scale)
+        change = np.maximum(change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale))
+        _put(block, hard, before)
+    if flight.kernel is None:
+        return Again(_largest(change), finer=len(hard), unsettled=0 if given else int(np.count_nonzero(~held))), hard[:0]
+    return Again(_largest(change[held]), finer=int(np.count_nonzero(held))), hard[~held]
+
+
+def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:
     """Fly the cases ``lost`` by the general kernel into their rows of ``block``, each at a step at which it has settled."""
     assert flight.steps is not None
     assert flight.usual is not None
-    columns = campaign.outcome_columns
-
-    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        cases = lost[which]
-        again = fly_general(campaign, step, draws[cases], room)
-        block.outcomes[cases], block.status[cases] = again.outcomes, again.status
-        if room:
-            block.history[cases], block.rows[cases] = again.history, again.rows
-        return again.outcomes[:, : len(columns)].copy(), again.status
-
     lasts = flight.usual > 0.0
     step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=first_step(campaign.scene)))
-    scale = 1e-4 * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
-    found = settle(flown, len(lost), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
+    found = _settle(campaign, flight, block, lost, step, lambda step, which: fly_general(campaign, step, draws[which], room))
     ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
-    return Lost(lost, int(np.count_nonzero(ok & ~found.settled)), found.change[ok].max(axis=0, initial=0.0))
+    return Again(_largest(found.change[ok]), left=lost, unsettled=int(np.count_nonzero(ok & ~found.settled)))
+
+
+def _settle(
+    campaign: "Campaign", flight: Flight, block: Block, which: np.ndarray, step: float, flown: Callable[[float, np.ndarray], Block]
+) -> Settled:
+    """Fly cases into their rows of a block, by ``flown`` (step, cases), at half the step and so on until they have settled."""
+    columns = campaign.outcome_columns
+
+    def fly_some(step: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        again = flown(step, which[some])
+        _put(block, which[some], again)
+        return again.outcomes[:, : len(columns)].copy(), again.status
+
+    scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
+    return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
+
+
+def _put(block: Block, which: np.ndarray, rows: Block) -> None:
+    """Put the rows of a block in place of some of another."""
+    block.outcomes[which], block.status[which] = rows.outcomes, rows.status
+    block.history[which], block.rows[which] = rows.history, rows.rows
+
+
+def _largest(change: np.ndarray) -> np.ndarray:
+    """Largest of the changes (n, o) of every outcome."""
+    return np.asarray(change.max(axis=0, initial=0.0))

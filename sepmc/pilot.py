@@ -13,7 +13,7 @@ from sepmc import cases
 from sepmc.accuracy import SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
-from sepmc.door import fly_specialised, specialised_kernel, warm_up
+from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
 from sepmc.flight import SAFE, Flight, Say, fly
 from sepmc.remarks import remarks
 from sepmc.scene.dispersion import Dispersion
@@ -36,6 +36,7 @@ _SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a qu
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
 _DOUBTED = 32  # trial cases at most that are flown by the general kernel because finer steps do not vouch for them
+_ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
 
@@ -176,7 +177,19 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
-    return Flight([], kernel, steps, usual, None, scale, float(largest.max(initial=0.0)), told, nominal)
+    limits = _limits(campaign, fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))[0])
+    return Flight([], kernel, steps, usual, None, scale, limits, float(largest.max(initial=0.0)), told, nominal)
+
+
+def _limits(campaign: "Campaign", trials: Block) -> np.ndarray:
+    """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
+    assert trials.guards is not None
+    sound = trials.guards[trials.status == Status.OK]
+    speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
+    unseen = np.zeros(trials.guards.shape[1])
+    bodies = 3 * len(campaign.plan.bodies)
+    unseen[:bodies] = np.resize([speed, rate * campaign.scene.run.end_time, rate], bodies)
+    return np.maximum(_ALIKE * sound.max(axis=0, initial=0.0), unseen)
 
 
 def _doubted(campaign: "Campaign", draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -238,7 +251,8 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
     largest = found[sound].max(axis=0, initial=0.0)
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
-    return Flight(why, None, None, None, step, scale, float(largest[decides].max(initial=0.0)), told, nominal)
+    limits = _limits(campaign, fly_general(campaign, step, draws))
+    return Flight(why, None, None, None, step, scale, limits, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

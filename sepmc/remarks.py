@@ -36,12 +36,12 @@ def unmet(told: Achieved, fixed: bool) -> list[str]:
     ]
 
 
-def unsettled(count: int, left: int) -> list[str]:
-    """The sentence that counts cases whose outcomes no step of the general kernel settled."""
+def unsettled(count: int, again: int) -> list[str]:
+    """The sentence that counts cases whose outcomes no step settled, of those flown again."""
     if not count:
         return []
     return [
-        f"{count} of the {left} cases that the specialised kernel left to the general one did not settle to the accuracy asked, "
+        f"{count} of the {again} cases that were flown again, each at steps of its own, did not settle to the accuracy asked, "
         "however short the step; the error that is told includes them"
     ]
 

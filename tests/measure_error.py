@@ -78,8 +78,8 @@ def measure(name, campaign, count):
     sharp = trial.sharper().sharper().sharper()
     reference = fly(fine, sharp, draws)
     own = fly(campaign, trial, draws)
-    if own.lost:  # at more steps the specialised kernel flies some of them, badly
-        which = own.lost.which
+    if len(own.again.left):  # at more steps the specialised kernel flies some of them, badly
+        which = own.again.left
         left = fly(fine, trial, draws[which])
         reference.outcomes[which], reference.status[which] = left.outcomes, left.status
     columns = campaign.outcome_columns
@@ -96,7 +96,8 @@ def measure(name, campaign, count):
     asked = "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     failed = ratio < 1 / 3 or (asked.endswith(" met") and true[worst] > told.asked)
     how = trial.steps.tolist() if trial.steps is not None else f"{trial.step:.4g} s"
-    lost = f", {len(own.lost.which)} left ({own.lost.unsettled} unsettled)" if own.lost else ""
+    lost = f", {own.again.finer} finer" if own.again.finer else ""
+    lost += f", {len(own.again.left)} left ({own.again.unsettled} unsettled)" if len(own.again.left) else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} ({columns[worst].name}) | {ratio:.2g} | "

@@ -1,6 +1,7 @@
 """How a campaign is flown, and how large its error is: corners, relative errors, the pilot's steps, what a run tells of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,10 +11,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
 from sepmc import cases, chunks, cli, flight, pilot, search
-from sepmc.accuracy import scene_scales
+from sepmc.accuracy import SAFETY, decisive, errors, scene_scales
 from sepmc.compiler.plan import make_plan
 from sepmc.door import fly_block
 from sepmc.schema import Status
+from sepmc.trust.independent import fly as fly_independently
 
 INF, NAN = np.inf, np.nan
 GENERAL = {"output.loads": ["pins"], "run.history_step_s": 0.0}  # what the general kernel alone computes
@@ -271,12 +273,12 @@ def true_error(campaign, flight, count):
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
     here = pilot.fly(campaign, flight, drawn)
     fine = pilot.fly(exact, flight.sharper().sharper().sharper(), drawn)
-    if here.lost:  # at more steps the specialised kernel flies some of them, badly
-        left = pilot.fly(exact, flight, drawn[here.lost.which])
-        fine.outcomes[here.lost.which], fine.status[here.lost.which] = left.outcomes, left.status
+    if len(here.again.left):  # at more steps the specialised kernel flies some of them, badly
+        left = pilot.fly(exact, flight, drawn[here.again.left])
+        fine.outcomes[here.again.left], fine.status[here.again.left] = left.outcomes, left.status
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
-    return pilot.relative_error(here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale).max(), here.lost
+    return pilot.relative_error(here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale).max(), here.again
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -284,25 +286,22 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     """2,000 cases against eight times the steps: never below a third of the true one, nor met when it is not."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | HARD[name])
     result = campaign.run(cases=2000)
-    error, lost = true_error(campaign, result.flight, 2000)
+    error, again = true_error(campaign, result.flight, 2000)
     told = result.accuracy.worst[1]
-    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.flight.steps}, {lost}")
+    print(f"{name}: told {told:.1e}, true {error:.1e}, steps {result.flight.steps}, {again}")
     assert told >= error / 3.0
     assert not result.accuracy.met or error <= result.accuracy.asked
     assert result.accuracy.met
     assert result.notes == []
     if "left" in name:
-        assert len(lost.which) > 0
-        assert lost.unsettled == 0
+        assert len(again.left) > 0
+        assert again.unsettled == 0
 
 
 def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
-    """The extremes of a larger run can only add to it."""
     campaign = table2.with_settings({"run.history_step_s": 0.0})
-    one, two, many = campaign.run(cases=5), campaign.run(cases=pilot.SAMPLE, seed=3), campaign.run(cases=700, seed=3)
+    one, two = campaign.run(cases=5), campaign.run(cases=700, seed=3)
     assert one.accuracy == two.accuracy
-    assert all(error >= one.accuracy.errors[name] for name, error in many.accuracy.errors.items())
-    assert many.accuracy.met
 
 
 def test_the_error_of_failed_cases_does_not_count(table2):
@@ -415,8 +414,8 @@ def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
     assert flight.achieved.cases == max(corners, 6) + 1 + sample // (8 if settings else 1)
 
 
-def test_extremes_of_a_long_tail_are_in_the_error_told(pair):
-    """Rates of a normal law that is not cut, in 20,000 cases: those at 4 sigma err by more than any trial case, and the run says so."""
+def test_the_end_of_a_long_tail_is_flown_at_finer_steps(pair):
+    """Rates of a normal law that is not cut, in 20,000 cases: those at 4 sigma would err by more than any trial case."""
     settings = {
         "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.5}}, {"name": "free"}],
         "run.end_time_s": 5.0,
@@ -429,4 +428,45 @@ def test_extremes_of_a_long_tail_are_in_the_error_told(pair):
     exact = 5.0 * table["in_initial_omega_z_deg_s"]
     off = (table["fore_pitch_deg"] - exact).abs() / np.maximum(exact.abs(), table["fore_pitch_deg"].std())
     assert off.max() <= result.accuracy.errors["fore_pitch_deg"]
+    assert result.accuracy.met
     assert result.flight.kernel is not None
+
+
+REEL = {
+    "environment": {"atmosphere": "none", "gravity": "constant"},
+    "body.fore": {"mass_kg": 300.0, "inertia_kg_m2": [60.0, 200.0, 200.0], "cg_m": [1.0, 0.0, 0.0]},
+    "body.aft": {"mass_kg": 100.0, "inertia_kg_m2": [20.0, 80.0, 80.0], "cg_m": [3.0, 0.0, 0.0]},
+    "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}}, {"name": "free"}],
+    "motor": [{"name": "retro", "body": "aft", "thrust_N": 2000.0, "station_m": 4.0}],
+    "spring": [
+        {"name": "reel", "bodies": ["fore", "aft"], "point_m": [3.0, 0.0, 0.0], "second_point_m": [2.75, 0.0, 0.0], "force_N": -300.0}
+    ],
+    "initial": {"altitude_m": 60000.0, "speed_m_s": 1000.0},
+    "run.end_time_s": 0.4,
+    "solver": {"accuracy": 1e-9},
+    "dispersion": {"spring.reel.point_m.y": {"uniform": [-1.4, 2.6]}},
+}
+
+
+OTHERWISE = [{}, {"output.loads": ["pins"], "solver.accuracy": 1e-6}, {"solver.step_s": 5e-4}]
+
+
+@pytest.mark.parametrize("settings", OTHERWISE, ids=["written", "general", "given"])
+def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
+    """A spring of constant force along a line that shrinks to nothing in one case of a thousand: such are seen and settled, or told."""
+    campaign = pair(REEL | settings)
+    flight = pilot.plan_flight(campaign)
+    places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
+    block, names = pilot.fly(campaign, flight, places), [column.name for column in campaign.outcome_columns]
+    once = pilot.fly(campaign, replace(flight, limits=None), places)
+    expected = [fly_independently(pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()) for (y,) in places]
+    right = np.array([[one.outcomes.get(name, 0.0) / column.scale for name, column in zip(names, campaign.outcome_columns, strict=True)]
+                      for one in expected])  # fmt: skip
+    judged = np.array([names.index(name) for name in ("fore_omega_z_deg_s", "separation_speed_m_s", "aft_pitch_deg")])
+    before, now = (errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1) for flown in (once, block))
+    told = SAFETY * max(flight.error, block.again.change[decisive(campaign.outcome_columns)].max())
+    assert flight.why == [] or settings
+    assert block.again.finer == 2
+    assert before[0] > 50.0 * SAFETY * flight.error
+    assert now.max() <= told
+    assert "solver.step_s" in settings or told <= campaign.scene.solver.accuracy

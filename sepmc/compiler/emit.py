@@ -12,7 +12,7 @@ from sepmc.compiler.emit_loads import emit_centre
 from sepmc.compiler.emit_motion import emit_correct, emit_rates
 from sepmc.compiler.emit_outcomes import emit_report
 from sepmc.compiler.emit_prepare import emit_prepare, shared_size
-from sepmc.compiler.emit_steps import coefficients, emit_advance, emit_approach, emit_lengths, emit_settle
+from sepmc.compiler.emit_steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
 from sepmc.compiler.shape import Shape
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import method
@@ -32,7 +32,7 @@ from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
-from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, nearest_turn, put3, put4, put6, put9, time_left
+from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
 from sepmc.kernels.layout import Model
 from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
@@ -63,6 +63,7 @@ def _body(c: Context) -> Text:
     emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)
+    emit_guard(body, c)
     if c.history:
         emit_history(body, c)
     emit_advance(body, c)
@@ -82,6 +83,7 @@ def _first_slabs(c: Context) -> None:
         c.slabs.add(f"K{i}", c.size)
     for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS"):
         c.slabs.add(name, 1)
+    c.slabs.add("DOUBT", c.size), c.slabs.add("GUARD", len(c.guards))
     c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
 
 
@@ -97,7 +99,7 @@ def _head(c: Context) -> Text:
         head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
         head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
-    head(*c.slabs.lines(), f"SIZE_SHARED = {shared_size(c)}", *_places(c.shape))
+    head(*c.slabs.lines(), f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}", *_places(c.shape))
     return head
 
 

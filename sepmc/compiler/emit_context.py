@@ -29,6 +29,17 @@ class Context:
         return 13 * len(self.shape.bodies)
 
     @property
+    def guards(self) -> list[str]:
+        """Numbers that tell how hard a case is to integrate. Of every body, what a step may do wrong to its velocity V, attitude Q and rate
+        OMEGA; of every event, how long its condition takes for a metre or a radian: the error of its time."""
+        doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
+        return doubts + [f"{stage.name}_{event.which}" for stage in self.shape.stages for event in stage.events]
+
+    def guard(self, name: str) -> str:
+        """The place of a guard."""
+        return f"w[GUARD + {self.guards.index(name)} * LANES + l]"
+
+    @property
     def model(self) -> Any:
         """The record that says where everything stands in the vector of parameters."""
         return self.shape.plan.model.scene[0]

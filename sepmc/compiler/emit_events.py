@@ -20,10 +20,11 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
     text("t = w[T + l]", "ahead = w[END + l] - t")
     for event in stage.events:
         name = f"{stage.name}_{event.which}"
-        c.slabs.add(f"VALUE_{name}", 1), c.slabs.add(f"LAST_{name}", 2), c.slabs.add(f"AT_ONCE_{name}", 1)
+        c.slabs.add(f"VALUE_{name}", 1), c.slabs.add(f"RATE_{name}", 1), c.slabs.add(f"LAST_{name}", 2), c.slabs.add(f"AT_ONCE_{name}", 1)
         _event(text, g, event)
         text(f"earlier, before = w[LAST_{name} + l], w[LAST_{name} + LANES + l]")
         text("jerk = (acceleration - before) / (t - earlier) if t > earlier else 0.0")
+        text(f"w[RATE_{name} + l] = rate")
         text(f"w[VALUE_{name} + l], w[LAST_{name} + l], w[LAST_{name} + LANES + l] = value, t, acceleration")
         text(f"at_once = (1.0 if value >= -1e-12 else 0.0) if earlier == math.inf else w[AT_ONCE_{name} + l]")
         text(f"w[AT_ONCE_{name} + l] = at_once", "wait = time_left(value, rate, acceleration, jerk)")
@@ -81,8 +82,12 @@ def emit_met(text: Text, c: Context) -> None:
         inner(f"aim_{stage.name}(w, math.inf)")
         inner = inner.lanes()
         for event in stage.events:
-            inner(f"met = w[VALUE_{stage.name}_{event.which} + l] >= -1e-12")
+            name = f"{stage.name}_{event.which}"
+            inner(f"met, rate = w[VALUE_{name} + l] >= -1e-12, w[RATE_{name} + l]")
             flag = "DONE" if event.ends_phase else f"SPENT_{event.which}"
             if not event.ends_phase and c.slabs.add(flag, 1):
                 c.parameters(f"w[{flag} + l] = 0.0")
+            inner(f"waited_for = met and w[{flag} + l] == 0.0 and w[AT_ONCE_{name} + l] == 0.0")
+            inner("slow = (1.0 / rate if rate > 0.0 else math.inf) if waited_for else 0.0")
+            inner(f"{c.guard(name)} = larger({c.guard(name)}, slow)")
             inner(f"w[{flag} + l] = 1.0 if met else w[{flag} + l]")

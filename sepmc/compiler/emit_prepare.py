@@ -28,7 +28,7 @@ def emit_prepare(out: Text, c: Context) -> None:
     text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")("w[k] = 0.0")
     start = Text(2)
     _start(start, c)
-    start(*(f"w[{name} + l] = 0.0" for name in _ZERO_AT_FIRST))
+    start(*(f"w[{name} + l] = 0.0" for name in _ZERO_AT_FIRST), *(f"{c.guard(name)} = 0.0" for name in c.guards))
     start("w[LOST + l] = w[LOST + l] if w[UNSOUND + l] == 0.0 else 1.0")
     emit_load_parameters(c)
     for stage in shape.stages:

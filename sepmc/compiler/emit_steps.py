@@ -25,6 +25,7 @@ def coefficients(rk: Method) -> list[str]:
             if rk.a[i, j] != 0.0:
                 lines.append(f"A{i + 1}_{j + 1} = {float(rk.a[i, j])!r}")
     lines += [f"B{j + 1} = {float(rk.b[j])!r}" for j in range(stages) if rk.b[j] != 0.0]
+    lines += [f"E{j + 1} = {float(rk.doubt[j])!r}" for j in range(stages) if rk.doubt[j] != 0.0]
     lines += [f"C{i + 1} = {float(rk.c[i])!r}" for i in range(1, stages)]
     return lines
 
@@ -61,7 +62,8 @@ def emit_advance(out: Text, c: Context) -> None:
     _begin(text, "left, usual", c.history)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
     inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0", f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
-    _stages(text, rk, later, lambda name, _: name)
+    _stages(text, rk, later, lambda name, _: name, rk.doubt)
+    text("guard(w, phase)")
     if c.history:
         text("extend(w, phase)")
     text("settle(w, phase)")
@@ -98,24 +100,28 @@ def _begin(text: Text, length: str, keeps: bool) -> None:
     text(f"set_step(w, phase, {length})")
 
 
-def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, float], str]) -> None:
-    """From K1 to the state Y and the time T at the end of a step.
+def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, float], str], doubt: np.ndarray | None = None) -> None:
+    """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also what the step may do wrong, into DOUBT.
 
     later : weights of what uses the derivatives of the stages after the step, by rows: these derivatives are kept, the others never stored
     spell : what stands for a coefficient, given its name and value
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
+    ends = rk.b if doubt is None else np.abs(rk.b) + np.abs(doubt)
     names = [[f"A{i + 1}_{j + 1}" for j in range(stages)] for i in range(stages)] + [[f"B{j + 1}" for j in range(stages)]]
     for i in range(1, stages + 1):
         used = [j for j in range(i) if weights[i][j] != 0.0]
-        kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :])
+        kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (i < stages and ends[i - 1] != 0.0)
         inner = text.block("for e in range(size):")
         if i > 1 and (i - 1 in used or kept):
             inner(f"k{i} = w[D + e]")
             if kept:
                 inner(f"w[K{i} + e] = k{i}")
         values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
+        if i == stages and doubt is not None:
+            wrong = [f"E{j + 1} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}" for j in np.flatnonzero(doubt)]
+            inner.wrapped("w[DOUBT + e] = w[STEP + e] * (", wrong, ")")
         terms = [f"{spell(names[i][j], float(weights[i][j]))} * {value}" for j, value in zip(used, values, strict=True)]
         inner.wrapped(f"w[{'S' if i < stages else 'Y'} + e] = w[Y + e] + w[STEP + e] * (", terms, ")")
         if i < stages:
@@ -150,6 +156,26 @@ def emit_settle(out: Text, c: Context) -> None:
     for number, stage in enumerate(shape.stages):
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
+
+
+def emit_guard(out: Text, c: Context) -> None:
+    """A function that keeps the largest doubt there was of any step."""
+    text = out.function("guard(w, phase: int)", "The largest that steps may have done wrong, for every body, into GUARD.")
+    shape = c.shape
+    inner = text.lanes()
+    for body in shape.bodies:
+        _largest(inner, c, "V", body, 3)
+    for body in shape.turning:
+        first = next((n for n, stage in enumerate(shape.stages) if body in stage.leaders), None)
+        if first is not None:
+            inner = (text if first == 0 else text.block(f"if phase >= {first}:")).lanes()
+            _largest(inner, c, "Q", body, 4)
+            _largest(inner, c, "OMEGA", body, 3)
+
+
+def _largest(text: Text, c: Context, what: str, body: str, count: int) -> None:
+    guard = c.guard(f"{what}_{body}")
+    text(f"{guard} = larger({guard}, largest{count}(get{count}(w, DOUBT + {what}_{body} + l)))")
 
 
 def _settle_height(text: Text, c: Context, body: str) -> None:

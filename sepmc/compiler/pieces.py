@@ -51,10 +51,12 @@ class _Module:
 
     def piece(self, name: str) -> Piece:
         """The piece of a function, with the functions that it calls in the ordinary way."""
-        own, called, needed = [], [], {}
+        own: list[str] = []
+        called: list[str] = []
+        needed: dict[str, ast.stmt] = {}
         left = [name]
         if name == ENTRY:
-            needed["SIZE_W"] = self.meanings["SIZE_W"]
+            needed |= {constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS")}
         while left:
             function = left.pop()
             own.append(function)

@@ -134,7 +134,7 @@ def make_plan(scene: Scene, history_step: float | None = None, step: float | Non
     model = _model(scene, order, kinds, conditions, starts, len(nominal))
     rk = method(scene.solver.method)
     history = scene.run.history_step if history_step is None else history_step
-    tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, step or scene.solver.step or _USUAL_STEP, history)
+    tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, rk.doubt, step or scene.solver.step or _USUAL_STEP, history)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
     return Plan(scene, model, tableau, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
 

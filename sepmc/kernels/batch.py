@@ -13,24 +13,26 @@ from sepmc.kernels.layout import STRUCTURE, Model, Tableau
 
 
 @door
-def fly(scene, table, numbers, rk, nominal, slots, draws, outcomes, status, times, phases, history, rows, level):
+def fly(scene, table, numbers, rk, nominal, slots, draws, outcomes, guards, status, times, phases, history, rows, level):
     """Fly every row of ``draws``.
 
-    draws (n, d) at ``slots`` (d,) of ``nominal`` (p,); outcomes (n, o) and status (n,) are written. With ``level`` > 0 also
+    draws (n, d) at ``slots`` (d,) of ``nominal`` (p,); outcomes (n, o), guards (n, g) and status (n,) are written. With ``level`` > 0 also
     times and phases (n, s), history (n, s, q) and rows (n,), the number of history rows of each case.
     """
     for i in prange(draws.shape[0]):
         m = Model(scene[0], table, numbers)
-        status[i], rows[i] = fly_case(m, rk, nominal, slots, draws[i], outcomes[i], times[i], phases[i], history[i], level)
+        status[i], rows[i] = fly_case(
+            m, rk, nominal, slots, draws[i], outcomes[i], guards[i], times[i], phases[i], history[i], level
+        )  # fmt: skip
 
 
 def compile_door() -> None:
     """Compile the door, or load it from the disk cache, by flying no case of an empty scene: its types are those of any scene."""
     integers, numbers = np.zeros(0, dtype=np.int64), np.zeros(0)
     scene = np.zeros(1, dtype=STRUCTURE)
-    method = Tableau(np.zeros((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 1)), 1.0, 0.0)
+    method = Tableau(np.zeros((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 1)), np.zeros(1), 1.0, 0.0)
     table, codes, block = np.zeros((0, 0)), np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0, 0))
-    fly(scene, integers, numbers, method, numbers, integers, table, table, integers, table, codes, block, integers, 0)
+    fly(scene, integers, numbers, method, numbers, integers, table, table, table, integers, table, codes, block, integers, 0)
 
 
 def compile_apart() -> bool:

@@ -1,6 +1,7 @@
 """Coefficients of DOP853, by Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed. (program DOP853).
 
-Row 12 of A holds the weights; rows 13 to 15 the stages of the continuous extension, D its weights. Zero entries are left out."""
+Row 12 of A holds the weights; rows 13 to 15 the stages of the continuous extension, D its weights. Zero entries are left out. E5 is the
+difference of the weights from those of an embedded method of order 5."""
 
 C = (
     0.0,
@@ -154,3 +155,17 @@ D = {
     (3, 14): -39.17726167561544,
     (3, 15): -149.72683625798564,
 }
+E5 = (
+    0.01312004499419488,
+    0.0,
+    0.0,
+    0.0,
+    0.0,
+    -1.2251564463762044,
+    -0.4957589496572502,
+    1.6643771824549864,
+    -0.35032884874997366,
+    0.3341791187130175,
+    0.08192320648511571,
+    -0.022355307863886294,
+)

@@ -16,7 +16,7 @@ from sepmc.kernels.outputs import GOLDEN, NODES, note_tip_off, row_size, start_w
 from sepmc.kernels.places import joint_work, leaf_work
 from sepmc.kernels.prepare import prepare
 from sepmc.kernels.quat import normalise_all
-from sepmc.kernels.rk import extend, first_stage, interpolate, step
+from sepmc.kernels.rk import extend, first_stage, interpolate, keep_doubt, step
 from sepmc.kernels.stretches import next_break, set_stretch
 
 # Values of schema.Status.
@@ -233,9 +233,10 @@ def _drop_infinite(outcomes, m):
 
 
 @stage
-def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, level):
+def fly_case(m, rk, nominal, slots, draws, outcomes, guards, times, phases, history, level):
     """Fly one case and write its outcomes. Returns its status and the number of history rows."""
     outcomes[:] = math.nan
+    guards[:] = 0.0
     size = at.STATE * m.scene.n_bodies + 1
     total_stages = max(rk.b.shape[0], rk.dense.shape[0])
     w = np.zeros(m.scene.size_w)
@@ -291,6 +292,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, times, phases, history, lev
             if status != OK:
                 break
             audit[at.PIVOT_AUDIT] = min(audit[at.PIVOT_AUDIT], pivot)
+            keep_doubt(length, guards, k, rk)
             drift = normalise_all(y1, m.scene.n_bodies)
             audit[at.DRIFT_AUDIT] = max(audit[at.DRIFT_AUDIT], drift)
             if drift > _UNRESOLVED:

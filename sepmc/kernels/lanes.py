@@ -41,6 +41,18 @@ def get9(w, k):
 
 
 @formula
+def largest3(a):
+    """The largest size of three numbers."""
+    return max(abs(a[0]), abs(a[1]), abs(a[2]))
+
+
+@formula
+def largest4(a):
+    """The largest size of four numbers."""
+    return max(largest3((a[0], a[1], a[2])), abs(a[3]))
+
+
+@formula
 def put9(w, k, a):
     """Store nine numbers."""
     put3(w, k, (a[0], a[1], a[2]))

@@ -147,5 +147,6 @@ class Tableau(NamedTuple):
     b: Any
     c: Any
     dense: Any
+    doubt: Any
     step: float
     history_step: float

@@ -12,7 +12,8 @@ class Method:
     """An explicit Runge-Kutta method with a continuous extension.
 
     ``a`` (m, m) holds the stage matrix and, below row ``len(b)``, the stages only the extension needs; ``c`` (m,) the nodes;
-    ``b`` (s,) the weights. The state at fraction theta of a step is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``.
+    ``b`` (s,) the weights. The state at fraction theta of a step is ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``. ``h sum_i k_i doubt_i``
+    is an estimate of low order of what a step does wrong: much larger than that, but it grows as that grows from case to case.
     """
 
     name: str
@@ -22,6 +23,7 @@ class Method:
     c: np.ndarray
     dense: np.ndarray
     dense_order: int
+    doubt: np.ndarray
     checked: bool = field(init=False, default=True)
 
     def __post_init__(self):
@@ -31,6 +33,8 @@ class Method:
         for power in range(self.order):
             if abs(self.b @ nodes**power - 1.0 / (power + 1)) > 1e-13:
                 raise ValueError(f"{self.name}: the weights do not integrate degree {power}")
+        if not abs(self.doubt @ nodes) + abs(self.doubt.sum()) < 1e-12:
+            raise ValueError(f"{self.name}: doubt where a derivative grows evenly")
         full = np.zeros(len(self.dense))
         full[: len(self.b)] = self.b
         if not np.allclose(self.dense.sum(axis=1), full, rtol=0, atol=1e-12 * np.abs(self.dense).max()):
@@ -44,7 +48,7 @@ def _rk4() -> Method:
     a[3, 2] = 1.0
     b = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
     dense = np.array([[0.0, 1.0, -1.5, 2.0 / 3.0], [0.0, 0.0, 1.0, -2.0 / 3.0], [0.0, 0.0, 1.0, -2.0 / 3.0], [0.0, 0.0, -0.5, 2.0 / 3.0]])
-    return Method("rk4", 4, a, b, np.array([0.0, 0.5, 0.5, 1.0]), dense, 3)
+    return Method("rk4", 4, a, b, np.array([0.0, 0.5, 0.5, 1.0]), dense, 3, np.array([0.0, 1.0, -1.0, 0.0]) / 3.0)
 
 
 def _dop853() -> Method:
@@ -68,7 +72,7 @@ def _dop853() -> Method:
         for k in range(6, -1, -1):
             poly = (poly + f[k, i]) * np.polynomial.Polynomial([0.0, 1.0] if k % 2 == 0 else [1.0, -1.0])
         dense[i, : len(poly.coef)] = poly.coef[:8]
-    return Method("dop853", 8, a, b, np.array(dop.C), dense, 7)
+    return Method("dop853", 8, a, b, np.array(dop.C), dense, 7, np.array(dop.E5))
 
 
 def _dopri5() -> Method:
@@ -89,7 +93,11 @@ def _dopri5() -> Method:
     f2 = 2.0 * f0 - unit[6] - unit[0]
     f3 = np.array(d)
     dense = np.stack([np.zeros(7), f0 + f1, -f1 + f2 + f3, -f2 - 2.0 * f3, f3], axis=1)
-    return Method("dopri5", 5, a, b, np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0]), dense, 4)
+    c = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+    used = [i for i in range(6) if b[i] != 0.0]
+    doubt = np.zeros(6)  # a divided difference of derivatives over the nodes: the published pair needs the seventh stage
+    doubt[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
+    return Method("dopri5", 5, a, b, c, dense, 4, doubt)
 
 
 METHODS = {"rk4": _rk4, "dopri5": _dopri5, "dop853": _dop853}

@@ -2,6 +2,7 @@
 
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.dynamics import derivative
+from sepmc.kernels.layout import QUATERNION, RATE, STATE, VELOCITY
 
 
 @stage
@@ -37,6 +38,19 @@ def step(t, h, y, out, scratch, k, rk, m, w):
     pivot = stages(1, count, t, h, y, scratch, k, rk, m, w)
     _combine(h, rk.b, y, out, k)
     return pivot
+
+
+@stage
+def keep_doubt(h, guards, k, rk):
+    """The largest that steps may have done wrong to velocity, attitude and rate of every body, into ``guards``; after `step`."""
+    keep_apart()
+    for g in range(guards.shape[0]):
+        first = STATE * (g // 3) + (VELOCITY, QUATERNION, RATE)[g % 3]
+        for n in range(first, first + (4 if g % 3 == 1 else 3)):
+            doubt = 0.0
+            for i in range(rk.doubt.shape[0]):
+                doubt += rk.doubt[i] * k[i, n]
+            guards[g] = max(guards[g], abs(h * doubt))
 
 
 @stage

@@ -51,7 +51,8 @@ def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
     """A kernel from its pieces in the order of their table, the last of which is entered: names of functions, and of their modules."""
     compile_blocks()
     addresses = [getattr(module(name), function).address for function, name in pieces]
-    return Kernel(addresses[-1], module(pieces[-1][1]).SIZE_W, table(addresses))
+    entry = module(pieces[-1][1])
+    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS)
 
 
 def missing(names: Sequence[str]) -> list[str]:
