@@ -28,14 +28,13 @@ if TYPE_CHECKING:
 
 CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
 SAMPLE = 512  # trial cases drawn from the laws
-_OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample
+_OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample to find its step
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
 _SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
-_DOUBTED = 32  # trial cases at most that are flown by the general kernel because finer steps do not vouch for them
 _ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
@@ -130,7 +129,8 @@ def _trials(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
     """Corners, and a sample of the laws, that the general kernel flies first."""
     if not campaign.file.dispersions:
         return np.empty((1, 0)), np.empty((0, 0))
-    return corners(campaign), sample(campaign, SAMPLE // _OF_GENERAL)
+    given = campaign.scene.solver.step is not None  # then they only tell the error
+    return corners(campaign), sample(campaign, SAMPLE if given else SAMPLE // _OF_GENERAL)
 
 
 def _tell_trials(announce: Say | None) -> None:
@@ -173,7 +173,7 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
         warm_up(announce)
-        largest = np.maximum(largest, _doubted(campaign, doubted[:_DOUBTED], vouched[:_DOUBTED], scale))
+        largest = np.maximum(largest, _doubted(campaign, doubted, vouched, scale))
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
@@ -228,13 +228,14 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
 
     step = given or first_step(campaign.scene)
     least = step / 2.0**HALVINGS
-    spread = _spread(*flown(step, np.vstack([tried[:1], drawn])))
+    spread = own if given else _spread(*flown(step, np.vstack([tried[:1], drawn])))
     for number in range(_ROUNDS):
         if not given:
             size = partial(scales, units=units, scene_scale=own, spread=spread)
             step = settled_step(flown, tried, step, least, goal, size, decides)
         draws = np.vstack([tried, drawn])
-        one, two = flown(step, draws), flown(0.5 * step, draws)
+        trials = fly_general(campaign, step, draws)
+        one, two = (trials.outcomes[:, : len(units)], trials.status), flown(0.5 * step, draws)
         spread = _spread(two[0][len(tried) :], two[1][len(tried) :])
         scale = scales(two[0], units, own, spread)
         found = changes(*one, *two, scale, decides)
@@ -251,7 +252,7 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
     largest = found[sound].max(axis=0, initial=0.0)
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
-    limits = _limits(campaign, fly_general(campaign, step, draws))
+    limits = _limits(campaign, trials)
     return Flight(why, None, None, None, step, scale, limits, float(largest[decides].max(initial=0.0)), told, nominal)
 
 

@@ -24,7 +24,9 @@ _SLOPE = (
     sum(-1.0 / x for x in _THETA[1:]),
     *(math.prod(-x for x in _THETA[1:] if x != y) / math.prod(y - x for x in _THETA if x != y) for y in _THETA[1:]),
 )
-_DIP = 0.7  # least over greatest size of a load at the nodes: above, it is smooth over the step
+# Coefficient of the fourth Chebyshev polynomial in that quartic.
+_FOURTH = tuple(1.0 / (128.0 * math.prod(x - y for y in _THETA if y != x)) for x in _THETA)
+_DIP = 0.7  # least over greatest size of a load at the nodes: below, it may turn sharply between them
 # What halving an interval may change of an integral: of the peak so far, and, for round-off, of that of force or moment (N, N m).
 _AGREE, _NOISE, _HALVINGS = 1e-9, 1e-12, 40
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -200,12 +202,14 @@ def _quadrature(c, rows):
 
 
 @stage
-def _dips(c, floor, rows):
-    """Whether column ``c``, the size of a vector, is not as good as nothing and comes so near to zero that it may turn sharply there."""
-    least, greatest = rows[0, c], rows[0, c]
-    for i in range(1, NODES):
-        least, greatest = min(least, rows[i, c]), max(greatest, rows[i, c])
-    return least < _DIP * greatest and greatest > floor
+def _is_rough(c, floor, rows):
+    """Whether column ``c``, the size of a vector that is not as good as nothing, may have an integral that the nodes do not give to
+    ``floor``: it comes near to zero and may turn sharply there, or its Chebyshev coefficients do not fall fast (the eighth, which the
+    quadrature leaves out, is about the fourth squared)."""
+    least, greatest, fourth = rows[0, c], rows[0, c], 0.0
+    for i in range(NODES):
+        least, greatest, fourth = min(least, rows[i, c]), max(greatest, rows[i, c]), fourth + _FOURTH[i] * rows[i, c]
+    return greatest > 1e3 * floor and (least < _DIP * greatest or fourth * fourth > floor * greatest)
 
 
 @stage
@@ -269,7 +273,7 @@ def _watch_loads(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
         for part in range(2):
             total = _quadrature(c, rows)
             floor = _AGREE * outcomes[o + 3 * part] + _NOISE * max(outcomes[o], outcomes[o + 3])
-            if _dips(c, 1e3 * floor, rows):
+            if _is_rough(c, floor, rows):
                 total = _integral(c, total, floor, t, h, y0, sample, weights, k, rk, m, w)
             outcomes[o + 3 * part + 2] += h * total
             c += 1
