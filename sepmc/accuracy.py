@@ -103,13 +103,14 @@ class Achieved:
 
     `SAFETY` times the largest that ``cases`` trial cases show when they are flown again at twice the resolution. ``places``
     names the outcomes that no step settles: times and places of extremes, whether outlines met. Their errors are told, but
-    ``worst`` and ``met`` are about the others.
+    ``worst`` and ``met`` are about the others. ``history`` is the error of stored histories, between the ends of steps, if there are any.
     """
 
     asked: float
     errors: dict[str, float]
     cases: int
     places: frozenset[str] = frozenset()
+    history: float | None = None
 
     @property
     def worst(self) -> tuple[str, float]:

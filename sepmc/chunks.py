@@ -15,7 +15,7 @@ import numpy as np
 
 from sepmc import cases, schema, store
 from sepmc.accuracy import SAFETY, Achieved
-from sepmc.flight import Flight, Say, fly
+from sepmc.flight import Flight, Say, fly, history_rows
 from sepmc.remarks import unmet, unsettled
 from sepmc.schema import Status
 from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
@@ -58,7 +58,7 @@ class Chunks:
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
         self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
-        self.room = int(run.end_time / run.history_step + 1e-9) + 1 if self.separation else 0
+        self.room = history_rows(campaign.scene) if self.separation else 0
         bytes_a_case = 8 * (self.room * (2 + len(self.separation)) + 2 * len(campaign.columns))
         self.size = max(1, min(run.chunk, _ROOM // bytes_a_case))
         self.sink: Sink = (
@@ -196,6 +196,8 @@ class Chunks:
         said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist()}
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
+        if told.history is not None:
+            said |= {"history": told.history}
         if self.finer:
             said |= {"finer_cases": self.finer}
         if self.left:

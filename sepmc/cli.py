@@ -563,11 +563,13 @@ def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
     said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"
     asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
     place = accuracy.get("worst_place")
+    history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
     finer, left = accuracy.get("finer_cases"), accuracy.get("left_cases")
     others = f", {finer} cases harder than trial cases at finer steps of their own" if finer else ""
     others += f", {left} cases by the general kernel, each at a step of its own" if left else ""
-    return f"{said}{asked}{places}: twice that of {accuracy['cases']} trial cases flown again at twice the resolution; {how}{others}"
+    trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
+    return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
 
 
 _BANDED = 20_000  # cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit into memory

@@ -48,7 +48,9 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    guards: np.ndarray | None = None  # (n, g): how hard cases are to integrate, see `sepmc.compiler.emit_context.Context.guards`
+    guards: np.ndarray | None = (
+        None  # (n, g): how hard cases are to integrate, see `sepmc.compiler.emit_context.Context.guards`; NaN: not known
+    )
     again: Again | None = None
 
 
@@ -65,7 +67,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
         np.zeros((n, room), dtype=np.int64),
         np.full((n, room, width), np.nan),
         np.zeros(n, dtype=np.int64),
-        np.zeros((n, 3 * len(plan.bodies))),
+        np.zeros((n, 3 * len(plan.bodies) + int(plan.model.scene[0].n_leaves))),
     )
     nominal = np.ascontiguousarray(plan.nominal)
     fly(

@@ -8,6 +8,7 @@ import numpy as np
 
 from sepmc.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.door import Again, Block, fly_specialised, warm_up
+from sepmc.scene.model import Scene
 from sepmc.schema import Status
 from sepmc.settle import Settled, first_step, fly_general, settle
 
@@ -27,7 +28,8 @@ class Flight:
     ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
     last ``usual`` (phases,) s; ``step`` (s) is that of the general one. ``scale`` (o,) is what errors of small outcomes are taken
     relative to, see `sepmc.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its error too
-    (`Block.guards`). ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
+    (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll
+    turn about at once. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
     ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
     """
 
@@ -38,6 +40,7 @@ class Flight:
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
+    angles: dict[int, float] = field(default_factory=dict)
     error: float = np.nan
     achieved: Achieved | None = None
     nominal: np.ndarray | None = None
@@ -53,7 +56,7 @@ class Flight:
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
     """Fly draws (n, d), SI. Cases harder than any trial case are flown again at shorter steps; those that a specialised kernel cannot
     vouch for by the general one; those with a draw that is not finite by none."""
-    block = _fly_once(campaign, flight, draws, room)
+    block = fly_once(campaign, flight, draws, room)
     lost = np.flatnonzero(block.status < 0)
     fit = np.isfinite(draws[lost]).all(axis=1)
     block.outcomes[lost[~fit]], block.status[lost[~fit]], block.rows[lost[~fit]] = np.nan, Status.INVALID_INPUT, 0
@@ -69,7 +72,12 @@ def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, 
     return block
 
 
-def _fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, finer: int = 1) -> Block:
+def history_rows(scene: Scene) -> int:
+    """Rows of the stored history of a case."""
+    return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
+
+
+def fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, finer: int = 1) -> Block:
     """Fly draws at the flight's steps, or at so many times finer ones."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step / finer if flight.step else None, draws, room)
@@ -81,7 +89,10 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     assert block.guards is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
-    return np.asarray((block.guards <= flight.limits).all(axis=1))
+    like = (block.guards <= flight.limits).all(axis=1)
+    for column, limit in flight.angles.items():
+        like &= np.abs(block.outcomes[:, column]) <= limit
+    return np.asarray(like)
 
 
 def _fly_hard(
@@ -91,12 +102,13 @@ def _fly_hard(
     learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
 
     def flown(share: float, which: np.ndarray) -> Block:
-        return _fly_once(campaign, flight, draws[which], room, round(1.0 / share))
+        return fly_once(campaign, flight, draws[which], room, round(1.0 / share))
 
     given = campaign.scene.solver.step is not None
-    before = replace(block, outcomes=block.outcomes[hard], status=block.status[hard], history=block.history[hard], rows=block.rows[hard])
+    before = _rows(block, hard)
     found = _settle(campaign, flight, block, hard, 1.0, flown)
-    held = found.settled & (found.status == Status.OK)
+    assert block.guards is not None
+    held = found.settled & (found.status == Status.OK) & ~np.isnan(block.guards[hard]).any(axis=1)
     change = found.change
     if given:
         assert flight.scale is not None
@@ -134,10 +146,20 @@ def _settle(
     return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
 
 
+def _rows(block: Block, which: np.ndarray) -> Block:
+    """Some rows of a block."""
+    guards = None if block.guards is None else block.guards[which]
+    return Block(
+        block.outcomes[which], block.status[which], block.times[which], block.phases[which], block.history[which], block.rows[which], guards
+    )
+
+
 def _put(block: Block, which: np.ndarray, rows: Block) -> None:
     """Put the rows of a block in place of some of another."""
     block.outcomes[which], block.status[which] = rows.outcomes, rows.status
     block.history[which], block.rows[which] = rows.history, rows.rows
+    if block.guards is not None and rows.guards is not None and block.guards.shape[1] == rows.guards.shape[1]:
+        block.guards[which] = rows.guards
 
 
 def _largest(change: np.ndarray) -> np.ndarray:

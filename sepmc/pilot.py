@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sepmc import cases
-from sepmc.accuracy import SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
+from sepmc.accuracy import SAFETY, SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
-from sepmc.flight import SAFE, Flight, Say, fly
+from sepmc.flight import SAFE, Flight, Say, fly, fly_once, history_rows
 from sepmc.remarks import remarks
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
-from sepmc.schema import Status
+from sepmc.schema import Status, separation_columns
 from sepmc.search import Search, usual_phases
 from sepmc.settle import DEEP, HALVINGS, changes, first_step, fly_general, settle, settled_step
 
@@ -117,12 +117,34 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
         _tell_trials(announce)
         found = _choose_steps(campaign, kernel, announce)
         if found is not None:
-            return replace(found, notes=remarks(campaign, found))
+            return _finished(campaign, found, history)
         why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
     warm_up(announce)
     _tell_trials(announce)
     found = choose_step(campaign, why, *_trials(campaign))
+    return _finished(campaign, found, history)
+
+
+def _finished(campaign: "Campaign", found: Flight, history: bool) -> Flight:
+    """The flight with what is to be told of its nominal case and of histories."""
+    if history and campaign.scene.joint and found.achieved is not None:
+        found = replace(found, achieved=replace(found.achieved, history=SAFETY * _history_error(campaign, found)))
     return replace(found, notes=remarks(campaign, found))
+
+
+def _history_error(campaign: "Campaign", found: Flight) -> float:
+    """Largest error of separation speed and distance between the ends of steps, over corners: a step's interpolation is of a lower
+    order than the step. Relative to size or scale as the outcomes are."""
+    assert found.scale is not None
+    draws = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
+    room = history_rows(campaign.scene)
+    one, two = (fly_once(campaign, found, draws, room, finer) for finer in (1, 2))
+    names = [column.name for column in campaign.outcome_columns]
+    width = two.history.shape[2]
+    scale = np.array([found.scale[names.index(column.name)] for column in separation_columns(list(campaign.plan.joints))])
+    both = (one.status == Status.OK) & (two.status == Status.OK)
+    there = one.history[both].reshape(-1, width), two.history[both].reshape(-1, width)
+    return float(errors(*there, scale).max(initial=0.0))
 
 
 def _trials(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
@@ -177,19 +199,31 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
-    limits = _limits(campaign, fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))[0])
-    return Flight([], kernel, steps, usual, None, scale, limits, float(largest.max(initial=0.0)), told, nominal)
+    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
+    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
+    return Flight([], kernel, steps, usual, None, scale, limits, angles, float(largest.max(initial=0.0)), told, nominal)
 
 
 def _limits(campaign: "Campaign", trials: Block) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
     assert trials.guards is not None
-    sound = trials.guards[trials.status == Status.OK]
+    sound = trials.guards[(trials.status == Status.OK) & ~np.isnan(trials.guards).any(axis=1)]
     speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     unseen = np.zeros(trials.guards.shape[1])
     bodies = 3 * len(campaign.plan.bodies)
     unseen[:bodies] = np.resize([speed, rate * campaign.scene.run.end_time, rate], bodies)
     return np.maximum(_ALIKE * sound.max(axis=0, initial=0.0), unseen)
+
+
+def _angles(campaign: "Campaign", trials: Block) -> dict[int, float]:
+    """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or pitch and roll, goes with one over the
+    cosine."""
+    found = {}
+    for k, column in enumerate(campaign.outcome_columns):
+        if column.name.endswith(("_beta_deg", "_yaw_deg")):
+            sizes = np.abs(trials.outcomes[trials.status == Status.OK, k])
+            found[k] = float(np.arccos(np.cos(np.nanmax(sizes, initial=0.0)) / _ALIKE))
+    return found
 
 
 def _doubted(campaign: "Campaign", draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -252,8 +286,8 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
     largest = found[sound].max(axis=0, initial=0.0)
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
-    limits = _limits(campaign, trials)
-    return Flight(why, None, None, None, step, scale, limits, float(largest[decides].max(initial=0.0)), told, nominal)
+    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
+    return Flight(why, None, None, None, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

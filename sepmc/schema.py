@@ -23,6 +23,7 @@ class Status(IntEnum):
     OUTSIDE_TABLE = 10
     JAMMED = 11
     TOO_MANY_EVENTS = 12
+    NO_CLEARANCE = 13
 
     @property
     def label(self) -> str:
@@ -42,12 +43,15 @@ _SENTENCES = {
     Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no length, or an axis parallel to another?",
     Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",
     Status.NO_ROOT: "an event could not be located in its step: shorten solver.step_s",
-    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or no clearance was found: the step is too long, shorten it",
+    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or a body turned more than 2 rad in a step: the step is too long, "
+    "shorten it",
     Status.NOT_FLOWN: "the kernel did not reach this case",
     Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does a rod or a joint to the ground allow it?",
     Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not extrapolated: widen the table",
     Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: look at J_jam_friction",
     Status.TOO_MANY_EVENTS: "events followed each other without time passing",
+    Status.NO_CLEARANCE: "the least distance of two outlines could not be found within a step: move stations of outlines that are flush "
+    "at the start by 0.1 mm, or shorten the step",
 }
 
 

@@ -27,7 +27,7 @@ DEEP = 16  # times finer are a few cases flown once more: what is shorter than a
 _PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
 
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
-_TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED)  # a shorter step may help
+_TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
 
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
 
@@ -91,7 +91,8 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        stale[left] = np.where(worst <= 0.5 * least[left], 0, stale[left] + 1)
+        fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, _TOO_LONG)
+        stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
         outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now

@@ -81,7 +81,7 @@ def _first_slabs(c: Context) -> None:
         c.slabs.add(name, c.size)
     for i in range(1, (len(c.method.dense) if c.history else len(c.method.b)) + 1):  # in this order and without a gap
         c.slabs.add(f"K{i}", c.size)
-    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS"):
+    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS", "UNEVEN"):
         c.slabs.add(name, 1)
     c.slabs.add("DOUBT", c.size), c.slabs.add("GUARD", len(c.guards))
     c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)

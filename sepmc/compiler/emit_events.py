@@ -24,6 +24,11 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
         _event(text, g, event)
         text(f"earlier, before = w[LAST_{name} + l], w[LAST_{name} + LANES + l]")
         text("jerk = (acceleration - before) / (t - earlier) if t > earlier else 0.0")
+        if not event.ends_phase:  # it may be met and left again within a step: then the tangents at its ends cross beyond
+            text(f"past, slope, h = w[VALUE_{name} + l], w[RATE_{name} + l], t - earlier")
+            text("turns = earlier != math.inf and slope > 0.0 and rate < 0.0 and past < 0.0")
+            text("top = past + slope * (value - past - rate * h) / (slope - rate if turns else 1.0)")
+            text(f"w[UNEVEN + l] = 1.0 if turns and top >= 0.0 and w[SPENT_{event.which} + l] == 0.0 else w[UNEVEN + l]")
         text(f"w[RATE_{name} + l] = rate")
         text(f"w[VALUE_{name} + l], w[LAST_{name} + l], w[LAST_{name} + LANES + l] = value, t, acceleration")
         text(f"at_once = (1.0 if value >= -1e-12 else 0.0) if earlier == math.inf else w[AT_ONCE_{name} + l]")

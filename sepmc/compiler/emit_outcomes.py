@@ -53,7 +53,7 @@ def emit_results(text: Text, c: Context) -> None:
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
     for k, name in enumerate(("DRIFT", "EVENT_ERROR", "TURNED_FAR", "STEPS")):
         text(f"outcomes[{o + 4 + k}, i] = w[{name} + l]")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 8} + k, i] = w[GUARD + k * LANES + l]")
+    text.block("for k in range(GUARDS):")(f"outcomes[{o + 8} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     text("status[i] = 0 if sound else -1")

@@ -7,7 +7,7 @@ from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
 _ZERO_AT_FIRST = (
-    *("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS"),
+    *("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN"),
     *("RESIDUAL", "RESIDUAL + LANES", "RESIDUAL + 2 * LANES", "RESIDUAL + 3 * LANES"),
 )
 

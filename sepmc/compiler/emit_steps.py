@@ -13,6 +13,7 @@ from sepmc.kernels.methods import Method, method
 # A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
 # hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
+_UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
 
@@ -61,7 +62,9 @@ def emit_advance(out: Text, c: Context) -> None:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, "left, usual", c.history)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
-    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0", f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
+    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0")
+    inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
+    inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name, rk.doubt)
     text("guard(w, phase)")
     if c.history:

@@ -28,6 +28,7 @@ SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 
 _PLACES = 5  # of a step at which the relative motion is looked at
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
+_FLUSH = 100.0  # times that may a rim stand before the end of its shell and count as within: rims that are flush at the start
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
 _NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
 _DEPTH = 56  # halvings of a step, one within the other, at most
@@ -218,6 +219,12 @@ def _least(d0, d1, bend, dt):
 
 
 @stage
+def _most(x0, x1, move, bend, dt):
+    """What a coordinate is nowhere more than between two times, if it moves by at most ``move`` and bends by at most ``bend``."""
+    return min(max(x0, x1) + move, -_least(-x0, -x1, bend, dt))
+
+
+@stage
 def _note(distance, here, time, body, outcomes, first, w):
     """Take over a new least distance with its time and the nearest point of the first body, layout."""
     cg = vec3.get(w, body_params(body) + at.CG)
@@ -278,7 +285,7 @@ def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, 
 def _visit(pair, node, tiny, a, t, h, outcomes, first, w):
     """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or touches earlier."""
     keep_apart()
-    distance, here = _distance(pair, node[_POSE:], 0.0)
+    distance, here = _distance(pair, node[_POSE:], _FLUSH * tiny)
     node[_VALUE] = distance
     time, best = t + node[_AT] * h, outcomes[first]
     if distance < best - tiny or (math.isnan(best) and distance < math.inf) or (distance == best == 0.0 and time < outcomes[first + 1]):
@@ -303,16 +310,24 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
     lowest0, highest0, outmost0 = _along(pair, left[_POSE:])
     lowest1, highest1, outmost1 = _along(pair, right[_POSE:])
     _, _, length, r0, r1 = pair[2] if kind == SHELL_ON_FIRST else pair[3]
-    if max(highest0, highest1) < -move or min(lowest0, lowest1) > length + move:
+    lowest = -_most(-lowest0, -lowest1, move, bend, dt)  # from the ends
+    highest = length - _most(highest0, highest1, move, bend, dt)
+    flush = _FLUSH * tiny
+    if highest > length + flush or lowest > length + flush:
         return False
     narrow, wide, rise = min(r0, r1), max(r0, r1), abs(r1 - r0)
-    lowest, highest = min(lowest0, lowest1) - move, length - max(highest0, highest1) - move  # from the ends
     beside = max(outmost0, outmost1) + move > (1.0 + outlines.THROUGH) * narrow  # some of the rim may be
+    limit = math.inf if math.isnan(best) else best - tiny
+    # A rim that lies across one end all the time: its nearest point there moves along the end much faster than the rim, but smoothly.
+    across_start = min(highest0, highest1) > move and max(lowest0, lowest1) < -move and highest > 0.0
+    across_end = max(lowest0, lowest1) < length - move and min(highest0, highest1) > length + move and lowest > 0.0
+    if (across_start or across_end) and 0.125 * right[_BEND] * dt * dt <= _SURE:
+        return _least(d0, d1, right[_BEND], dt) < limit
     if beside or not (lowest >= 0.0 and highest >= 0.0):  # or may come or go at the ends
-        d0, d1 = _distance(pair, left[_POSE:], move)[0], _distance(pair, right[_POSE:], move)[0]
+        margin = move + flush
+        d0, d1 = _distance(pair, left[_POSE:], margin)[0], _distance(pair, right[_POSE:], margin)[0]
         if max(d0, d1) == math.inf:
             return False
-    limit = math.inf if math.isnan(best) else best - tiny
     lip = wide * rise / length  # how deep within the ends a lip can be nearest
     lips = rise > 0.0 and not (lowest >= lip and highest >= lip)
     if limit > 0.0 and (beside or lips):  # such distances are positive

@@ -29,6 +29,7 @@ _ROOT = 1e-13  # s: an event is located when the next correction is below this
 _WHOLE, _MOST_AT_LEAST = 8.0, 1000.0
 _CLEVER = 60  # trials before the bracket is only halved: Newton wanders where round-off over speed is above _ROOT
 _PEAK_ROUNDS = 36  # of golden section for the peak of a load
+NO_CLEARANCE = 13
 _UNRESOLVED = 1e-6  # drift of a quaternion in one step, or share of energy lost, beyond which a case is not called ok
 _MOST_TURNED = 2.0  # rad a body may turn in a step: beyond, its phase is lost though its length is kept
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the constraints may be violated by at the start
@@ -187,6 +188,16 @@ def _first_event(t, h, y0, y1, sample, scratch, weights, k, rk, phase, m, w):
 
 
 @stage
+def _keep_slowness(i, t, h, y, guards, m, w):
+    """How slowly condition ``i`` is met at the end of a step, s per unit of its value: an error of the value is so much of one of time."""
+    value, rate = _value(i, t, y, m, w)
+    if math.isnan(rate):  # of a load: on average over the step
+        rate = (value - w[leaf_work(i, m) + at.BEFORE]) / h if h > 0.0 else 0.0
+    g = 3 * m.scene.n_bodies + i
+    guards[g] = max(guards[g], 1.0 / rate if rate > 0.0 else math.inf)
+
+
+@stage
 def _record(t, y, phase, times, phases, history, rows, level, m, w):
     """Append one history row if there is room. Returns the number of rows."""
     keep_apart()
@@ -292,7 +303,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, guards, times, phases, hist
             if status != OK:
                 break
             audit[at.PIVOT_AUDIT] = min(audit[at.PIVOT_AUDIT], pivot)
-            keep_doubt(length, guards, k, rk)
+            keep_doubt(length, m.scene.n_bodies, guards, k, rk)
             drift = normalise_all(y1, m.scene.n_bodies)
             audit[at.DRIFT_AUDIT] = max(audit[at.DRIFT_AUDIT], drift)
             if drift > _UNRESOLVED:
@@ -314,6 +325,7 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, guards, times, phases, hist
             if cut:
                 t_next, split_end = t + length, -1.0
             if found >= 0:
+                _keep_slowness(found, t + length, length, y1, guards, m, w)
                 audit[at.EVENT_AUDIT] = max(audit[at.EVENT_AUDIT], error)
                 w[leaf_work(found, m) + at.MET] = 1.0
             if leaves >= 0 and length == border:
@@ -350,8 +362,11 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, guards, times, phases, hist
             lost, turned = follow_angles(y0, length, m, w)
             if lost:
                 audit[at.SINGULAR_AUDIT] = 1.0
-            if turned > _MOST_TURNED or w[m.scene.work + at.UNSEARCHED] != 0.0:
+            if turned > _MOST_TURNED:
                 status = UNRESOLVED
+                break
+            if w[m.scene.work + at.UNSEARCHED] != 0.0:
+                status = NO_CLEARANCE
                 break
             energy = kinetic_energy(y0, m, w)
             work = y0[size - 1]

@@ -41,10 +41,10 @@ def step(t, h, y, out, scratch, k, rk, m, w):
 
 
 @stage
-def keep_doubt(h, guards, k, rk):
-    """The largest that steps may have done wrong to velocity, attitude and rate of every body, into ``guards``; after `step`."""
+def keep_doubt(h, bodies, guards, k, rk):
+    """Largest that steps may have done wrong to velocity, attitude and rate of bodies, into the first of ``guards``; after `step`."""
     keep_apart()
-    for g in range(guards.shape[0]):
+    for g in range(3 * bodies):
         first = STATE * (g // 3) + (VELOCITY, QUATERNION, RATE)[g % 3]
         for n in range(first, first + (4 if g % 3 == 1 else 3)):
             doubt = 0.0
