@@ -133,6 +133,13 @@ def test_a_rim_flush_with_the_mouth_of_its_shell():
     assert (rows["nozzle_clearance_time_s"] > 0.25).mean() > 0.5
 
 
+def test_clearances_are_the_same_at_any_step():
+    """Of rims that leave straight or at a slant, within a step of any length."""
+    found = [sepmc.load(FLUSH, {"solver.step_s": step_s}).run().to_pandas()["nozzle_clearance_mm"] for step_s in (0.001, 0.0041, 0.01)]
+    for other in found[1:]:
+        assert_allclose(other, found[0], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("number", [2, 102])
 def test_a_nozzle_that_leaves_at_a_slant(number):
     """Its rim crosses the mouth for a while, and the nearest point runs along the mouth faster than the rim moves."""

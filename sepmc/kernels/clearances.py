@@ -31,6 +31,7 @@ _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below 
 _FLUSH = 100.0  # times that may a rim stand before the end of its shell and count as within: rims that are flush at the start
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
 _NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
+_WELL_ACROSS = 256.0  # times what a rim may move in an interval: its chord beyond an end then changes evenly
 _DEPTH = 56  # halvings of a step, one within the other, at most
 _MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them all is given up
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
@@ -318,9 +319,10 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, fir
     narrow, wide, rise = min(r0, r1), max(r0, r1), abs(r1 - r0)
     beside = max(outmost0, outmost1) + move > (1.0 + outlines.THROUGH) * narrow  # some of the rim may be
     limit = math.inf if math.isnan(best) else best - tiny
-    # A rim that lies across one end all the time: its nearest point there moves along the end much faster than the rim, but smoothly.
-    across_start = min(highest0, highest1) > move and max(lowest0, lowest1) < -move and highest > 0.0
-    across_end = max(lowest0, lowest1) < length - move and min(highest0, highest1) > length + move and lowest > 0.0
+    # A rim well across one end: its nearest point there moves along the end much faster than the rim, but smoothly.
+    well = _WELL_ACROSS * move
+    across_start = min(highest0, highest1) > well and max(lowest0, lowest1) < -well and highest > 0.0
+    across_end = max(lowest0, lowest1) < length - well and min(highest0, highest1) > length + well and lowest > 0.0
     if (across_start or across_end) and 0.125 * right[_BEND] * dt * dt <= _SURE:
         return _least(d0, d1, right[_BEND], dt) < limit
     if beside or not (lowest >= 0.0 and highest >= 0.0):  # or may come or go at the ends
