@@ -588,6 +588,7 @@ def _figures(folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: 
         frame = store.read_cases(folder, _BANDED, ["case", "status"])
         written = band_figures(histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units)
     varied = [name for name, low, high in zip(table.index, table["min"], table["max"], strict=True) if _varies(low, high)]
+    varied = [name for name in varied if not name.endswith("_recontact")]  # yes or no has no density
     outcomes = [name for name in loaded.reference if name in units] if loaded.reference else sorted(varied, key=_interest)
     return written + histogram_figures({name: summary.histogram(name) for name in outcomes}, folder, units, loaded.reference, source=source)
 

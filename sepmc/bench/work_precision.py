@@ -78,7 +78,7 @@ def _specialised(study: Study) -> list[Way]:
                 flights.append((accuracy, plan_flight(own.with_settings({"solver.accuracy": accuracy}))))
         if default.steps is not None:
             multiples = [np.maximum(1, np.round(k * default.steps)).astype(np.int64) for k in MULTIPLES]
-            flights += [(np.nan, replace(default, steps=steps)) for steps in multiples]
+            flights += [(np.nan, replace(default, steps=steps, limits=None, angles={})) for steps in multiples]
         for accuracy, flight in flights:
             if flight.steps is not None:
                 is_default = flight is study.flight
