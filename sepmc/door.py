@@ -67,7 +67,7 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
         np.zeros((n, room), dtype=np.int64),
         np.full((n, room, width), np.nan),
         np.zeros(n, dtype=np.int64),
-        np.zeros((n, 3 * len(plan.bodies) + int(plan.model.scene[0].n_leaves))),
+        np.zeros((n, _general_guards(plan))),
     )
     nominal = np.ascontiguousarray(plan.nominal)
     fly(
@@ -75,6 +75,12 @@ def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width
         block.outcomes, block.guards, block.status, block.times, block.phases, block.history, block.rows, level,
     )  # fmt: skip
     return block
+
+
+def _general_guards(plan: Plan) -> int:
+    """Guards of the general kernel: three for every body, the ground among them, and one for every condition."""
+    scene = plan.model.scene[0]
+    return int(3 * scene.n_bodies + scene.n_leaves)
 
 
 def fly_specialised(

@@ -200,18 +200,18 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
     trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
-    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
+    limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     return Flight([], kernel, steps, usual, None, scale, limits, angles, float(largest.max(initial=0.0)), told, nominal)
 
 
-def _limits(campaign: "Campaign", trials: Block) -> np.ndarray:
+def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
     assert trials.guards is not None
     sound = trials.guards[(trials.status == Status.OK) & ~np.isnan(trials.guards).any(axis=1)]
     speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     unseen = np.zeros(trials.guards.shape[1])
-    bodies = 3 * len(campaign.plan.bodies)
-    unseen[:bodies] = np.resize([speed, rate * campaign.scene.run.end_time, rate], bodies)
+    of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
+    unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
     return np.maximum(_ALIKE * sound.max(axis=0, initial=0.0), unseen)
 
 
@@ -286,7 +286,7 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
     largest = found[sound].max(axis=0, initial=0.0)
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
-    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
+    limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
     return Flight(why, None, None, None, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
