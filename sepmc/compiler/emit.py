@@ -4,16 +4,16 @@ The module flies LANES cases side by side. Sizes and places are constants in it,
 shape share it. `sepmc check --code` prints it.
 """
 
-from sepmc.compiler.emit_block import emit_block
-from sepmc.compiler.emit_context import Context
-from sepmc.compiler.emit_events import emit_aim
-from sepmc.compiler.emit_history import emit_history
-from sepmc.compiler.emit_loads import emit_centre
-from sepmc.compiler.emit_motion import emit_correct, emit_rates
-from sepmc.compiler.emit_outcomes import emit_report
-from sepmc.compiler.emit_prepare import emit_prepare, shared_size
-from sepmc.compiler.emit_steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
+from sepmc.compiler.block import emit_block
+from sepmc.compiler.context import Context
+from sepmc.compiler.events import emit_aim
+from sepmc.compiler.history import emit_history
+from sepmc.compiler.loads import emit_centre
+from sepmc.compiler.motion import emit_correct, emit_rates
+from sepmc.compiler.outcomes import emit_report
 from sepmc.compiler.shape import Shape
+from sepmc.compiler.start import emit_prepare, shared_size
+from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import method
 
@@ -70,8 +70,10 @@ def _body(c: Context) -> Text:
     if any(stage.events for stage in c.shape.stages):
         emit_approach(body, c)
     emit_report(body, c)
+    block = Text()
+    emit_block(block, c)  # it is entered, so it stands last; what comes before a flight is known when all else is written
     emit_prepare(body, c)
-    emit_block(body, c)
+    body.lines += block.lines
     return body
 
 

@@ -1,5 +1,7 @@
 """Lines of a module that is being written, and the slabs of its workspace."""
 
+import textwrap
+
 WIDTH = 132
 _LONGEST = 120  # docstring on one line
 
@@ -38,6 +40,19 @@ class Text:
             inner(f'"""{says}"""')
         inner("keep_apart()")
         return inner
+
+    def broken(self, line: str) -> None:
+        """A statement, on as many lines as it takes."""
+        if 4 * self.indent + len(line) <= WIDTH:
+            self(line)
+            return
+        name, equals, code = line.partition(" = ")
+        width = WIDTH - 4 * (self.indent + 1)
+        if not equals:  # a call
+            first, *rest = textwrap.wrap(line, WIDTH - 4 * self.indent, break_long_words=False)
+            self(first, *("    " + part for part in textwrap.wrap(" ".join(rest), width, break_long_words=False)))
+            return
+        self(f"{name} = (", *("    " + part for part in textwrap.wrap(code, width, break_long_words=False)), ")")
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
         """A sum, on as many lines as it takes."""

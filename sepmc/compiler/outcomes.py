@@ -1,7 +1,8 @@
-"""Lines of a specialised kernel for the outcomes of a flight: from the final state into slabs, from slabs into the columns of results."""
+"""The outcomes of a flight: from the final state into slabs, from slabs into the columns of results."""
 
-from sepmc.compiler.emit_context import Context, raw
-from sepmc.compiler.emit_geometry import ZERO, emit_separation, emit_state
+from sepmc.compiler.context import Context, part
+from sepmc.compiler.formulas import ZERO, loads, quat, vec3
+from sepmc.compiler.geometry import State
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -9,30 +10,34 @@ from sepmc.scene.model import GROUND
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
-    shape, stage = c.shape, c.shape.stages[-1]
-    text = out.function("report(w)", "Outcomes of the final state, in the order of the columns, into OUT.").lanes()
+    shape, stage, case = c.shape, c.shape.stages[-1], c.case
+    text = out.function("report(w)", "Outcomes of the final state, in the order of the columns, into OUT.")
     c.slabs.add("OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES)
-    c.slabs.add("PATH_REFERENCE", 1), c.slabs.add("STREAM", 3)
-    c.parameters(f"w[PATH_REFERENCE + l] = {raw(at.PATH_REFERENCE)}")
-    g = emit_state(text, c, stage, "Y")
+    s = State(c, c.scope(), stage, "Y")
     o = 0
     for body in shape.bodies:
-        leader = stage.leader(body)
-        spin = ZERO if leader == GROUND else f"omega_{leader}"
-        text(f"alpha, beta = flow_angles(vec3.unrotate({g.attitude(body)}, vec3.add(v_{body}, get3(w, STREAM + l))))")
-        text(f"pitch, yaw, roll = w[ANGLES_{leader} + l], quat.yaw({g.attitude(body)}), w[ANGLES_{leader} + LANES + l]")
-        text(f"put3(w, OUT + {o} * LANES + l, (alpha, beta, pitch - w[PATH_REFERENCE + l]))")
-        text(f"put3(w, OUT + {o + 3} * LANES + l, {spin})", f"put3(w, OUT + {o + 6} * LANES + l, (roll, yaw, pitch))")
+        leader, attitude = stage.leader(body), s.attitude(body)
+        alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
+        pitch, roll = angles(s, leader)
+        found = [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *(ZERO if leader == GROUND else s.rate(leader))]
+        for k, value in enumerate([*found, roll, quat.yaw(attitude), pitch]):
+            s.scope.store(part("OUT", o + k), value)
         o += at.BODY_OUTCOMES
     for joint in shape.scene.joint:
-        emit_separation(text, g, joint)
-        c.slabs.add(f"RELEASE_{joint}", 1)
-        c.parameters(f"w[RELEASE_{joint} + l] = math.nan")
-        text(f"put3(w, OUT + {o} * LANES + l, (rate, distance, w[RELEASE_{joint} + l]))")
+        line = s.separation(joint)
+        if c.slabs.add(f"RELEASE_{joint}", 1):
+            case.scope.store(f"RELEASE_{joint}", float("nan"))
+        for k, value in enumerate((line.rate, line.length, s.scope.load(f"RELEASE_{joint}"))):
+            s.scope.store(part("OUT", o + k), value)
         o += at.JOINT_OUTCOMES
-    if any(GROUND in group for group in stage.groups):
-        c.slabs.add(f"ANGLES_{GROUND}", 2)
-        c.parameters(f"w[ANGLES_{GROUND} + l], w[ANGLES_{GROUND} + LANES + l] = {raw(at.PITCH)}, {raw(at.ROLL)}")
+    s.scope.write(text.lanes())
+
+
+def angles(s: State, leader: str):
+    """Pitch and roll of a group, followed through turns; those of the start if it is held to the ground."""
+    if leader == GROUND:
+        return s.case.number(at.PITCH), s.case.number(at.ROLL)
+    return s.scope.load(f"ANGLES_{leader}"), s.scope.load(part(f"ANGLES_{leader}", 1))
 
 
 def emit_results(text: Text, c: Context) -> None:

@@ -1,10 +1,12 @@
-"""What the parts of a specialised kernel share while it is being written."""
+"""What the parts of a written kernel share while it is being written."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
+from sepmc.compiler.case import Case
+from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Shape
-from sepmc.compiler.text import Slabs, Text
+from sepmc.compiler.text import Slabs
 from sepmc.kernels.methods import Method
 
 
@@ -12,16 +14,17 @@ from sepmc.kernels.methods import Method
 class Context:
     """What a module is written for, and what its parts have asked for so far.
 
-    Any part may add slabs, and lines that set them up before a flight: ``parameters`` in the loop over lanes, ``shared`` before it. The
-    function that holds these lines and the constants of the slabs are therefore written last.
+    Any part may add slabs, and ask for Values of the ``case``, which are computed before a flight. The function that does this and the
+    constants of the slabs are therefore written last.
     """
 
     shape: Shape
     method: Method
     history: bool
     slabs: Slabs = field(default_factory=Slabs)
-    parameters: Text = field(default_factory=lambda: Text(2))
-    shared: Text = field(default_factory=lambda: Text(1))
+
+    def __post_init__(self):
+        self.case = Case(Scope(self.slabs), self.shape)
 
     @property
     def size(self) -> int:
@@ -37,26 +40,23 @@ class Context:
 
     def guard(self, name: str) -> str:
         """The place of a guard."""
-        return f"w[GUARD + {self.guards.index(name)} * LANES + l]"
+        return part("GUARD", self.guards.index(name))
 
     @property
     def model(self) -> Any:
         """The record that says where everything stands in the vector of parameters."""
         return self.shape.plan.model.scene[0]
 
-    def shared_vector(self, start: int) -> str:
-        """Name of a vector that all cases share, by its place in ``numbers`` and so in SHARED; it is read before the loop over lanes."""
-        line = f"shared_{start} = vec3.get(w, SHARED + {start})"
-        if line not in (known.strip() for known in self.shared.lines):
-            self.shared(line)
-        return f"shared_{start}"
+    def scope(self) -> Scope:
+        """A new loop over lanes."""
+        return Scope(self.slabs, self.case.scope)
 
 
-def raw(place: int) -> str:
-    """A parameter of a case by its place in the vector of parameters."""
-    return f"w[P + {place} * LANES + l]"
+def part(slab: str, k: int) -> str:
+    """The place of number ``k`` of a slab."""
+    return f"{slab} + {k} * LANES" if k else slab
 
 
-def raw3(place: int) -> str:
-    """A vector of parameters."""
-    return f"get3(w, P + {place} * LANES + l)"
+def lose(scope: Scope, unless: Value) -> None:
+    """A case is lost, so that another kernel has to fly it, where a condition does not hold."""
+    scope.store("LOST", where(unless, scope.load("LOST"), 1.0))

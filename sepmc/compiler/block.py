@@ -1,13 +1,18 @@
 """Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
 
-from sepmc.compiler.emit_context import Context, raw
-from sepmc.compiler.emit_geometry import ZERO
-from sepmc.compiler.emit_outcomes import emit_results
+import math
+
+from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.formulas import ZERO, scalar, vec3
+from sepmc.compiler.outcomes import emit_results
+from sepmc.compiler.recorder import total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
+_SAME_TIME = 1e-12  # s
+_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _ARGUMENTS = (
     ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
@@ -44,8 +49,7 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     text(f"# {stage.name}")
     if number == 0 and stage.rows:
         text(f"correct_{stage.name}(w)")
-        inner = text.block("for l in range(LANES):  # a start that the joints do not allow")
-        inner.block("for k in range(0, 4 * LANES, LANES):")("w[LOST + l] = w[LOST + l] if w[RESIDUAL_NOW + k + l] <= 1e-9 else 1.0")
+        _check_start(text, c)
     if number == 0 and any(GROUND in group and len(group) > 1 for group in stage.groups):
         _stand_still(text, c)
     if number and stage.end_time:
@@ -58,44 +62,57 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     if stage.rows:
         text(f"correct_{stage.name}(w)")
         text.block("for e in range(4 * LANES):")("w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])")
+    scope = c.scope()
     c.slabs.add(f"ENDED_{stage.name}", 1)
-    inner = text.lanes()
     if number:
-        inner(f"w[LOST + l] = w[LOST + l] if w[T + l] >= w[ENDED_{c.shape.stages[number - 1].name} + l] - 1e-12 else 1.0")
-    inner(f"w[ENDED_{stage.name} + l] = w[T + l]")
+        lose(scope, scope.load("T") >= scope.load(f"ENDED_{c.shape.stages[number - 1].name}") - _SAME_TIME)
+    scope.store(f"ENDED_{stage.name}", scope.load("T"))
+    scope.write(text.lanes())
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
 
 
+def _check_start(text: Text, c: Context) -> None:
+    """A start that the joints do not allow is lost."""
+    scope = c.scope()
+    for k in range(4):
+        lose(scope, scope.load(part("RESIDUAL_NOW", k)) <= _CONSISTENT)
+    scope.write(text.lanes())
+
+
 def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     """A time that is past as its phase begins ends it at once; a joint that lets go late is late from then on."""
-    late = "" if stage.delay is None else f" + {raw(stage.delay)}"
-    told = " + ".join(raw(place) for place in stage.end_time)
-    text = text.lanes()
+    scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
+    now = scope.load("T")
     if stage.after_late is not None:  # its end came while a late joint held on
-        text(f"w[LOST + l] = w[LOST + l] if {told} >= w[T + l] - 1e-12 else 1.0")
-    text(f"w[UNTIL_{stage.name} + l] = larger({told}, w[T + l]){late}")
+        lose(scope, time >= now - _SAME_TIME)
+    until = scalar.larger(time, now)
+    scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
+    scope.write(text.lanes())
 
 
 def _stand_still(text: Text, c: Context) -> None:
     """A start that turns is lost where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
-    place = next(f"OMEGA_{body}" for body in c.shape.bodies)
-    inner = text.block("for l in range(LANES):  # a vehicle held to the ground that turns")
-    inner(f"omega = get3(w, Y + {place} + l)")
-    inner("w[LOST + l] = w[LOST + l] if vec3.dot(omega, omega) <= 1e-18 else 1.0")
+    scope = c.scope()
+    omega = scope.load(f"Y + OMEGA_{c.shape.bodies[0]}", 3)
+    lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2)
+    scope.write(text.lanes())
 
 
 def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Flight to the end of a phase, or to the next event or switch of a load within it."""
-    end = f"larger(w[UNTIL_{stage.name} + l], w[T + l])" if stage.end_time else "w[RUN_END + l]"
-    inner = text.lanes()
+    scope = c.scope()
+    now, run_end = scope.load("T"), scope.load("RUN_END")
+    end = scalar.larger(scope.load(f"UNTIL_{stage.name}"), now) if stage.end_time else run_end
     if stage.stops > 1:
-        inner(f"end = w[T + l] if w[DONE + l] > 0.0 else {end}")
+        end = where(scope.load("DONE") > 0.0, now, end)
     else:
-        inner("w[DONE + l] = 0.0", f"end = {end}")
-    inner("w[END + l] = end if end < w[RUN_END + l] else w[RUN_END + l]", "w[LONGEST + l] = math.inf")
+        scope.store("DONE", 0.0)
+    scope.store("END", where(end < run_end, end, run_end))
+    scope.store("LONGEST", math.inf)
     for event in stage.events:
-        inner(f"w[LAST_{stage.name}_{event.which} + l] = math.inf")
+        scope.store(f"LAST_{stage.name}_{event.which}", math.inf)
+    scope.write(text.lanes())
     if c.shape.switches:
         _switches(text, c)
     size = f"{c.shape.active(stage)} * LANES"
@@ -126,22 +143,23 @@ def _switches(text: Text, c: Context) -> None:
 
 def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
     """From a phase to the next: who failed to get there, attitudes of bodies that part, what is noted of a release."""
-    reached = "w[DONE + l] > 0.0" if stage.ends_by_state else f"w[T + l] >= w[UNTIL_{stage.name} + l]"
-    text = text.lanes()
-    text(f"w[LOST + l] = w[LOST + l] if {reached} else 1.0")
+    scope = c.scope()
+    now = scope.load("T")
+    lose(scope, scope.load("DONE") > 0.0 if stage.ends_by_state else now >= scope.load(f"UNTIL_{stage.name}"))
     for leader in after.leaders:
         old = stage.leader(leader)
         if leader not in stage.leaders and old != GROUND:
-            text(f"put4(w, Y + Q_{leader} + l, get4(w, Y + Q_{old} + l))")
-            text(f"put3(w, Y + OMEGA_{leader} + l, get3(w, Y + OMEGA_{old} + l))")
-            text(f"w[ANGLES_{leader} + l] = w[ANGLES_{old} + l]")
-            text(f"w[ANGLES_{leader} + LANES + l] = w[ANGLES_{old} + LANES + l]")
+            for slab, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
+                scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
+            for k in range(2):
+                scope.store(part(f"ANGLES_{leader}", k), scope.load(part(f"ANGLES_{old}", k)))
     for joint in after.released:
-        text(f"w[RELEASE_{joint} + l] = w[T + l]")
+        scope.store(f"RELEASE_{joint}", now)
         if joint in c.shape.scene.output.tip_off:
             for body in c.shape.scene.joint[joint].bodies:
                 if body != GROUND:
                     c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
                     leader = stage.leader(body)
-                    spin = ZERO if leader == GROUND else f"get3(w, Y + OMEGA_{leader} + l)"
-                    text(f"put3(w, TIP_OFF_{joint}_{body} + l, {spin})")
+                    rate = ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
+                    scope.store(f"TIP_OFF_{joint}_{body}", rate)
+    scope.write(text.lanes())

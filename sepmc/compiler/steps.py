@@ -1,12 +1,15 @@
 """Lines of a specialised kernel for a step: its length, its stages, what follows its end; and the short step to an event."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 
-from sepmc.compiler.emit_context import Context
-from sepmc.compiler.emit_events import emit_met
-from sepmc.compiler.emit_loads import feels_air
+from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.events import emit_met
+from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
+from sepmc.compiler.loads import feels_air
+from sepmc.compiler.recorder import Scope, total, where
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
 
@@ -14,6 +17,7 @@ from sepmc.kernels.methods import Method, method
 # hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
+_MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
 
@@ -135,24 +139,25 @@ def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, flo
 
 def emit_settle(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
-    shape, slabs = c.shape, c.slabs
+    shape = c.shape
     says = "After a step: attitudes of unit length, pitch and roll followed through turns, constraints, and what disqualifies a case."
     text = out.function("settle(w, phase: int)", says)
-    for body in shape.turning:
-        first = next((n for n, stage in enumerate(shape.stages) if body in stage.leaders), None)
-        if first is not None:
-            slabs.add(f"ANGLES_{body}", 2)
-            _settle_attitude(text if first == 0 else text.block(f"if phase >= {first}:"), body)
-    inner = text.lanes()
-    if slabs.has("AIR"):
-        slabs.add("FAR", 1)
-        inner("far = 0.0")
-        for body in shape.bodies:
-            if feels_air(shape, body):
-                _settle_height(inner, c, body)
-        inner("w[FAR + l], w[LOST + l] = far, w[LOST + l] if far <= NEAR else 1.0")
-    inner("w[STEPS + l] += 1.0")
-    if slabs.has("AIR"):
+    for first, bodies in _turning_from(c):
+        scope = c.scope()
+        for body in bodies:
+            _settle_attitude(scope, c, body)
+        scope.write((text if first == 0 else text.block(f"if phase >= {first}:")).lanes())
+    scope = c.scope()
+    in_air = [body for body in shape.bodies if feels_air(shape, body)]
+    if in_air:
+        c.slabs.add("FAR", 1)
+        scope.store("FAR", 0.0)
+        for body in in_air:
+            _settle_height(scope, c, body)
+        lose(scope, scope.load("FAR") <= scope.named("NEAR"))
+    scope.store("STEPS", scope.load("STEPS") + 1.0)
+    scope.write(text.lanes())
+    if in_air:
         text("farthest = 0.0")
         text.lanes()("farthest = max(farthest, w[FAR + l])")
         text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
@@ -161,53 +166,71 @@ def emit_settle(out: Text, c: Context) -> None:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
 
 
+def _turning_from(c: Context) -> list[tuple[int, list[str]]]:
+    """Phases and the bodies whose attitudes are integrated from then on."""
+    found: dict[int, list[str]] = {}
+    for body in c.shape.turning:
+        first = next((n for n, stage in enumerate(c.shape.stages) if body in stage.leaders), None)
+        if first is not None:
+            found.setdefault(first, []).append(body)
+    return sorted(found.items())
+
+
+def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
+    """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it made."""
+    c.slabs.add(f"ANGLES_{body}", 2)
+    q, last = scope.load(f"Y + Q_{body}", 4).called("q"), (f"ANGLES_{body}", part(f"ANGLES_{body}", 1))
+    length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
+    inverse = (1.0 / length).called("inverse")
+    scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), scalar.abs(length - 1.0)))
+    unit = tuple(q[i] * inverse for i in range(4))
+    scope.store(f"Y + Q_{body}", unit)
+    r = quat.matrix(unit).called("r")
+    now = [scalar.nearest_turn(angle(r), scope.load(place)) for angle, place in zip((quat.pitch, quat.roll), last, strict=True)]
+    omega = scope.load(f"Y + OMEGA_{body}", 3)
+    turned = (square_root(vec3.dot(omega, omega)) * scalar.abs(scope.load("STEP"))).called("turned")
+    change = turned
+    for angle, place in zip(now, last, strict=True):
+        change = scalar.larger(scalar.abs(angle - scope.load(place)), change)
+    unclear = (scalar.abs(r[6]) > scope.named("SINE_SINGULAR")) | (change > 0.5 * math.pi)
+    scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
+    scope.store("LOST", where(turned > _MOST_TURNED, 1.0, scope.load("LOST")))
+    for angle, place in zip(now, last, strict=True):
+        scope.store(place, angle)
+
+
+def _settle_height(scope: Scope, c: Context, body: str) -> None:
+    """A case is lost if a body leaves its layer of air at the end of a step or, where it turns from climbing to falling or back, within."""
+    c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
+    level = scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * scope.load("T")
+    height = (scope.load(f"Y + X_{body}", 3)[1] + level).called("height")
+    climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
+    before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
+    turns = (rate * climb < 0.0).called("turns")
+    further = _BEYOND * rate * scalar.abs(rate) * scalar.abs(scope.load("STEP")) / scalar.abs(where(turns, climb - rate, 1.0))
+    top = where(turns, before + further, height).called("top")
+    scope.store(f"CLIMB_{body}", height)
+    scope.store(part(f"CLIMB_{body}", 1), climb)
+    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(height - scope.load(f"NEAR_{body}"))))
+    for reached in (air.geopotential(height).called("reached"), air.geopotential(top).called("reached")):
+        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
+
+
 def emit_guard(out: Text, c: Context) -> None:
     """A function that keeps the largest doubt there was of any step."""
     text = out.function("guard(w, phase: int)", "The largest that steps may have done wrong, for every body, into GUARD.")
-    shape = c.shape
-    inner = text.lanes()
-    for body in shape.bodies:
-        _largest(inner, c, "V", body, 3)
-    for body in shape.turning:
-        first = next((n for n, stage in enumerate(shape.stages) if body in stage.leaders), None)
-        if first is not None:
-            inner = (text if first == 0 else text.block(f"if phase >= {first}:")).lanes()
-            _largest(inner, c, "Q", body, 4)
-            _largest(inner, c, "OMEGA", body, 3)
+    scope = c.scope()
+    for body in c.shape.bodies:
+        _largest(scope, c, "V", body)
+    scope.write(text.lanes())
+    for first, bodies in _turning_from(c):
+        scope = c.scope()
+        for body in bodies:
+            _largest(scope, c, "Q", body)
+            _largest(scope, c, "OMEGA", body)
+        scope.write((text if first == 0 else text.block(f"if phase >= {first}:")).lanes())
 
 
-def _largest(text: Text, c: Context, what: str, body: str, count: int) -> None:
-    guard = c.guard(f"{what}_{body}")
-    text(f"{guard} = larger({guard}, largest{count}(get{count}(w, DOUBT + {what}_{body} + l)))")
-
-
-def _settle_height(text: Text, c: Context, body: str) -> None:
-    """A case is lost if a body leaves its layer of air at the end of a step or, where it turns from climbing to falling or back, within."""
-    height = f"w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])"
-    climb = f"w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l]"
-    if c.slabs.add(f"CLIMB_{body}", 2):  # height and its rate at the last end of a step
-        c.parameters(f"w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l] = {height}, {climb}")
-    text(f"height, climb = {height}, {climb}")
-    text(f"before, rate = w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l]")
-    text(f"w[CLIMB_{body} + l], w[CLIMB_{body} + LANES + l] = height, climb")
-    text("turns = rate * climb < 0.0")
-    text(f"top = before + {_BEYOND} * rate * abs(rate) * abs(w[STEP + l]) / abs(climb - rate if turns else 1.0) if turns else height")
-    text(f"level, far = geopotential(height), larger(far, abs(height - w[NEAR_{body} + l]))")
-    text("w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
-    text("level = geopotential(top)", "w[LOST + l] = w[LOST + l] if level >= w[AIR + l] and level <= w[AIR_TOP + l] else 1.0")
-
-
-def _settle_attitude(text: Text, body: str) -> None:
-    """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it made."""
-    text = text.lanes()
-    text(f"q0, q1, q2, q3 = get4(w, Y + Q_{body} + l)")
-    text("length = math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)", "inverse = 1.0 / length")
-    text("w[DRIFT + l] = larger(w[DRIFT + l], abs(length - 1.0))")
-    text("q = (q0 * inverse, q1 * inverse, q2 * inverse, q3 * inverse)", f"put4(w, Y + Q_{body} + l, q)")
-    text("r = quat.matrix(q)", f"last_pitch, last_roll = w[ANGLES_{body} + l], w[ANGLES_{body} + LANES + l]")
-    text("pitch, roll = nearest_turn(quat.pitch(r), last_pitch), nearest_turn(quat.roll(r), last_roll)")
-    text(f"omega = get3(w, Y + OMEGA_{body} + l)", "turned = math.sqrt(vec3.dot(omega, omega)) * abs(w[STEP + l])")
-    text("change = larger(larger(abs(pitch - last_pitch), abs(roll - last_roll)), turned)")
-    text("unclear = abs(r[6]) > SINE_SINGULAR or change > 0.5 * math.pi")
-    text("w[TURNED_FAR + l] = 1.0 if unclear else w[TURNED_FAR + l]", "w[LOST + l] = 1.0 if turned > 2.0 else w[LOST + l]")
-    text(f"w[ANGLES_{body} + l], w[ANGLES_{body} + LANES + l] = pitch, roll")
+def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
+    guard, largest, count = c.guard(f"{what}_{body}"), *((scalar.largest4, 4) if what == "Q" else (scalar.largest3, 3))
+    scope.store(guard, scalar.larger(scope.load(guard), largest(scope.load(f"DOUBT + {what}_{body}", count))))

@@ -1,9 +1,9 @@
 """Lines of a specialised kernel that write separations over time: the continuous extension of a step, and what is kept of it."""
 
-from sepmc.compiler.emit_context import Context
-from sepmc.compiler.emit_geometry import emit_separation, emit_state
-from sepmc.compiler.emit_steps import emit_spread
+from sepmc.compiler.context import Context, part
+from sepmc.compiler.geometry import State
 from sepmc.compiler.shape import Stage
+from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
 
 
@@ -48,12 +48,14 @@ def _extend(out: Text, c: Context) -> None:
 def _separation(out: Text, c: Context, stage: Stage) -> None:
     """A function for the separations at a state of a phase."""
     says = f"Speed and distance of every joint at the state S of phase {stage.name}, into APART."
-    text = out.function(f"separation_{stage.name}(w)", says).lanes()
+    text = out.function(f"separation_{stage.name}(w)", says)
     c.slabs.add("APART", 2 * len(c.shape.scene.joint))
-    g = emit_state(text, c, stage, "S")
+    s = State(c, c.scope(), stage, "S")
     for j, joint in enumerate(c.shape.scene.joint):
-        emit_separation(text, g, joint)
-        text(f"w[APART + {2 * j} * LANES + l], w[APART + {2 * j + 1} * LANES + l] = rate, distance")
+        line = s.separation(joint)
+        s.scope.store(part("APART", 2 * j), line.rate)
+        s.scope.store(part("APART", 2 * j + 1), line.length)
+    s.scope.write(text.lanes())
 
 
 def _keep(out: Text, c: Context) -> None:

@@ -1,0 +1,122 @@
+"""When the conditions on a state will be met, foretold, and noting that they are."""
+
+import math
+from typing import Any
+
+from sepmc.compiler.context import Context, part
+from sepmc.compiler.formulas import scalar, vec3
+from sepmc.compiler.geometry import Line, State, relative_acceleration
+from sepmc.compiler.recorder import Scope, Value, where
+from sepmc.compiler.shape import Event, Stage
+from sepmc.compiler.text import Text
+from sepmc.kernels import layout as at
+from sepmc.scene.model import GROUND
+
+_MET = -1e-12  # what counts as zero of a condition's value
+
+
+def emit_aim(out: Text, c: Context, stage: Stage) -> None:
+    """A function that finds the time to a phase's next event."""
+    says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
+    text = out.function(f"aim_{stage.name}(w, usual: float)", says + " these change; at most to END.")
+    s = State(c, c.scope(), stage, "Y")
+    ahead = s.scope.load("END") - s.time
+    for event in stage.events:
+        wait = _wait(s, event)
+        ahead = where(wait < ahead, wait, ahead)
+    s.scope.store("STEP", ahead)
+    s.scope.write(text.lanes())
+
+
+def _wait(s: State, event: Event) -> Any:
+    """Time to an event."""
+    scope, name = s.scope, f"{s.stage.name}_{event.which}"
+    for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
+        s.c.slabs.add(f"{slab}_{name}", count)
+    scope.comment(f"{event.which}")
+    value, rate, acceleration = (
+        x.called(called) for x, called in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
+    )
+    time, usual = s.time, scope.named("usual")
+    earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
+    first = earlier.equals(math.inf)
+    jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
+    at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called("at_once")
+    if not event.ends_phase:
+        _note_graze(scope, event, name, value, rate)
+    for place, now in ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once)):
+        scope.store(place, now)
+    scope.store(part(f"LAST_{name}", 1), acceleration)
+    wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
+    if event.ends_phase and s.stage.after_late is not None:  # met in the meantime, or it recedes and may have been
+        late = s.case.number(s.stage.after_late)
+        early = first & ((value >= _MET) | (value - 2.0 * rate * late >= 0.0))
+        scope.store("LOST", where(early & scope.load("DONE").equals(0.0), 1.0, scope.load("LOST")))
+    if event.ends_phase:
+        return where(first & (wait > usual), usual, wait)
+    return where(scope.load(f"SPENT_{event.which}") > 0.0, math.inf, wait)
+
+
+def _note_graze(scope: Scope, event: Event, name: str, value: Value, rate: Value) -> None:
+    """A condition may be met and left again within a step: then the tangents at its ends cross beyond."""
+    earlier, past, slope = scope.load(f"LAST_{name}"), scope.load(f"VALUE_{name}"), scope.load(f"RATE_{name}")
+    turns = (earlier < math.inf) & (slope > 0.0) & (rate < 0.0) & (past < 0.0)
+    length = scope.load("T") - earlier
+    top = past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0)
+    grazes = turns & (top >= 0.0) & scope.load(f"SPENT_{event.which}").equals(0.0)
+    scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
+
+
+def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
+    """Value (below zero before the event), rate and acceleration of a condition."""
+    scene, threshold = s.shape.scene, s.case.number(event.threshold)
+    if event.what == at.AT_SPRING_STROKE:
+        spring = next(one for one in scene.spring if one.name == event.which)
+        line = s.spring(spring)
+        value, rate = line.length - s.spring_start(spring) - threshold, line.rate
+        return value, rate, _acceleration(s, spring.bodies, line)
+    bodies = scene.joint[event.which].bodies
+    if event.what == at.AT_DISTANCE:
+        line = s.rod(s.joint(event.which))
+        together = line.length > 0.0  # a direction there is not where the points are one
+        acceleration = _acceleration(s, bodies, line)
+        return line.length - threshold, where(together, line.rate, 0.0), where(together, acceleration, 0.0)
+    line = s.separation(event.which)  # its distance counts positive apart
+    return line.length - threshold, line.rate, s.case.apart(event.which) * _acceleration(s, bodies, line)
+
+
+def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
+    """Second derivative of a distance along a line, from the derivative K1."""
+    moving = {body: s.scope.load(f"K1 + V_{body}", 3) for body in s.shape.bodies}
+    found = vec3.dot(line.e, relative_acceleration(moving, bodies)) - line.gamma
+    for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
+        leader = s.stage.leader(body)
+        if leader != GROUND:
+            found = found + vec3.dot(vec3.unrotate(s.attitude(leader), arm), s.scope.load(f"K1 + OMEGA_{leader}", 3))
+    return found
+
+
+def emit_met(text: Text, c: Context) -> None:
+    """After the last step to an event: which conditions of the phase are met."""
+    for number, stage in enumerate(c.shape.stages):
+        if stage.events:
+            inner = text.block(f"if phase == {number}:")
+            inner(f"aim_{stage.name}(w, math.inf)")
+            scope = c.scope()
+            for event in stage.events:
+                _note_met(scope, c, stage, event)
+            scope.write(inner.lanes())
+
+
+def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
+    """Whether a condition is met, and how slowly: an error of its value is so much of an error of its time."""
+    name = f"{stage.name}_{event.which}"
+    flag = "DONE" if event.ends_phase else f"SPENT_{event.which}"
+    if not event.ends_phase and c.slabs.add(flag, 1):
+        c.case.scope.store(flag, 0.0)
+    met, before, rate = scope.load(f"VALUE_{name}") >= _MET, scope.load(flag), scope.load(f"RATE_{name}")
+    slow = where(rate > 0.0, 1.0 / rate, math.inf)
+    waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)
+    guard = c.guard(name)
+    scope.store(guard, scalar.larger(scope.load(guard), where(waited_for, slow, 0.0)))
+    scope.store(flag, where(met, 1.0, before))

@@ -1,0 +1,163 @@
+"""Constraint rows of a phase and the reduced constraint force equation, as Values."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from sepmc.compiler.context import lose, part
+from sepmc.compiler.formulas import ZERO, joints, scalar, square_root, vec3
+from sepmc.compiler.geometry import Pair, State, relative_acceleration, translation, translation_rate
+from sepmc.compiler.loads import add_all
+from sepmc.compiler.recorder import Scope, Value, called, total
+from sepmc.compiler.shape import Row
+from sepmc.kernels import layout as at
+from sepmc.scene.model import GROUND
+
+_DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the general kernel, which finds redundant rows, decides
+
+
+@dataclass
+class _Row:
+    """A row: direction e of a translation, normals n of the groups that it turns (body axes) and these times the inverse inertia, the
+    part gamma of its second derivative, and how far it is off."""
+
+    row: Row
+    e: Any
+    normals: dict[str, Any]
+    turned: dict[str, Any]
+    gamma: Any
+    value: Any
+    rate: Any
+
+
+class Rows:
+    """The rows of a phase at a state."""
+
+    def __init__(self, s: State):
+        self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
+        self.inverse = {group[0]: s.case.inverse_inertia(group) for group in s.stage.groups if GROUND not in group}
+        self.rows: list[_Row] = []
+        for row in s.stage.rows:
+            if not self.rows or row.joint != self.rows[-1].row.joint:
+                s.scope.comment(f"joint {row.joint}")
+            self.rows.append(self._row(row))
+
+    def _row(self, row: Row) -> _Row:
+        s, pair = self.s, self.s.joint(row.joint)
+        e, arm_a, arm_b, gamma, value, rate = self._turning(row, pair) if row.turns else self._moving(row, pair)
+        arms: dict[str, Any] = {}
+        for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
+            leader = s.stage.leader(body)
+            if leader != GROUND:
+                arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
+        normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
+        turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
+        return _Row(row, e, normals, turned, gamma, value, rate)
+
+    def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
+        """A row that holds an angle."""
+        of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
+        b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
+        arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
+        return ZERO, vec3.scale(-1.0, arm), arm, gamma, vec3.dot(b, a), joints.rotation_rate(b, a, pair.spin_a, pair.spin_b)
+
+    def _moving(self, row: Row, pair: Pair) -> tuple[Any, ...]:
+        """A row that holds a distance."""
+        if row.code == at.ROD:
+            line, gap = self.s.rod(pair), self.s.case.joint_ends(row.joint)[2]
+            length = square_root(vec3.dot(gap, gap)).called("rod")
+            return line.e, line.arm_a, line.arm_b, line.gamma, line.length - length, line.rate
+        e = self.s.axis(row.joint, row.code)
+        arm_a, arm_b, gamma = translation(pair, e)
+        return e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e)
+
+    def coupling(self) -> list[list[Any]]:
+        """G M^-1 G^T below and on its diagonal."""
+        return [[self._coupling(one, two) for two in self.rows[: r + 1]] for r, one in enumerate(self.rows)]
+
+    def _coupling(self, one: _Row, two: _Row) -> Any:
+        signs: dict[str, int] = {}
+        if not one.row.turns and not two.row.turns:
+            for body, sign in zip(self.bodies[one.row.joint], (-1, 1), strict=True):
+                for other, other_sign in zip(self.bodies[two.row.joint], (-1, 1), strict=True):
+                    if body == other != GROUND:
+                        signs[body] = sign * other_sign
+        perpendicular = one.row.joint == two.row.joint and one is not two and at.ROD not in (one.row.code, two.row.code)
+        terms = []
+        if signs and not perpendicular:
+            masses = total([float(sign) * self.s.case.inverse_mass(body) for body, sign in signs.items()])
+            terms.append(masses if one is two else masses * vec3.dot(one.e, two.e))
+        terms += [vec3.dot(two.normals[leader], one.turned[leader]) for leader in one.normals if leader in two.normals]
+        return total(terms) if terms else 0.0
+
+    def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any]) -> list[Any]:
+        """What accelerations without the joints leave of each row."""
+        found = []
+        for one in self.rows:
+            side = one.gamma
+            if not one.row.turns:
+                side = side - vec3.dot(one.e, relative_acceleration(acceleration, self.bodies[one.row.joint]))
+            for leader, normal in one.normals.items():
+                side = side - vec3.dot(normal, spin_rate[leader])
+            found.append(side)
+        return found
+
+    def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What multipliers do to bodies, in ground axes, and to groups, in body axes."""
+        linear, angular = {}, {}
+        for body in self.s.shape.bodies:
+            pulls = []
+            for m, one in zip(multipliers, self.rows, strict=True):
+                a, b = self.bodies[one.row.joint]
+                if not one.row.turns and body in (a, b):
+                    pulls.append(vec3.scale(-m if body == a else m, one.e))
+            linear[body] = vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
+        for leader in self.s.stage.leaders:
+            turns = [vec3.scale(m, one.turned[leader]) for m, one in zip(multipliers, self.rows, strict=True) if leader in one.turned]
+            angular[leader] = add_all(turns) if turns else None
+        return linear, angular
+
+    def note_residuals(self) -> None:
+        """How far the rows are off, into RESIDUAL_NOW: gaps and angles, then their rates."""
+        scope = self.s.scope
+        for one in self.rows:
+            first = 1 if one.row.turns else 0
+            for k, x in ((first, one.value), (first + 2, one.rate)):
+                place = part("RESIDUAL_NOW", k)
+                scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
+
+
+class Factors:
+    """L D L^T of a symmetric matrix, given below and on its diagonal."""
+
+    def __init__(self, a: list[list[Any]]):
+        n = len(a)
+        a = [list(row) for row in a]
+        self.lower: list[list[Any]] = [[0.0] * n for _ in range(n)]
+        self.diagonal, self.inverse = [], []
+        for j in range(n):
+            self.diagonal.append(a[j][j])
+            self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
+            for i in range(j + 1, n):
+                self.lower[i][j] = called(a[i][j] * self.inverse[j], "lower")
+            for i in range(j + 1, n):
+                for k in range(j + 1, i + 1):
+                    a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
+
+    def solve(self, side: list[Any]) -> list[Any]:
+        """The solution for a right-hand side."""
+        x, n = list(side), len(side)
+        for i in range(1, n):
+            x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
+        for i in reversed(range(n)):
+            x[i] = x[i] * self.inverse[i]
+            for j in range(i + 1, n):
+                x[i] = x[i] - self.lower[j][i] * x[j]
+            x[i] = called(x[i], "m")
+        return x
+
+
+def lose_dependent(scope: Scope, coupling: list[list[Any]], factors: Factors) -> None:
+    """A case is lost where a pivot keeps too little of its diagonal, so that rows follow from others, or nearly do."""
+    for row, pivot in zip(coupling, factors.diagonal, strict=True):
+        if isinstance(pivot, Value):
+            lose(scope, pivot > _DEPENDENT * row[-1])
