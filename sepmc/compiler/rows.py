@@ -138,7 +138,7 @@ class Factors:
             self.diagonal.append(a[j][j])
             self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
             for i in range(j + 1, n):
-                self.lower[i][j] = called(a[i][j] * self.inverse[j], "lower")
+                self.lower[i][j] = called(a[i][j] * self.inverse[j], "factor")
             for i in range(j + 1, n):
                 for k in range(j + 1, i + 1):
                     a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
