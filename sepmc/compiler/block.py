@@ -3,6 +3,7 @@
 import math
 
 from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.events import height
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import total, where
@@ -54,6 +55,7 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         _stand_still(text, c)
     if number and stage.end_time:
         _begin_timed(text, c, stage)
+    _note_sides(text, c, stage)
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
         _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
@@ -70,6 +72,17 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.write(text.lanes())
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
+
+
+def _note_sides(text: Text, c: Context, stage: Stage) -> None:
+    """From which side a height is approached that ends a phase."""
+    for event in stage.events:
+        if event.what == at.AT_ALTITUDE:
+            scope = c.scope()
+            c.slabs.add(f"SIDE_{stage.name}", 1)
+            above = height(scope, event.which) > c.case.number(event.threshold)
+            scope.store(f"SIDE_{stage.name}", where(above, -1.0, 1.0))
+            scope.write(text.lanes())
 
 
 def _check_start(text: Text, c: Context) -> None:

@@ -31,6 +31,7 @@ from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
+from sepmc.kernels.elementary import arctan2
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
 from sepmc.kernels.layout import Model

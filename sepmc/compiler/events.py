@@ -4,8 +4,9 @@ import math
 from typing import Any
 
 from sepmc.compiler.context import Context, part
-from sepmc.compiler.formulas import scalar, vec3
+from sepmc.compiler.formulas import ZERO, scalar, square_root, vec3
 from sepmc.compiler.geometry import Line, State, relative_acceleration
+from sepmc.compiler.loads import add_all
 from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Event, Stage
 from sepmc.compiler.text import Text
@@ -75,7 +76,11 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         line = s.spring(spring)
         value, rate = line.length - s.spring_start(spring) - threshold, line.rate
         return value, rate, _acceleration(s, spring.bodies, line)
+    if event.what == at.AT_ALTITUDE:
+        return _height(s, event.which, threshold)
     bodies = scene.joint[event.which].bodies
+    if event.what == at.AT_ANGLE:
+        return _angle(s, event.which, threshold)
     if event.what == at.AT_DISTANCE:
         line = s.rod(s.joint(event.which))
         together = line.length > 0.0  # a direction there is not where the points are one
@@ -83,6 +88,52 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         return line.length - threshold, where(together, line.rate, 0.0), where(together, acceleration, 0.0)
     line = s.separation(event.which)  # its distance counts positive apart
     return line.length - threshold, line.rate, s.case.apart(event.which) * _acceleration(s, bodies, line)
+
+
+def height(scope: Scope, body: str) -> Value:
+    """Height of a body's mass centre at the end of a step."""
+    level = scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * scope.load("T")
+    return scope.load(f"Y + X_{body}", 3)[1] + level
+
+
+def _height(s: State, body: str, threshold: Value) -> tuple[Any, Any, Any]:
+    """A height that is reached from the side on which the body is as the phase begins."""
+    side = s.scope.load(f"SIDE_{s.stage.name}")
+    climb = s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
+    return side * (height(s.scope, body) - threshold), side * climb, side * s.scope.load(f"K1 + V_{body}", 3)[1]
+
+
+def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
+    """The angle by which the second body of a joint has turned from the first; at 0 its axis is that of the motion to come."""
+    first, second = s.shape.scene.joint[joint].bodies
+    spin_a, spin_b = s.spin(first), s.spin(second)
+    change = vec3.sub(spin_b, spin_a).called("relative_rate")
+    faster = vec3.sub(_spin_rate(s, second), _spin_rate(s, first)).called("relative_acceleration")
+    square: Any = 0.0
+    turns, turning = [], []
+    for k in range(3):
+        a, b = s.axis(joint, k), s.axis(joint, k, second=True)
+        apart = vec3.sub(b, a)
+        square = square + vec3.dot(apart, apart)
+        turns.append(vec3.cross(a, b))
+        turning.append(vec3.add(vec3.cross(vec3.cross(spin_a, a), b), vec3.cross(a, vec3.cross(spin_b, b))))
+    half = (0.125 * square).called("half")  # the square of the sine of half of it
+    angle = 2.0 * scalar.arctan2(square_root(half), square_root(where(half < 1.0, 1.0 - half, 0.0)))
+    turn, turn_rate = add_all(turns).called("turn"), add_all(turning)
+    size = square_root(vec3.dot(turn, turn)).called("size")
+    apart = size > 0.0
+    inverse = 1.0 / where(apart, size, 1.0)
+    n = vec3.scale(inverse, turn).called("n")
+    n_rate = vec3.scale(inverse, vec3.sub(turn_rate, vec3.scale(vec3.dot(n, turn_rate), n)))
+    rate = where(apart, vec3.dot(n, change), square_root(vec3.dot(change, change)))
+    acceleration = where(apart, vec3.dot(n, faster) + vec3.dot(n_rate, change), square_root(vec3.dot(faster, faster)))
+    return angle - threshold, rate, acceleration
+
+
+def _spin_rate(s: State, body: str) -> Any:
+    """Angular acceleration of a body in ground axes, from the derivative K1."""
+    leader = s.stage.leader(body)
+    return ZERO if leader == GROUND else vec3.rotate(s.attitude(leader), s.scope.load(f"K1 + OMEGA_{leader}", 3))
 
 
 def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:

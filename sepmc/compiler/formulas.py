@@ -42,7 +42,7 @@ vehicle: Any = Formulas("", {"inertia_tensor": SYMMETRIC, "arm": 3, "flight_dire
 scalar: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("larger", "abs", "nearest_turn", "time_left", "largest3", "largest4", "math.sqrt"), NUMBER),
+        **dict.fromkeys(("larger", "abs", "arctan2", "nearest_turn", "time_left", "largest3", "largest4", "math.sqrt"), NUMBER),
         "math.isfinite": CONDITION,
     },
 )

@@ -49,6 +49,8 @@ class Rows:
             leader = s.stage.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
+        if s.shape.scene.solver.drift == "baumgarte":
+            gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
         normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
         turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
         return _Row(row, e, normals, turned, gamma, value, rate)

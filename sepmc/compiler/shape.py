@@ -17,6 +17,7 @@ from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import redundancies
 
+_ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -135,8 +136,6 @@ def _obstacles(scene: Scene) -> list[str]:
         found.append("releases apart from phases")
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
-    if scene.solver.drift == "baumgarte":
-        found.append("Baumgarte's stabilisation")
     for phase in scene.phase:
         if phase.until is not None and (why := _unfit(phase.until)):
             found.append(f"the end of phase {phase.name} by {why}")
@@ -150,7 +149,7 @@ def _unfit(until: Until) -> str:
     given = [key for key in keys if getattr(until, key) is not None]
     if until.any or until.all or len(given) != 1:
         return "several conditions"
-    return {"angle": "an angle", "force": "a joint's force", "moment": "a joint's moment", "altitude": "a height"}.get(given[0], "")
+    return {"force": "a joint's force", "moment": "a joint's moment"}.get(given[0], "")
 
 
 def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
@@ -226,9 +225,11 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         stage.end_time = (leaves[f"{path}.time"],)
     elif until.burn_out is not None:
         stage.end_time = tuple(plan.slots[f"motor.{until.burn_out}.{key}"] for key in ("ignition", "delay", "burn"))
-    elif until.joint is not None:
-        what, key = (at.AT_STROKE, "stroke") if until.stroke is not None else (at.AT_DISTANCE, "distance")
-        stage.events.append(Event(what, until.joint, leaves[f"{path}.{key}"], True))
+    else:
+        key, what = next((key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None)
+        which = until.body if what == at.AT_ALTITUDE else until.joint
+        assert which is not None
+        stage.events.append(Event(what, which, leaves[f"{path}.{key}"], True))
 
 
 def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:

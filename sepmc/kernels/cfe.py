@@ -8,8 +8,6 @@ from sepmc.kernels._jit import formula, keep_apart, stage
 from sepmc.kernels.linear import solve_ldlt, solve_lu, solve_semidefinite
 from sepmc.kernels.places import body_params, body_work, first_body, joint_axes_x, joint_work, kind_of, kind_rows, row_work, second_body
 
-_BAUMGARTE = 10.0  # 1/s: rate at which a drifted constraint is pulled back, critically damped
-
 
 @formula
 def attitude(b, m, w):
@@ -102,7 +100,7 @@ def build_rows(y, m, w):
                     arm_a, arm_b, gamma = joints.translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b)
                     value, rate = vec3.dot(d, e), joints.translation_rate(d, d_rate, e, omega_a)
             if m.scene.drift == at.BAUMGARTE:
-                gamma -= _BAUMGARTE * (2.0 * rate + _BAUMGARTE * value)
+                gamma -= at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
             row = row_work(r, m)
             vec3.put(w, row + at.ROW_E, e)
             vec3.put(w, row + at.ROW_A, vec3.unrotate(ra, arm_a))

@@ -42,6 +42,7 @@ ROTATION, ROD, NO_ROW = 3, 12, -1
 KIND_SIZE = 7  # of a joint kind in the integer table: number of rows, then their codes
 FREE = 0  # a kind that every scene has
 # Conditions: what is compared with a threshold.
+BAUMGARTE_RATE = 10.0  # 1/s: rate at which a drifted constraint is pulled back, critically damped
 AT_TIME, AT_BURN_OUT, AT_STROKE, AT_DISTANCE, AT_ANGLE, AT_FORCE, AT_MOMENT, AT_ALTITUDE, AT_SPRING_STROKE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 LEAF_SIZE = (
     4  # of a condition in the integer table: what, of which joint, motor, body or spring, its event, where its threshold stands in w
