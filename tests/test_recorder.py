@@ -80,18 +80,27 @@ def test_a_name_never_meets_that_of_a_formula(scope):
     assert scope.lines() == ["larger_2 = larger(w[A + l], 0.0)", "w[OUT + l] = larger_2 + larger_2"]
 
 
+def test_what_lanes_share_is_read_before_their_loop(scope):
+    """A loop that reads a number that all lanes share is not vectorised."""
+    text = Text()
+    scope.store("OUT", scope.case.shared(9) * vec3.dot(scope.case.shared(0, 3), scope.load("X", 3)))
+    scope.write(text)
+    assert text.lines[:3] == ["shared_0 = vec3.get(w, SHARED + 0)", "shared_9 = w[SHARED + 9]", "for l in range(LANES):"]
+    assert text.lines[3:] == ["    w[OUT + l] = shared_9 * vec3.dot(shared_0, get3(w, X + l))"]
+
+
 def test_long_statements_are_broken(scope):
-    text = Text(2)
+    text = Text()
     scope.store("OUT", total([scope.load(f"QUANTITY_{i}") for i in range(20)]))
     scope.write(text)
     assert len(text.lines) > 2
     assert max(map(len, text.lines)) <= 132
-    compile("\n".join(line.strip() for line in text.lines), "broken", "exec")
+    compile("\n".join(text.lines), "broken", "exec")
 
 
 HOMES = {
     vec3: ["vec3"], quat: ["quat"], joints: ["joints"], loads: ["aerodynamics", "gravity", "propulsion", "springs", "wind"],
-    air: ["atmosphere"], vehicle: ["prepare"], scalar: ["lanes"],
+    air: ["atmosphere"], vehicle: ["prepare"], scalar: ["lanes", "elementary"],
 }  # fmt: skip
 ALL = [(module, name) for module in HOMES for name in module._shapes if not name.startswith("math.") and name != "abs"]
 
@@ -129,7 +138,7 @@ _ARGUMENTS = {
     "aero_moment": "13", "thrust_direction": "1111", "thrust_arm": "311111", "wind": "11", "inverse_square": "11",
     "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
     "geopotential": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
-    "flight_direction": "11", "larger": "11", "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
+    "flight_direction": "11", "larger": "11", "arctan2": "11", "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 
 

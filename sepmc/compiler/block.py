@@ -69,7 +69,7 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     if number:
         lose(scope, scope.load("T") >= scope.load(f"ENDED_{c.shape.stages[number - 1].name}") - _SAME_TIME)
     scope.store(f"ENDED_{stage.name}", scope.load("T"))
-    scope.write(text.lanes())
+    scope.write(text)
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
 
@@ -82,7 +82,7 @@ def _note_sides(text: Text, c: Context, stage: Stage) -> None:
             c.slabs.add(f"SIDE_{stage.name}", 1)
             above = height(scope, event.which) > c.case.number(event.threshold)
             scope.store(f"SIDE_{stage.name}", where(above, -1.0, 1.0))
-            scope.write(text.lanes())
+            scope.write(text)
 
 
 def _check_start(text: Text, c: Context) -> None:
@@ -90,7 +90,7 @@ def _check_start(text: Text, c: Context) -> None:
     scope = c.scope()
     for k in range(4):
         lose(scope, scope.load(part("RESIDUAL_NOW", k)) <= _CONSISTENT)
-    scope.write(text.lanes())
+    scope.write(text)
 
 
 def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
@@ -101,7 +101,7 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
         lose(scope, time >= now - _SAME_TIME)
     until = scalar.larger(time, now)
     scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
-    scope.write(text.lanes())
+    scope.write(text)
 
 
 def _stand_still(text: Text, c: Context) -> None:
@@ -109,7 +109,7 @@ def _stand_still(text: Text, c: Context) -> None:
     scope = c.scope()
     omega = scope.load(f"Y + OMEGA_{c.shape.bodies[0]}", 3)
     lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2)
-    scope.write(text.lanes())
+    scope.write(text)
 
 
 def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
@@ -125,7 +125,7 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.store("LONGEST", math.inf)
     for event in stage.events:
         scope.store(f"LAST_{stage.name}_{event.which}", math.inf)
-    scope.write(text.lanes())
+    scope.write(text)
     if c.shape.switches:
         _switches(text, c)
     size = f"{c.shape.active(stage)} * LANES"
@@ -175,4 +175,4 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
                     leader = stage.leader(body)
                     rate = ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
                     scope.store(f"TIP_OFF_{joint}_{body}", rate)
-    scope.write(text.lanes())
+    scope.write(text)

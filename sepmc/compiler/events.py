@@ -26,7 +26,7 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
         wait = _wait(s, event)
         ahead = where(wait < ahead, wait, ahead)
     s.scope.store("STEP", ahead)
-    s.scope.write(text.lanes())
+    s.scope.write(text)
 
 
 def _wait(s: State, event: Event) -> Any:
@@ -156,7 +156,7 @@ def emit_met(text: Text, c: Context) -> None:
             scope = c.scope()
             for event in stage.events:
                 _note_met(scope, c, stage, event)
-            scope.write(inner.lanes())
+            scope.write(inner)
 
 
 def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:

@@ -55,7 +55,7 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
         line = s.separation(joint)
         s.scope.store(part("APART", 2 * j), line.rate)
         s.scope.store(part("APART", 2 * j + 1), line.length)
-    s.scope.write(text.lanes())
+    s.scope.write(text)
 
 
 def _keep(out: Text, c: Context) -> None:

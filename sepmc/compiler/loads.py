@@ -105,7 +105,7 @@ def emit_centre(out: Text, c: Context) -> None:
         scope.store(f"DENSITY_{body}", air.density_series(height, scope.load("AIR", 4)))
         reached = air.geopotential(height).called("reached")
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
-    scope.write(text.lanes())
+    scope.write(text)
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:

@@ -34,7 +34,7 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     for leader in stage.leaders:
         s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))
         s.scope.store(f"D + OMEGA_{leader}", spin_rate[leader])
-    s.scope.write(text.lanes())
+    s.scope.write(text)
 
 
 def _accelerations(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -80,7 +80,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     lose_dependent(s.scope, coupling, factors)
     if corrects:
         _correct(s, rows, factors)
-    s.scope.write(text.lanes())
+    s.scope.write(text)
 
 
 def _correct(s: State, rows: Rows, factors: Factors) -> None:

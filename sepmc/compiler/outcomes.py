@@ -30,7 +30,7 @@ def emit_report(out: Text, c: Context) -> None:
         for k, value in enumerate((line.rate, line.length, s.scope.load(f"RELEASE_{joint}"))):
             s.scope.store(part("OUT", o + k), value)
         o += at.JOINT_OUTCOMES
-    s.scope.write(text.lanes())
+    s.scope.write(text)
 
 
 def angles(s: State, leader: str):

@@ -227,13 +227,22 @@ class Scope:
     # -- writing
 
     def lines(self) -> list[str]:
-        """All that leads to what is stored."""
-        return _Writer(self, {place: value for place, (_, value) in self._stores.items()}).lines(self._stores, self._comments)
+        """All that leads to what is stored, for one lane."""
+        return self._written()[1]
 
     def write(self, text: Text) -> None:
-        """Write these lines into a loop over lanes."""
-        for line in self.lines():
-            text.broken(line)
+        """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads it is not vectorised."""
+        shared, lines = self._written()
+        text(*shared)
+        inner = text.lanes()
+        for line in lines:
+            inner.broken(line)
+
+    def _written(self) -> tuple[list[str], list[str]]:
+        """Lines before a loop over lanes, and in it."""
+        writer = _Writer(self, {place: value for place, (_, value) in self._stores.items()})
+        lines = writer.lines(self._stores, self._comments)
+        return writer.shared, lines
 
 
 class _Writer:
@@ -246,6 +255,7 @@ class _Writer:
         for value in stored.values():
             self._visit((value,))
         self.spelled: dict[int, tuple[str, int]] = {}
+        self.shared: list[str] = []
         self.taken = {op.partition(".")[0] for op, _, _ in scope.nodes if op not in _READINGS} | _TAKEN
 
     def _visit(self, args: tuple[Any, ...]) -> None:
@@ -280,6 +290,11 @@ class _Writer:
         """The line that gives a value its name; None if it is spelled where it is used."""
         op, args, shape = self.scope.nodes[node]
         code, precedence = self._code(op, args, shape)
+        if op == "shared":
+            name = self._name(f"shared_{args[0]}")
+            self.shared.append(f"{name} = {code}")
+            self.spelled[node] = name, _ATOM
+            return None
         reads = op == "load" and args[0] not in self.stored  # what a place holds may change before it is used
         plain = op in ("item", "constant", "tuple") or (op in _READINGS and (op != "load" or reads))
         once = self.uses[node] == 1 and not (op == "load" and not reads) and (node not in self.alone or plain)

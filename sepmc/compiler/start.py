@@ -34,11 +34,10 @@ def emit_prepare(out: Text, c: Context) -> None:
             scope.store(f"UNTIL_{stage.name}", total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]))
     for joint in shape.failing:
         lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5)
-    inner = text.lanes()
     if slabs.has("AIR"):  # a look-up, lane by lane
-        inner(f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])", "put4(w, AIR + l, air)")
         inner = text.lanes()
-    scope.write(inner)
+        inner(f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])", "put4(w, AIR + l, air)")
+    scope.write(text)
 
 
 def _some(place: int | None) -> list[int]:

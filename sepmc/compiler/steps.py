@@ -146,7 +146,7 @@ def emit_settle(out: Text, c: Context) -> None:
         scope = c.scope()
         for body in bodies:
             _settle_attitude(scope, c, body)
-        scope.write((text if first == 0 else text.block(f"if phase >= {first}:")).lanes())
+        scope.write(text if first == 0 else text.block(f"if phase >= {first}:"))
     scope = c.scope()
     in_air = [body for body in shape.bodies if feels_air(shape, body)]
     if in_air:
@@ -156,7 +156,7 @@ def emit_settle(out: Text, c: Context) -> None:
             _settle_height(scope, c, body)
         lose(scope, scope.load("FAR") <= scope.named("NEAR"))
     scope.store("STEPS", scope.load("STEPS") + 1.0)
-    scope.write(text.lanes())
+    scope.write(text)
     if in_air:
         text("farthest = 0.0")
         text.lanes()("farthest = max(farthest, w[FAR + l])")
@@ -222,13 +222,13 @@ def emit_guard(out: Text, c: Context) -> None:
     scope = c.scope()
     for body in c.shape.bodies:
         _largest(scope, c, "V", body)
-    scope.write(text.lanes())
+    scope.write(text)
     for first, bodies in _turning_from(c):
         scope = c.scope()
         for body in bodies:
             _largest(scope, c, "Q", body)
             _largest(scope, c, "OMEGA", body)
-        scope.write((text if first == 0 else text.block(f"if phase >= {first}:")).lanes())
+        scope.write(text if first == 0 else text.block(f"if phase >= {first}:"))
 
 
 def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
