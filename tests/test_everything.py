@@ -8,10 +8,19 @@ from click.testing import CliRunner
 from numpy.testing import assert_array_equal
 
 import sepmc
+from sepmc import pilot
 from sepmc.cli import main
 from sepmc.schema import AUDIT_BOUNDS
 
 FILE = Path(__file__).with_name("everything.toml")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_trials():
+    """A case takes tens of milliseconds here, and how well trial cases tell the error is tested elsewhere."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pilot, "SAMPLE", 16)
+        yield
 
 
 @pytest.fixture(scope="module")
