@@ -48,9 +48,7 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    guards: np.ndarray | None = (
-        None  # (n, g): how hard cases are to integrate, see `sepmc.compiler.emit_context.Context.guards`; NaN: not known
-    )
+    guards: np.ndarray | None = None  # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`); NaN: not known
     again: Again | None = None
 
 

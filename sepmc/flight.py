@@ -46,11 +46,11 @@ class Flight:
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
 
-    def sharper(self) -> "Flight":
-        """The same at twice the resolution."""
+    def sharper(self, times: int = 2) -> "Flight":
+        """The same at so many times the resolution."""
         if self.steps is not None:
-            return replace(self, steps=2 * self.steps)
-        return replace(self, step=0.5 * self.step) if self.step else self
+            return replace(self, steps=times * self.steps)
+        return replace(self, step=self.step / times) if self.step else self
 
 
 def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
@@ -77,11 +77,11 @@ def history_rows(scene: Scene) -> int:
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
-def fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, finer: int = 1) -> Block:
-    """Fly draws at the flight's steps, or at so many times finer ones."""
+def fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
+    """Fly draws at the flight's steps, and none of them again."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
-        return fly_general(campaign, flight.step / finer if flight.step else None, draws, room)
-    return fly_specialised(flight.kernel, campaign.plan, finer * flight.steps, flight.usual, campaign.slots, draws, room)[0]
+        return fly_general(campaign, flight.step, draws, room)
+    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
@@ -102,7 +102,7 @@ def _fly_hard(
     learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
 
     def flown(share: float, which: np.ndarray) -> Block:
-        return fly_once(campaign, flight, draws[which], room, round(1.0 / share))
+        return fly_once(campaign, flight.sharper(round(1.0 / share)), draws[which], room)
 
     given = campaign.scene.solver.step is not None
     before = _rows(block, hard)

@@ -138,7 +138,7 @@ def _history_error(campaign: "Campaign", found: Flight) -> float:
     assert found.scale is not None
     draws = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
     room = history_rows(campaign.scene)
-    one, two = (fly_once(campaign, found, draws, room, finer) for finer in (1, 2))
+    one, two = (fly_once(campaign, flight, draws, room) for flight in (found, found.sharper()))
     names = [column.name for column in campaign.outcome_columns]
     width = two.history.shape[2]
     scale = np.array([found.scale[names.index(column.name)] for column in separation_columns(list(campaign.plan.joints))])
@@ -190,7 +190,8 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
         if not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    again, sound = flown(steps, tried[:first])
+    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
+    again, sound = trials.outcomes[:first, : len(units)], trials.status[:first] == Status.OK
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
@@ -199,7 +200,6 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if search.fair[0] else None
-    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     return Flight([], kernel, steps, usual, None, scale, limits, angles, float(largest.max(initial=0.0)), told, nominal)
 

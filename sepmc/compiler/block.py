@@ -2,8 +2,7 @@
 
 import math
 
-from sepmc.compiler.context import Context, lose, part
-from sepmc.compiler.events import height
+from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import total, where

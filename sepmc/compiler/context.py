@@ -47,6 +47,11 @@ class Context:
         """The record that says where everything stands in the vector of parameters."""
         return self.shape.plan.model.scene[0]
 
+    def start(self, slab: str, value: float) -> None:
+        """A slab of one number a case, and what stands there before a flight."""
+        if self.slabs.add(slab, 1):
+            self.case.scope.store(slab, value)
+
     def scope(self) -> Scope:
         """A new loop over lanes."""
         return Scope(self.slabs, self.case.scope)
@@ -55,6 +60,16 @@ class Context:
 def part(slab: str, k: int) -> str:
     """The place of number ``k`` of a slab."""
     return f"{slab} + {k} * LANES" if k else slab
+
+
+def level(scope: Scope, time: Value) -> Value:
+    """Height at some time of what places are seen from: it moves with the vehicle's first speed."""
+    return scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * time
+
+
+def height(scope: Scope, body: str) -> Value:
+    """Height of a body's mass centre at the end of a step."""
+    return scope.load(f"Y + X_{body}", 3)[1] + level(scope, scope.load("T"))
 
 
 def lose(scope: Scope, unless: Value) -> None:

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, part
+from sepmc.compiler.context import Context, height, part
 from sepmc.compiler.formulas import ZERO, scalar, square_root, vec3
 from sepmc.compiler.geometry import Line, State, relative_acceleration
 from sepmc.compiler.loads import add_all
@@ -90,12 +90,6 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     return line.length - threshold, line.rate, s.case.apart(event.which) * _acceleration(s, bodies, line)
 
 
-def height(scope: Scope, body: str) -> Value:
-    """Height of a body's mass centre at the end of a step."""
-    level = scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * scope.load("T")
-    return scope.load(f"Y + X_{body}", 3)[1] + level
-
-
 def _height(s: State, body: str, threshold: Value) -> tuple[Any, Any, Any]:
     """A height that is reached from the side on which the body is as the phase begins."""
     side = s.scope.load(f"SIDE_{s.stage.name}")
@@ -113,8 +107,8 @@ def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
     turns, turning = [], []
     for k in range(3):
         a, b = s.axis(joint, k), s.axis(joint, k, second=True)
-        apart = vec3.sub(b, a)
-        square = square + vec3.dot(apart, apart)
+        between = vec3.sub(b, a)
+        square = square + vec3.dot(between, between)
         turns.append(vec3.cross(a, b))
         turning.append(vec3.add(vec3.cross(vec3.cross(spin_a, a), b), vec3.cross(a, vec3.cross(spin_b, b))))
     half = (0.125 * square).called("half")  # the square of the sine of half of it
@@ -163,8 +157,8 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     """Whether a condition is met, and how slowly: an error of its value is so much of an error of its time."""
     name = f"{stage.name}_{event.which}"
     flag = "DONE" if event.ends_phase else f"SPENT_{event.which}"
-    if not event.ends_phase and c.slabs.add(flag, 1):
-        c.case.scope.store(flag, 0.0)
+    if not event.ends_phase:
+        c.start(flag, 0.0)
     met, before, rate = scope.load(f"VALUE_{name}") >= _MET, scope.load(flag), scope.load(f"RATE_{name}")
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
     waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.context import Context, height, level, lose, part
 from sepmc.compiler.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.compiler.geometry import State
 from sepmc.compiler.packing import aero_terms
@@ -74,8 +74,7 @@ def feels_air(shape: Shape, body: str) -> bool:
 
 def _rise(s: State, body: str) -> tuple[Value, Value]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the distance there from the earth's centre."""
-    level = s.scope.load("ORIGIN_HEIGHT") + s.scope.load("ORIGIN_CLIMB") * s.time
-    rise = (s.place(body)[1] + (level - s.scope.load(f"NEAR_{body}"))).called("rise")
+    rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called("rise")
     return rise, (rise * s.scope.load(part(f"NEAR_{body}", 1))).called("share")
 
 
@@ -93,17 +92,16 @@ def emit_centre(out: Text, c: Context) -> None:
         c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)  # height, 1 / (R0 + height), R0 / (R0 + height), weight there
         case.scope.store(near, -math.inf)
         last = scope.load(near)
-        level = scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * scope.load("T")
-        height = (scope.load(f"Y + X_{body}", 3)[1] + level).called("height")
-        height = where(scalar.abs(height - last) > scope.named("far"), height, last).called("height")
-        inverse = (1.0 / (scope.named("R0") + height)).called("inverse")
-        scope.store(near, height)
+        now = height(scope, body).called("height")
+        centre = where(scalar.abs(now - last) > scope.named("far"), now, last).called("height")
+        inverse = (1.0 / (scope.named("R0") + centre)).called("inverse")
+        scope.store(near, centre)
         scope.store(part(near, 1), inverse)
         scope.store(part(near, 2), scope.named("R0") * inverse)
         if c.shape.scene.environment.gravity == "inverse-square":
-            scope.store(part(near, 3), case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), height))
-        scope.store(f"DENSITY_{body}", air.density_series(height, scope.load("AIR", 4)))
-        reached = air.geopotential(height).called("reached")
+            scope.store(part(near, 3), case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre))
+        scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load("AIR", 4)))
+        reached = air.geopotential(centre).called("reached")
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
     scope.write(text)
 
@@ -208,8 +206,7 @@ def _weight(s: State, body: str) -> Any:
         return (case.mass(body) * surface).called("weight")
     if feels_air(s.shape, body):
         return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
-    level = s.scope.load("ORIGIN_HEIGHT") + s.scope.load("ORIGIN_CLIMB") * s.time
-    return case.mass(body) * loads.inverse_square(surface, s.place(body)[1] + level)
+    return case.mass(body) * loads.inverse_square(surface, s.place(body)[1] + level(s.scope, s.time))
 
 
 def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
@@ -219,8 +216,7 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     strengths = (s.case.number(p + k) for k in (at.SPRING_FORCE, at.STIFFNESS, at.DAMPING))
     push = getattr(loads, "springs.spring_force")(*strengths, line.length - s.spring_start(spring), line.rate)
     if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
-        if s.c.slabs.add(f"SPENT_{spring.name}", 1):
-            s.case.scope.store(f"SPENT_{spring.name}", 0.0)
+        s.c.start(f"SPENT_{spring.name}", 0.0)
         push = where(s.scope.load(f"SPENT_{spring.name}") > 0.0, 0.0, push)
     push = push.called("push")
     for body, signed, arm in ((spring.bodies[0], -push, line.arm_a), (spring.bodies[1], push, line.arm_b)):

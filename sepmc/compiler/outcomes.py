@@ -1,5 +1,7 @@
 """The outcomes of a flight: from the final state into slabs, from slabs into the columns of results."""
 
+import math
+
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, loads, quat, vec3
 from sepmc.compiler.geometry import State
@@ -25,8 +27,7 @@ def emit_report(out: Text, c: Context) -> None:
         o += at.BODY_OUTCOMES
     for joint in shape.scene.joint:
         line = s.separation(joint)
-        if c.slabs.add(f"RELEASE_{joint}", 1):
-            case.scope.store(f"RELEASE_{joint}", float("nan"))
+        c.start(f"RELEASE_{joint}", math.nan)
         for k, value in enumerate((line.rate, line.length, s.scope.load(f"RELEASE_{joint}"))):
             s.scope.store(part("OUT", o + k), value)
         o += at.JOINT_OUTCOMES

@@ -155,10 +155,9 @@ class Scope:
         self.nodes: list[tuple[str, tuple[Any, ...], Shape]] = []
         self.names: dict[int, str] = {}
         self._known: dict[Any, int] = {}
-        self._now: dict[str, Value] = {}  # what places hold, by what was stored last
-        self._stores: dict[str, tuple[int, Value]] = {}  # and after how many nodes
+        self.stores: dict[str, tuple[int, Value]] = {}  # what places hold, and after how many nodes that was stored
         self._kept: dict[int, str] = {}  # of the case: slabs that its values are kept in, for other scopes
-        self._comments: list[tuple[int, str]] = []
+        self.comments: list[tuple[int, str]] = []  # and after how many nodes each stands
 
     # -- recording
 
@@ -173,7 +172,7 @@ class Scope:
 
     def load(self, place: str, shape: Shape = NUMBER) -> Value:
         """What stands at a place of the workspace, such as ``S + X_body1``; or what was stored there before."""
-        return self._now[place] if place in self._now else self.add("load", (place,), shape)
+        return self.stores[place][1] if place in self.stores else self.add("load", (place,), shape)
 
     def parameter(self, place: int) -> Value:
         """A parameter of a case by its place in the vector of parameters."""
@@ -192,12 +191,11 @@ class Scope:
         if not isinstance(value, Value):
             value = self.add("tuple" if isinstance(value, tuple) else "constant", (value,), len(value) if isinstance(value, tuple) else 1)
         value = self._adopt(value)
-        self._now[place] = value
-        self._stores[place] = len(self.nodes), value
+        self.stores[place] = len(self.nodes), value
 
     def comment(self, text: str) -> None:
         """A comment above what is recorded next."""
-        self._comments.append((len(self.nodes), text))
+        self.comments.append((len(self.nodes), text))
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(self._adopt(a) if isinstance(a, Value) else self._adopted(a) if isinstance(a, tuple) else a for a in args)
@@ -217,42 +215,37 @@ class Scope:
         if value.node not in self._kept:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
-            count = 1 + sum(self.slabs.has(f"{name}_{i}") for i in range(1, 1 + len(self.slabs.counts)))
-            slab = f"{name}_{count}"
-            self.slabs.add(slab, _KEPT[value.shape][1] if value.shape in _KEPT else 1)
-            self._kept[value.node] = slab
-            self._stores[slab] = len(self.nodes), value
+            number = 1
+            while not self.slabs.add(f"{name}_{number}", _KEPT[value.shape][1] if value.shape in _KEPT else 1):
+                number += 1
+            self._kept[value.node] = f"{name}_{number}"
+            self.store(self._kept[value.node], value)
         return self._kept[value.node]
 
     # -- writing
 
     def lines(self) -> list[str]:
         """All that leads to what is stored, for one lane."""
-        return self._written()[1]
+        return _Writer(self).lines()
 
     def write(self, text: Text) -> None:
         """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads it is not vectorised."""
-        shared, lines = self._written()
-        text(*shared)
+        writer = _Writer(self)
+        lines = writer.lines()
+        text(*writer.shared)
         inner = text.lanes()
         for line in lines:
             inner.broken(line)
-
-    def _written(self) -> tuple[list[str], list[str]]:
-        """Lines before a loop over lanes, and in it."""
-        writer = _Writer(self, {place: value for place, (_, value) in self._stores.items()})
-        lines = writer.lines(self._stores, self._comments)
-        return writer.shared, lines
 
 
 class _Writer:
     """The names and lines of a scope."""
 
-    def __init__(self, scope: Scope, stored: dict[str, Value]):
-        self.scope, self.stored = scope, stored
+    def __init__(self, scope: Scope):
+        self.scope = scope
         self.uses: dict[int, int] = {}
         self.alone: set[int] = set()  # values that a choice is between: computed before it, so that lanes need not part
-        for value in stored.values():
+        for _, value in scope.stores.values():
             self._visit((value,))
         self.spelled: dict[int, tuple[str, int]] = {}
         self.shared: list[str] = []
@@ -272,18 +265,17 @@ class _Writer:
                     if op == "where":
                         self.alone |= {part.node for part in parts[1:] if isinstance(part, Value)}
 
-    def lines(self, stores: dict[str, tuple[int, Value]], comments: list[tuple[int, str]]) -> list[str]:
+    def lines(self) -> list[str]:
+        """The lines of a lane; what stands before its loop is then in ``shared``."""
         written: list[tuple[int, int, str]] = []  # node, order at the same node, line
         for node in sorted(self.uses):
             line = self._line(node)
             if line is not None:
                 written.append((node, 1, line))
-        for place, (after, value) in stores.items():
+        for place, (after, value) in self.scope.stores.items():
             written.append((after - 1, 2, self._store(place, value)))
-        starts = [node for node, _, _ in written]
-        for node, says in comments:
-            if any(start >= node for start in starts):
-                written.append((node, 0, f"# {says}"))
+        last = max((node for node, _, _ in written), default=-1)
+        written += [(node, 0, f"# {says}") for node, says in self.scope.comments if node <= last]
         return [line for _, _, line in sorted(written, key=lambda item: item[:2])]
 
     def _line(self, node: int) -> str | None:
@@ -295,7 +287,7 @@ class _Writer:
             self.shared.append(f"{name} = {code}")
             self.spelled[node] = name, _ATOM
             return None
-        reads = op == "load" and args[0] not in self.stored  # what a place holds may change before it is used
+        reads = op == "load" and args[0] not in self.scope.stores  # what a place holds may change before it is used
         plain = op in ("item", "constant", "tuple") or (op in _READINGS and (op != "load" or reads))
         once = self.uses[node] == 1 and not (op == "load" and not reads) and (node not in self.alone or plain)
         if (once and node not in self.scope.names) or op in ("item", "constant", "named"):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.events import emit_met
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.loads import feels_air
@@ -202,17 +202,16 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
     """A case is lost if a body leaves its layer of air at the end of a step or, where it turns from climbing to falling or back, within."""
     c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
-    level = scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * scope.load("T")
-    height = (scope.load(f"Y + X_{body}", 3)[1] + level).called("height")
+    now = height(scope, body).called("height")
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
     before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
     turns = (rate * climb < 0.0).called("turns")
     further = _BEYOND * rate * scalar.abs(rate) * scalar.abs(scope.load("STEP")) / scalar.abs(where(turns, climb - rate, 1.0))
-    top = where(turns, before + further, height).called("top")
-    scope.store(f"CLIMB_{body}", height)
+    top = where(turns, before + further, now).called("top")
+    scope.store(f"CLIMB_{body}", now)
     scope.store(part(f"CLIMB_{body}", 1), climb)
-    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(height - scope.load(f"NEAR_{body}"))))
-    for reached in (air.geopotential(height).called("reached"), air.geopotential(top).called("reached")):
+    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}"))))
+    for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
 
 
