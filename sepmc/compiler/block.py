@@ -2,12 +2,14 @@
 
 import math
 
+from sepmc.compiler.clearances import counted
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
+from sepmc.compiler.watch import watches
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
@@ -130,13 +132,22 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     size = f"{c.shape.active(stage)} * LANES"
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])")
-    if c.history:
-        beyond = "0.1 if left == 1 else 0.0" if stage.events else "0.0"  # the way to an event is not a step of the method
-        inner(f"keep(w, {number}, {beyond}, first, a)")
-    if stage.events:
-        text(f"approach(w, {number}, {size})")
-    else:
+    noted = _noted(c, number)
+    if not stage.events:
+        inner(*noted)
         text.lanes()("w[T + l] = w[END + l]")
+        return
+    if noted:
+        inner.block("if left > 1:")(*noted)
+    text(f"approach(w, {number}, {size})", *noted, f"meet(w, {number})")  # of the last step only what comes before the event counts
+
+
+def _noted(c: Context, number: int) -> list[str]:
+    """What is written or followed of a step of a phase."""
+    stage = c.shape.stages[number]
+    found = [f"keep(w, {number}, first, a)"] if c.history else []
+    found += [f"watch(w, {number})"] if watches(c, stage) else []
+    return found + ([f"clearances_{stage.name}(w)"] if counted(c, stage) else [])
 
 
 def _switches(text: Text, c: Context) -> None:

@@ -27,6 +27,16 @@ class Context:
         self.case = Case(Scope(self.slabs), self.shape)
 
     @property
+    def watched(self) -> tuple[str, ...]:
+        """Joints whose loads are followed over the flight."""
+        return self.shape.scene.output.loads
+
+    @property
+    def extends(self) -> bool:
+        """Whether states between the ends of a step are needed."""
+        return self.history or bool(self.watched) or bool(self.shape.scene.clearance)
+
+    @property
     def size(self) -> int:
         """Numbers of a state."""
         return 13 * len(self.shape.bodies)

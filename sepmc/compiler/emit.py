@@ -6,7 +6,9 @@ shape share it. `sepmc check --code` prints it.
 
 from sepmc.compiler.block import emit_block
 from sepmc.compiler.context import Context
-from sepmc.compiler.events import emit_aim
+from sepmc.compiler.events import emit_aim, emit_meet
+from sepmc.compiler.clearances import emit_clearances
+from sepmc.compiler.extension import emit_extension
 from sepmc.compiler.history import emit_history
 from sepmc.compiler.loads import emit_centre
 from sepmc.compiler.motion import emit_correct, emit_rates
@@ -15,6 +17,7 @@ from sepmc.compiler.shape import Shape
 from sepmc.compiler.start import emit_prepare, shared_size
 from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
 from sepmc.compiler.text import Text
+from sepmc.compiler.watch import emit_watch
 from sepmc.kernels.methods import method
 
 _HEADER = '''"""{title}
@@ -26,11 +29,12 @@ import math
 
 import numpy as np
 
-from sepmc.kernels import joints, quat, springs, vec3
+from sepmc.kernels import joints, peaks, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
+from sepmc.kernels.clearances import search_clearance
 from sepmc.kernels.elementary import arctan2
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
@@ -65,11 +69,18 @@ def _body(c: Context) -> Text:
     emit_lengths(body, c)
     emit_settle(body, c)
     emit_guard(body, c)
+    if c.extends:
+        emit_extension(body, c)
     if c.history:
         emit_history(body, c)
+    if c.watched:
+        emit_watch(body, c)
+    if c.shape.scene.clearance:
+        emit_clearances(body, c)
     emit_advance(body, c)
     if any(stage.events for stage in c.shape.stages):
         emit_approach(body, c)
+        emit_meet(body, c)
     emit_report(body, c)
     block = Text()
     emit_block(block, c)  # it is entered, so it stands last; what comes before a flight is known when all else is written
@@ -82,7 +93,7 @@ def _first_slabs(c: Context) -> None:
     """Slabs that every module has."""
     for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
         c.slabs.add(name, c.size)
-    for i in range(1, (len(c.method.dense) if c.history else len(c.method.b)) + 1):  # in this order and without a gap
+    for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
         c.slabs.add(f"K{i}", c.size)
     for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS", "UNEVEN"):
         c.slabs.add(name, 1)
@@ -98,7 +109,7 @@ def _head(c: Context) -> Text:
     head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))
     head("", f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, weights, nodes.")
     head(*coefficients(c.method))
-    if c.history:
+    if c.extends:
         head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
         head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
@@ -130,8 +141,8 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "events on the state": any(stage.events for stage in shape.stages),
         "rates at release": bool(scene.output.tip_off),
         "Mach number": False,
-        "joint forces": False,
-        "clearances": False,
+        "joint loads": bool(scene.output.loads),
+        "clearances": bool(scene.clearance),
         "work of the loads": False,
     }
     return [name for name, there in parts.items() if there], [name for name, there in parts.items() if not there]

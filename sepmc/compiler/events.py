@@ -141,8 +141,9 @@ def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
     return found
 
 
-def emit_met(text: Text, c: Context) -> None:
-    """After the last step to an event: which conditions of the phase are met."""
+def emit_meet(out: Text, c: Context) -> None:
+    """A function that notes which conditions are met."""
+    text = out.function("meet(w, phase: int)", "After the last step to an event: which conditions of the phase are met.")
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")

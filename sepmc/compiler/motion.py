@@ -1,12 +1,13 @@
-"""The motion in a phase: the derivative of a state, and the correction of its drift off the joints."""
+"""The motion in a phase: the derivative of a state, what joints carry, and the correction of drift off the joints."""
 
+from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import quat, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, body_loads
-from sepmc.compiler.rows import Factors, Rows, lose_dependent
+from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
 from sepmc.scene.model import GROUND
@@ -27,30 +28,43 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     what.append(f"{len(stage.rows)} constraint rows" if stage.rows else "nothing is constrained")
     text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: {', '.join(what)}.")
     s = State(c, c.scope(), stage, "S")
-    acceleration, spin_rate = _accelerations(s)
+    motion = make_motion(s)
     for body in c.shape.bodies:
         s.scope.store(f"D + X_{body}", s.speed(body))
-        s.scope.store(f"D + V_{body}", acceleration[body])
+        s.scope.store(f"D + V_{body}", motion.acceleration[body])
     for leader in stage.leaders:
         s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))
-        s.scope.store(f"D + OMEGA_{leader}", spin_rate[leader])
+        s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
     s.scope.write(text)
 
 
-def _accelerations(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Accelerations of mass centres, ground axes, and angular accelerations of groups, body axes, by leader."""
+@dataclass
+class Motion:
+    """The moment of the loads on every body (body axes), accelerations of mass centres (ground axes) and angular accelerations of groups
+    (body axes, by leader), and the rows of the joints with their multipliers."""
+
+    moment: dict[str, Any]
+    acceleration: dict[str, Any]
+    spin_rate: dict[str, Any]
+    rows: list[JointRow] = field(default_factory=list)
+    multipliers: list[Any] = field(default_factory=list)
+
+
+def make_motion(s: State) -> Motion:
+    """The motion at a state."""
     force, moment = body_loads(s)
     s.scope.comment("motion without the joints")
     acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
     spin_rate = {group[0]: _spin_rate(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
     if not s.stage.rows:
-        return acceleration, spin_rate
+        return Motion(moment, acceleration, spin_rate)
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
     factors = Factors(rows.coupling())
-    linear, angular = rows.act(factors.solve(rows.without_joints(acceleration, spin_rate)))
+    multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
+    linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
-    return _plus(acceleration, linear), _plus(spin_rate, angular)
+    return Motion(moment, _plus(acceleration, linear), _plus(spin_rate, angular), rows.rows, multipliers)
 
 
 def _spin_rate(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:

@@ -57,7 +57,8 @@ class Names:
             spring=tuple(change(s, name=self.of["spring"][s.name], bodies=self._pair(s.bodies)) for s in scene.spring),
             load=tuple(change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load),
             phase=tuple(self._phase(phase) for phase in scene.phase),
-            output=change(scene.output, tip_off=tuple(self.of["joint"][name] for name in scene.output.tip_off)),
+            clearance=tuple(change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after]) for x in scene.clearance),
+            output=change(scene.output, loads=self._joints(scene.output.loads), tip_off=self._joints(scene.output.tip_off)),
         )
 
     def plan(self, plan: Plan) -> Plan:
@@ -70,6 +71,9 @@ class Names:
             joints={self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()},
             phases=[self.of["phase"][name] for name in plan.phases],
         )
+
+    def _joints(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(self.of["joint"][name] for name in names)
 
     def _body(self, name: str) -> str:
         return GROUND if name == GROUND else self.of["body"][name]

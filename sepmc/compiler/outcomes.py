@@ -50,6 +50,10 @@ def emit_results(text: Text, c: Context) -> None:
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
+    for slab in ("PEAKS", "CLEARANCES"):
+        if slab in c.slabs.counts:
+            text.block(f"for k in range({c.slabs.counts[slab]}):")(f"outcomes[{o} + k, i] = w[{slab} + k * LANES + l]")
+            o += c.slabs.counts[slab]
     for joint in shape.scene.output.tip_off:
         for body in shape.scene.joint[joint].bodies:
             if body != GROUND:

@@ -16,12 +16,13 @@ _DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the
 
 
 @dataclass
-class _Row:
-    """A row: direction e of a translation, normals n of the groups that it turns (body axes) and these times the inverse inertia, the
-    part gamma of its second derivative, and how far it is off."""
+class JointRow:
+    """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the groups that it turns (body axes) and
+    these times the inverse inertia, the part gamma of its second derivative, and how far it is off."""
 
     row: Row
     e: Any
+    arms: tuple[Any, Any]
     normals: dict[str, Any]
     turned: dict[str, Any]
     gamma: Any
@@ -35,13 +36,13 @@ class Rows:
     def __init__(self, s: State):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
         self.inverse = {group[0]: s.case.inverse_inertia(group) for group in s.stage.groups if GROUND not in group}
-        self.rows: list[_Row] = []
+        self.rows: list[JointRow] = []
         for row in s.stage.rows:
             if not self.rows or row.joint != self.rows[-1].row.joint:
                 s.scope.comment(f"joint {row.joint}")
             self.rows.append(self._row(row))
 
-    def _row(self, row: Row) -> _Row:
+    def _row(self, row: Row) -> JointRow:
         s, pair = self.s, self.s.joint(row.joint)
         e, arm_a, arm_b, gamma, value, rate = self._turning(row, pair) if row.turns else self._moving(row, pair)
         arms: dict[str, Any] = {}
@@ -53,7 +54,7 @@ class Rows:
             gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
         normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
         turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
-        return _Row(row, e, normals, turned, gamma, value, rate)
+        return JointRow(row, e, (arm_a, arm_b), normals, turned, gamma, value, rate)
 
     def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """A row that holds an angle."""
@@ -76,7 +77,7 @@ class Rows:
         """G M^-1 G^T below and on its diagonal."""
         return [[self._coupling(one, two) for two in self.rows[: r + 1]] for r, one in enumerate(self.rows)]
 
-    def _coupling(self, one: _Row, two: _Row) -> Any:
+    def _coupling(self, one: JointRow, two: JointRow) -> Any:
         signs: dict[str, int] = {}
         if not one.row.turns and not two.row.turns:
             for body, sign in zip(self.bodies[one.row.joint], (-1, 1), strict=True):

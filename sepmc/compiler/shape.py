@@ -51,6 +51,7 @@ class Stage:
     name: str
     groups: list[tuple[str, ...]]
     rows: list[Row]
+    welds: list[str]  # joints that let nothing turn, whose bodies turn as one
     events: list[Event] = field(default_factory=list)
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
@@ -126,10 +127,8 @@ def _obstacles(scene: Scene) -> list[str]:
         found.append("a table of the air")
     if scene.environment.wind.profile is not None:
         found.append("a wind profile")
-    if scene.clearance:
-        found.append("clearance outputs")
-    if scene.output.loads or scene.output.guide:
-        found.append("outputs of joint or pin loads")
+    if scene.output.guide:
+        found.append("outputs of pin loads")
     if any(j.guide is not None and j.guide.friction > 0.0 for j in joints):
         found.append("guide friction")
     if scene.release:
@@ -266,17 +265,17 @@ def _stage(scene: Scene, phase: Phase, bodies: list[str]) -> Stage:
     kinds = {name: rows_of(joint, phase.joints.get(name, "free")) for name, joint in scene.joint.items()}
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
     order = [*bodies, GROUND]
-    for name, codes in kinds.items():
-        if sum(at.ROTATION <= code < at.ROD for code in codes) == 3:
-            first, second = scene.joint[name].bodies
-            merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
-            merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
-            for body in merged:
-                group[body] = merged
+    welds = [name for name, codes in kinds.items() if sum(at.ROTATION <= code < at.ROD for code in codes) == 3]
+    for name in welds:
+        first, second = scene.joint[name].bodies
+        merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
+        merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
+        for body in merged:
+            group[body] = merged
     rows: list[Row] = []
     for name, codes in kinds.items():
         first, second = scene.joint[name].bodies
         rows += [Row(name, code) for code in codes if not (at.ROTATION <= code < at.ROD and group[first] == group[second])]
     named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
     found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
-    return Stage(phase.name, found, rows)
+    return Stage(phase.name, found, rows, welds)

@@ -13,7 +13,9 @@ _ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN")
 
 
 def shared_size(c: Context) -> int:
-    """Numbers that all cases share: axes of joints and what makes their separation positive, axes of springs."""
+    """Numbers that all cases share: axes of joints and what makes their separation positive, axes of springs; outlines."""
+    if c.shape.scene.clearance:
+        return len(c.shape.plan.model.numbers)
     return int(c.model.springs_x) + 3 * len(c.shape.scene.spring)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 
 from sepmc.compiler.context import Context, height, lose, part
-from sepmc.compiler.events import emit_met
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.loads import feels_air
 from sepmc.compiler.recorder import Scope, total, where
@@ -62,16 +61,16 @@ def emit_advance(out: Text, c: Context) -> None:
     says = f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
     text = out.function("advance(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
-    if c.history:
+    if c.extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
-    _begin(text, "left, usual", c.history)
+    _begin(text, "left, usual", c.extends)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
     inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0")
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name, rk.doubt)
     text("guard(w, phase)")
-    if c.history:
+    if c.extends:
         text("extend(w, phase)")
     text("settle(w, phase)")
 
@@ -89,7 +88,8 @@ def emit_approach(out: Text, c: Context) -> None:
     inner = text.lanes()
     inner("h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)")
     inner("w[LOST + l] = w[LOST + l] if abs(h) < 1e-6 else 1.0")
-    emit_met(text, c)
+    if c.extends:
+        inner("w[REACH + l] = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
 
 
 def _begin(text: Text, length: str, keeps: bool) -> None:
@@ -142,7 +142,7 @@ def emit_settle(out: Text, c: Context) -> None:
     shape = c.shape
     says = "After a step: attitudes of unit length, pitch and roll followed through turns, constraints, and what disqualifies a case."
     text = out.function("settle(w, phase: int)", says)
-    for first, bodies in _turning_from(c):
+    for first, bodies in turning_from(c):
         scope = c.scope()
         for body in bodies:
             _settle_attitude(scope, c, body)
@@ -166,7 +166,7 @@ def emit_settle(out: Text, c: Context) -> None:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
 
 
-def _turning_from(c: Context) -> list[tuple[int, list[str]]]:
+def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     """Phases and the bodies whose attitudes are integrated from then on."""
     found: dict[int, list[str]] = {}
     for body in c.shape.turning:
@@ -222,7 +222,7 @@ def emit_guard(out: Text, c: Context) -> None:
     for body in c.shape.bodies:
         _largest(scope, c, "V", body)
     scope.write(text)
-    for first, bodies in _turning_from(c):
+    for first, bodies in turning_from(c):
         scope = c.scope()
         for body in bodies:
             _largest(scope, c, "Q", body)

@@ -19,9 +19,7 @@ from sepmc.kernels import layout as at
 from sepmc.kernels import outlines, quat, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.lips import lip_gap, lip_least
-from sepmc.kernels.places import body_params
 from sepmc.kernels.rims import rim_gap
-from sepmc.kernels.rk import interpolate
 
 # two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of the first or of the second body
 SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
@@ -36,61 +34,83 @@ _DEPTH = 56  # halvings of a step, one within the other, at most
 _MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them all is given up
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
 _NODE = 15
+PATH = 11  # numbers that say where two bodies are
+
+
+# Of a search, one behind the other: the step's start and length, powers of the path, start and number of the parts of both outlines,
+# mass centres, what is found, whether the search came to an end, and the path
+JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = 0, 1, 2, 3, 7, 13, 19, 20
 
 
 @stage
-def watch_clearance(i, first, t, h, y0, sample, weights, k, rk, outcomes, m, w):
-    """Search a step from y0, whose continuous extension is ready, for less than the clearance ``i`` in outcomes[first] on."""
+def search_clearance(w, job):
+    """`watch_clearance` of what stands at w[job] and behind (JOB_TIME, ...); its result goes there too."""
+    parts, centres, path = job + JOB_PARTS, job + JOB_CENTRES, job + JOB_PATH
+    powers = int(w[job + JOB_POWERS])
+    done = watch_clearance(
+        (int(w[parts]), int(w[parts + 1])), (int(w[parts + 2]), int(w[parts + 3])), vec3.get(w, centres), vec3.get(w, centres + 3), w,
+        w[job + JOB_TIME], w[job + JOB_LENGTH], w[path : path + powers * PATH].reshape((powers, PATH)), w[job + JOB_FOUND : job + JOB_DONE],
+    )  # fmt: skip
+    w[job + JOB_DONE] = 1.0 if done else 0.0
+
+
+@stage
+def watch_clearance(parts_a, parts_b, cg_a, cg_b, numbers, t, h, path, found):
+    """Search a step of length h from t for less than the clearance in ``found``: least distance, its time, the nearest point of the first
+    body (3, layout), and whether the bodies touch; NaN at first. Returns whether the search came to an end.
+
+    parts_a, parts_b : start in ``numbers`` and number of the parts of both outlines (`layout.PART_SIZE`)
+    cg_a, cg_b : layout points of the mass centres
+    path : (order + 1, PATH), over the step, by powers of its share gone by: place of b less that of a (3), attitudes of a and b (4, 4)
+    """
     keep_apart()
-    entry = m.scene.clearances_i + 3 * i
-    a, b = m.table[entry], m.table[entry + 1]
     poses, nodes = np.empty((_PLACES, 12)), np.empty((_DEPTH + 2, _NODE))
     for n in range(_PLACES):
-        _pose(n / (_PLACES - 1), h, y0, sample, weights, k, rk, a, b, poses[n], m)
-    motion = _motion(poses, h)
-    first_a, count_a = m.table[m.scene.parts_i + 2 * a], m.table[m.scene.parts_i + 2 * a + 1]
-    first_b, count_b = m.table[m.scene.parts_i + 2 * b], m.table[m.scene.parts_i + 2 * b + 1]
-    for n in range(count_a):
-        pa = first_a + at.PART_SIZE * n
-        part_a = _part(pa, a, m, w)
-        for l in range(count_b):
-            pb = first_b + at.PART_SIZE * l
-            part_b = _part(pb, b, m, w)
-            shell_a, shell_b = m.numbers[pa] != 0.0, m.numbers[pb] != 0.0
+        _pose(n / (_PLACES - 1), path, poses[n])
+    motion, searched = _motion(poses, h), True
+    for n in range(parts_a[1]):
+        pa = parts_a[0] + at.PART_SIZE * n
+        part_a = _part(pa, cg_a, numbers)
+        for l in range(parts_b[1]):
+            pb = parts_b[0] + at.PART_SIZE * l
+            part_b = _part(pb, cg_b, numbers)
+            shell_a, shell_b = numbers[pa] != 0.0, numbers[pb] != 0.0
             if shell_a and shell_b:
                 continue  # two shells: each is met by the other body's solids
             kind = SHELL_ON_FIRST if shell_a else (SHELL_ON_SECOND if shell_b else SOLIDS)
             length = part_b[2] if shell_a else part_a[2]
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
                 pair = kind, end, part_a, part_b
-                _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w)
+                searched = _search(pair, motion, t, h, path, poses, nodes, cg_a, found) and searched
             for end in range(2 if kind != SOLIDS else 0):
                 pair = (LIP_ON_FIRST if shell_a else LIP_ON_SECOND), end, part_a, part_b
-                _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w)
+                searched = _search(pair, motion, t, h, path, poses, nodes, cg_a, found) and searched
+    return searched
 
 
 @stage
-def _part(p, body, m, w):
-    """Part of a body's outline, whose numbers start at m.numbers[p], in the axes of the body from its centre of mass."""
-    cg = vec3.get(w, body_params(body) + at.CG)
-    start = (cg[0] - m.numbers[p + 1], m.numbers[p + 2] - cg[1], m.numbers[p + 3] - cg[2])
-    length = m.numbers[p + 4]
-    return start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), m.numbers[p + 5], m.numbers[p + 6]
+def _part(p, cg, numbers):
+    """Part of a body's outline, whose numbers start at numbers[p], in the axes of the body from its centre of mass."""
+    start = (cg[0] - numbers[p + 1], numbers[p + 2] - cg[1], numbers[p + 3] - cg[2])
+    length = numbers[p + 4]
+    return start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), numbers[p + 5], numbers[p + 6]
 
 
 @stage
-def _pose(theta, h, y0, sample, weights, k, rk, a, b, pose, m):
+def _pose(theta, path, pose):
     """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a fraction of the step."""
     keep_apart()
-    interpolate(theta, h, y0, sample, weights, k, rk)
-    quat.normalise_all(sample, m.scene.n_bodies)
-    qa, qb = a * at.STATE + at.QUATERNION, b * at.STATE + at.QUATERNION
-    to = quat.matrix((sample[qa], sample[qa + 1], sample[qa + 2], sample[qa + 3]))
-    r = quat.matrix((sample[qb], sample[qb + 1], sample[qb + 2], sample[qb + 3]))
+    for n in range(PATH):
+        total = 0.0
+        for q in range(path.shape[0] - 1, -1, -1):
+            total = total * theta + path[q, n]
+        pose[n] = total
+    apart = (pose[0], pose[1], pose[2])
+    to = quat.matrix(quat.unit((pose[3], pose[4], pose[5], pose[6])))
+    r = quat.matrix(quat.unit((pose[7], pose[8], pose[9], pose[10])))
     for n in range(3):
         column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
         pose[n], pose[3 + n], pose[6 + n] = column
-    apart = vec3.sub(vec3.get(sample, b * at.STATE + at.POSITION), vec3.get(sample, a * at.STATE + at.POSITION))
     vec3.put(pose, 9, vec3.unrotate(to, apart))
 
 
@@ -226,17 +246,17 @@ def _most(x0, x1, move, bend, dt):
 
 
 @stage
-def _note(distance, here, time, body, outcomes, first, w):
+def _note(distance, here, time, cg, found):
     """Take over a new least distance with its time and the nearest point of the first body, layout."""
-    cg = vec3.get(w, body_params(body) + at.CG)
-    outcomes[first], outcomes[first + 1] = distance, time
-    vec3.put(outcomes, first + 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
-    outcomes[first + 5] = 1.0 if distance <= 0.0 else 0.0
+    found[0], found[1] = distance, time
+    vec3.put(found, 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
+    found[5] = 1.0 if distance <= 0.0 else 0.0
 
 
 @stage
-def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, outcomes, first, m, w):
-    """Search a step for a pair being nearer than outcomes[first], or in touch earlier than known; ``nodes`` is scratch.
+def _search(pair, motion, t, h, path, poses, nodes, cg, found):
+    """Search a step for a pair being nearer than found[0], or in touch earlier than known; ``nodes`` is scratch. Returns whether it
+    came to an end.
 
     From left to right and always as deep as needed: nodes[0] is the left end of an interval, nodes[top] its right end, and below that
     stand the right ends of those that follow.
@@ -250,63 +270,62 @@ def _search(pair, motion, a, b, t, h, y0, sample, weights, k, rk, poses, nodes, 
         speed, bend = motion[0] + motion[2] * _reach(part_b), motion[3] + motion[5] * _reach(part_b)
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
-    beyond = outcomes[first]  # NaN: nothing known yet
+    beyond = found[0]  # NaN: nothing known yet
     if _is_rim(kind):
         beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
     elif beyond < 0.0:
-        return
+        return True
     if 0.5 * (_far(pair, poses[0]) + _far(pair, poses[_PLACES - 1]) - speed * h) > beyond:
-        return
+        return True
     for end in range(2):
         nodes[end, _POSE:] = poses[end * (_PLACES - 1)]
         nodes[end, _AT], nodes[end, _BEND] = end, math.inf
-        _visit(pair, nodes[end], tiny, a, t, h, outcomes, first, w)
+        _visit(pair, nodes[end], tiny, t, h, cg, found)
     top, halvings = 1, 0
     while top > 0 and halvings < _MOST:
         left, right = nodes[0], nodes[top]
         dt = (right[_AT] - left[_AT]) * h
-        if top > _DEPTH or not _worth_halving(pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, outcomes, first):
+        if top > _DEPTH or not _worth_halving(pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, found):
             left[:] = right
             top -= 1
             continue
         middle = nodes[top + 1]
         middle[_AT] = 0.5 * (left[_AT] + right[_AT])
-        _pose(middle[_AT], h, y0, sample, weights, k, rk, a, b, middle[_POSE:], m)
-        _visit(pair, middle, tiny, a, t, h, outcomes, first, w)
+        _pose(middle[_AT], path, middle[_POSE:])
+        _visit(pair, middle, tiny, t, h, cg, found)
         middle[_BEND] = right[_BEND] = math.inf
         if max(left[_VALUE], middle[_VALUE], right[_VALUE]) < math.inf:  # twice the second derivative
             middle[_BEND] = right[_BEND] = 8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
         top += 1
         halvings += 1
-    if top > 0:
-        w[m.scene.work + at.UNSEARCHED] = 1.0
+    return top == 0
 
 
 @stage
-def _visit(pair, node, tiny, a, t, h, outcomes, first, w):
+def _visit(pair, node, tiny, t, h, cg, found):
     """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or touches earlier."""
     keep_apart()
     distance, here = _distance(pair, node[_POSE:], _FLUSH * tiny)
     node[_VALUE] = distance
-    time, best = t + node[_AT] * h, outcomes[first]
-    if distance < best - tiny or (math.isnan(best) and distance < math.inf) or (distance == best == 0.0 and time < outcomes[first + 1]):
-        _note(distance, here, time, a, outcomes, first, w)
+    time, best = t + node[_AT] * h, found[0]
+    if distance < best - tiny or (math.isnan(best) and distance < math.inf) or (distance == best == 0.0 and time < found[1]):
+        _note(distance, here, time, cg, found)
     elif math.isnan(distance):
-        _note(distance, here, time, a, outcomes, first, w)
+        _note(distance, here, time, cg, found)
 
 
 @stage
-def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, outcomes, first):
-    """Whether a pair may be nearer than outcomes[first] between two times, or touch earlier than known."""
+def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
+    """Whether a pair may be nearer than found[0] between two times, or touch earlier than known."""
     keep_apart()
-    kind, d0, d1, best = pair[0], left[_VALUE], right[_VALUE], outcomes[first]
+    kind, d0, d1, best = pair[0], left[_VALUE], right[_VALUE], found[0]
     move = speed * dt
     if not move > tiny:
         return False
     if not _is_rim(kind):
         if best == 0.0:  # only touching earlier counts
             may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, right, move, dt) < 0.0
-            return may_touch and d0 > 0.0 and time < outcomes[first + 1]
+            return may_touch and d0 > 0.0 and time < found[1]
         return _least_solids(d0, d1, bend, right, move, dt) < best - tiny
     lowest0, highest0, outmost0 = _along(pair, left[_POSE:])
     lowest1, highest1, outmost1 = _along(pair, right[_POSE:])

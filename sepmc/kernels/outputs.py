@@ -9,11 +9,11 @@ from sepmc.kernels import layout as at
 from sepmc.kernels import quat, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import solve_motion
-from sepmc.kernels.clearances import watch_clearance
+from sepmc.kernels.clearances import PATH, watch_clearance
 from sepmc.kernels.dynamics import guide_bearing, guide_wrench, motion, slides
 from sepmc.kernels.observe import joint_outcomes_at
-from sepmc.kernels.places import first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
-from sepmc.kernels.rk import interpolate
+from sepmc.kernels.places import body_params, first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
+from sepmc.kernels.rk import extension, interpolate
 
 # Gauss-Lobatto nodes and weights on a step, exact to degree 7 (Abramowitz and Stegun, 25.4.32).
 NODES = 5
@@ -256,8 +256,29 @@ def watch_step(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w):
         _watch_loads(t, h, y0, sample, weights, k, rk, rows, outcomes, m, w)
     for i in range(m.scene.n_clearances):
         if counts(i, m, w):
-            first = clearances_at(m) + at.CLEARANCE_OUTCOMES * i
-            watch_clearance(i, first, t, h, y0, sample, weights, k, rk, outcomes, m, w)
+            _watch_clearance(i, t, h, y0, k, rk, outcomes, m, w)
+
+
+@stage
+def _watch_clearance(i, t, h, y0, k, rk, outcomes, m, w):
+    """Clearance ``i`` over a step."""
+    keep_apart()
+    first, entry = clearances_at(m) + at.CLEARANCE_OUTCOMES * i, m.scene.clearances_i + 3 * i
+    a, b = m.table[entry], m.table[entry + 1]
+    path = np.empty((rk.dense.shape[1], PATH))
+    for n in range(PATH):
+        for q in range(path.shape[0]):
+            if n < 3:
+                n_a, n_b = a * at.STATE + at.POSITION + n, b * at.STATE + at.POSITION + n
+                path[q, n] = extension(q, n_b, h, y0, k, rk) - extension(q, n_a, h, y0, k, rk)
+            else:
+                body = a if n < 7 else b
+                path[q, n] = extension(q, body * at.STATE + at.QUATERNION + (n - 3) % 4, h, y0, k, rk)
+    p_a, p_b = m.scene.parts_i + 2 * a, m.scene.parts_i + 2 * b
+    parts_a, parts_b = (m.table[p_a], m.table[p_a + 1]), (m.table[p_b], m.table[p_b + 1])
+    cg_a, cg_b = vec3.get(w, body_params(a) + at.CG), vec3.get(w, body_params(b) + at.CG)
+    if not watch_clearance(parts_a, parts_b, cg_a, cg_b, m.numbers, t, h, path, outcomes[first : first + at.CLEARANCE_OUTCOMES]):
+        w[m.scene.work + at.UNSEARCHED] = 1.0
 
 
 @stage

@@ -25,6 +25,13 @@ def matrix(q):
 
 
 @formula
+def unit(q):
+    """The quaternion made of unit length."""
+    inverse = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse)
+
+
+@formula
 def rate(q, omega):
     """q' = 1/2 q (0, omega), omega in body axes, rad/s."""
     w, x, y, z = q

@@ -73,6 +73,15 @@ def interpolate(theta, h, y, out, weights, k, rk):
 
 
 @stage
+def extension(q, n, h, y, k, rk):
+    """Coefficient of number ``n`` of the state by power ``q`` of the share of the step from y that is gone by."""
+    total = 0.0
+    for i in range(rk.dense.shape[0]):
+        total += rk.dense[i, q] * k[i, n]
+    return h * total + (y[n] if q == 0 else 0.0)
+
+
+@stage
 def _combine(h, weights, y, out, k):
     """y + h sum_i weights_i k_i into ``out``."""
     keep_apart()

@@ -1,0 +1,183 @@
+"""Peak and integral of the size of a vector over a step, from its components at the nodes of the step.
+
+Components are smooth where their size has a corner, so a polynomial stands for each of them: sum of c_j T_j(x), x from -1 to 1 over
+the step (Chebyshev; Trefethen, Approximation Theory and Approximation Practice, 2013, ch. 3 and 19). What it leaves out shrinks with
+the step, as the error of the motion does.
+"""
+
+import math
+
+import numpy as np
+
+from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.lanes import LANES
+
+COUNT = 8  # nodes: a polynomial of degree seven, the order of the continuous extension of dop853
+_X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))  # at both ends and between, denser towards them
+THETA = 0.5 * (1.0 + _X)  # the same as shares of the step
+_HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
+# Coefficients from values at the nodes; slopes at both ends of the step from coefficients; mean of T_j over the step.
+_FROM_VALUES = 2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
+_SLOPE = 2.0 * np.arange(COUNT) ** 2.0  # of T_j at the end by the share of the step; the other way round, (-1)^(j+1) times that, at its start
+_MEAN = np.array([1.0 / (1.0 - j * j) if j % 2 == 0 else 0.0 for j in range(COUNT)])
+# Gauss-Lobatto rule of five nodes on 0 to 1 (Abramowitz and Stegun, 25.4.32).
+_NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
+_WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
+_DIP = 0.7  # least over greatest size at the nodes: below, it may turn sharply between them
+# What halving an interval may change of an integral: of the peak so far, and, for round-off, of the greater of force and moment (N, N m).
+_AGREE, _NOISE, _HALVINGS = 1e-9, 1e-12, 40
+_NEAR = 0.9  # of the peak so far: below, what rises between two nodes does not reach it
+_ROUNDS = 40
+_SAME = 1.0 + 1e-13  # of two sizes: a load that does not change has its peak where it is first seen
+_CLOSE = 1e-9  # of a step: a peak's place, whose value is then good to round-off
+
+SCRATCH = 3 * COUNT  # numbers that `note_size` works in: coefficients of the components
+
+
+@stage
+def _at(x, w, scratch):
+    """The vector at a place of the step."""
+    a, a_before, b, b_before, c, c_before = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(COUNT - 1):  # Clenshaw's recurrence
+        j = scratch + COUNT - 1 - k
+        a, a_before = w[j] + 2.0 * x * a - a_before, a
+        b, b_before = w[j + COUNT] + 2.0 * x * b - b_before, b
+        c, c_before = w[j + 2 * COUNT] + 2.0 * x * c - c_before, c
+    return (
+        w[scratch] + x * a - a_before,
+        w[scratch + COUNT] + x * b - b_before,
+        w[scratch + 2 * COUNT] + x * c - c_before,
+    )
+
+
+@stage
+def _size(theta, w, scratch):
+    a, b, c = _at(2.0 * theta - 1.0, w, scratch)
+    return math.sqrt(a * a + b * b + c * c)
+
+
+@stage
+def _highest(low, high, w, scratch):
+    """Where between two shares of the step the size is greatest: Brent's search, by parabolas within a golden section (1973, ch. 5)."""
+    golden = 0.5 * (3.0 - math.sqrt(5.0))
+    best = low + golden * (high - low)
+    second = third = best
+    f_best = _size(best, w, scratch)
+    f_second = f_third = f_best
+    move, last_move = 0.0, 0.0
+    for _ in range(_ROUNDS):
+        middle = 0.5 * (low + high)
+        if abs(best - middle) <= 2.0 * _CLOSE - 0.5 * (high - low):
+            break
+        p, q = 0.0, 0.0
+        if abs(last_move) > _CLOSE:
+            r = (best - second) * (f_third - f_best)
+            q = (best - third) * (f_second - f_best)
+            p = (best - third) * q - (best - second) * r
+            q = 2.0 * (q - r)
+            p, q = (-p, q) if q > 0.0 else (p, -q)
+        if abs(p) < abs(0.5 * q * last_move) and q * (low - best) < p < q * (high - best):
+            last_move, move = move, p / q
+        else:
+            last_move = (high if best < middle else low) - best
+            move = golden * last_move
+        trial = best + (move if abs(move) >= _CLOSE else math.copysign(_CLOSE, move))
+        f = _size(trial, w, scratch)
+        if f >= f_best:
+            low, high = (best, high) if trial >= best else (low, best)
+            second, third, best = best, second, trial
+            f_second, f_third, f_best = f_best, f_second, f
+        else:
+            low, high = (trial, high) if trial < best else (low, trial)
+            if f >= f_second or second == best:
+                second, third, f_second, f_third = trial, second, f, f_second
+            elif f >= f_third or third in (best, second):
+                third, f_third = trial, f
+    return best
+
+
+@stage
+def _mean(low, high, w, scratch):
+    """Mean of the size between two shares of the step."""
+    total = 0.0
+    for i in range(5):
+        total += _WEIGHT[i] * _size(low + _NODE[i] * (high - low), w, scratch)
+    return total
+
+
+@stage
+def _halved(floor, w, scratch):
+    """Mean of the size over the step: each interval is halved until its halves agree with it to ``floor``. A corner takes fifteen
+    halvings; there are _HALVINGS at most."""
+    total, low, width, left = 0.0, 0.0, 1.0, _HALVINGS
+    before = _mean(0.0, 1.0, w, scratch)
+    while low < 1.0:
+        first = _mean(low, low + 0.5 * width, w, scratch)
+        second = _mean(low + 0.5 * width, low + width, w, scratch)
+        if left > 0 and width > 2.0**-15 and not abs(0.5 * (first + second) - before) * width <= floor:
+            width, before, left = 0.5 * width, first, left - 1
+            continue
+        total += 0.5 * width * (first + second)
+        low += width
+        while width < 1.0 and low % (2.0 * width) == 0.0:
+            width *= 2.0
+        if low < 1.0:
+            before = _mean(low, low + width, w, scratch)
+    return total
+
+
+@stage
+def note_size(w, nodes, apart, scratch, out, other, t, h):
+    """Follow the size of a vector over a step of length h from t: its peak, the time of it and the integral, at ``out`` and two further.
+
+    nodes : where the first component at the first node stands; the others are LANES further, those at the next node ``apart``
+    scratch : where SCRATCH numbers may be put
+    other : where the peak of what has the same sort of round-off stands: of the force for a moment, and the other way round
+    """
+    keep_apart()
+    least, greatest, fourth, mean, highest = math.inf, 0.0, 0.0, 0.0, 0
+    for i in range(SCRATCH):
+        w[scratch + i] = 0.0
+    for i in range(COUNT):
+        k = nodes + i * apart
+        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        least = min(least, size)
+        greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
+        for j in range(0, COUNT, 2):
+            mean += _MEAN[j] * _FROM_VALUES[j, i] * size
+        fourth += _FROM_VALUES[4, i] * size
+        for part in range(3):
+            for j in range(COUNT):
+                w[scratch + part * COUNT + j] += _FROM_VALUES[j, i] * w[k + part * LANES]
+    if not greatest <= _SAME * w[out]:
+        w[out], w[out + LANES] = greatest, t + THETA[highest] * h
+    if greatest > _NEAR * w[out]:
+        _note_between(w, nodes, apart, scratch, out, t, h)
+    floor = _AGREE * w[out] + _NOISE * max(w[out], w[other])
+    if greatest > 1e3 * floor and (least < _DIP * greatest or fourth * fourth > floor * greatest):
+        mean = _halved(floor, w, scratch)
+    w[out + 2 * LANES] += h * mean
+
+
+@stage
+def _note_between(w, nodes, apart, scratch, out, t, h):
+    """Peaks between nodes: beside a node that is higher than its neighbours, and at an end from which the size rises into the step."""
+    before, now = 0.0, _size(0.0, w, scratch)
+    for i in range(COUNT):
+        after = _size(THETA[i + 1], w, scratch) if i + 1 < COUNT else 0.0
+        rises = now > before and now >= after
+        if i in (0, COUNT - 1):
+            slope = 0.0
+            for part in range(3):
+                rate = 0.0
+                for j in range(COUNT):
+                    sign = 1.0 if i == 0 and j % 2 == 1 else -1.0  # into the step
+                    rate += sign * _SLOPE[j] * w[scratch + part * COUNT + j]
+                slope += rate * w[nodes + i * apart + part * LANES]
+            rises = rises and slope > 0.0
+        if rises:
+            place = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch)
+            size = _size(place, w, scratch)
+            if size > _SAME * w[out]:
+                w[out], w[out + LANES] = size, t + place * h
+        before, now = now, after
