@@ -32,10 +32,13 @@ def usual_phases(campaign: "Campaign", kernel: "Kernel", draws: np.ndarray) -> n
 
 
 class Search:
-    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,) against a reference at many steps."""
+    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,) against a reference at many steps.
 
-    def __init__(self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float):
-        self.flown, self.draws, self.scale, self.goal = flown, draws, scale, goal
+    Only outcomes that ``decides`` (o,) are held to the goal.
+    """
+
+    def __init__(self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float, decides: np.ndarray):
+        self.flown, self.draws, self.scale, self.goal, self.decides = flown, draws, scale, goal, decides
         self.reference, self.fair = np.empty((0, len(scale))), np.zeros(len(draws), dtype=bool)
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
@@ -66,7 +69,8 @@ class Search:
             coarse, steps = steps, 2 * steps
             self.reference, self.fair = self.flown(steps, self.draws)
             now = self.error(coarse)
-            if self.goal >= self.settled <= now < np.inf:  # round-off
+            if self.goal >= self.settled <= now < np.inf:  # round-off, which some cases let grow: no steps come nearer than that
+                self.settled = 2.0 * now
                 break
             if now <= self.settled:
                 self._of_reference = self._errors(coarse)
@@ -82,7 +86,7 @@ class Search:
         return errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0)
 
     def error(self, steps: np.ndarray) -> float:
-        return float(self._errors(steps).max(initial=0.0))
+        return float(self._errors(steps)[self.decides].max(initial=0.0))
 
     def _alone(self, steps: np.ndarray) -> np.ndarray:
         """Fewest steps of every phase by itself, the others as fine as the reference."""

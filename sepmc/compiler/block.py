@@ -2,14 +2,12 @@
 
 import math
 
-from sepmc.compiler.clearances import counted
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
-from sepmc.compiler.watch import watches
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
@@ -146,8 +144,8 @@ def _noted(c: Context, number: int) -> list[str]:
     """What is written or followed of a step of a phase."""
     stage = c.shape.stages[number]
     found = [f"keep(w, {number}, first, a)"] if c.history else []
-    found += [f"watch(w, {number})"] if watches(c, stage) else []
-    return found + ([f"clearances_{stage.name}(w)"] if counted(c, stage) else [])
+    found += [f"watch(w, {number})"] if c.watches(stage) else []
+    return found + ([f"clearances_{stage.name}(w)"] if c.counted(stage) else [])
 
 
 def _switches(text: Text, c: Context) -> None:

@@ -8,16 +8,9 @@ from sepmc.compiler.formulas import vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
-from sepmc.compiler.wrenches import carries
 from sepmc.kernels import clearances as search
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Clearance
-
-
-def counted(c: Context, stage: Stage) -> list[int]:
-    """Clearances that count in a phase: from the start, or once their joint is free."""
-    entries = enumerate(c.shape.scene.clearance)
-    return [i for i, one in entries if one.after is None or not carries(stage, one.after)]
 
 
 def emit_clearances(out: Text, c: Context) -> None:
@@ -34,7 +27,7 @@ def emit_clearances(out: Text, c: Context) -> None:
     says = "Search the step of a lane for less than a clearance so far: see `sepmc.kernels.clearances.search_clearance`."
     out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
     for stage in c.shape.stages:
-        if which := counted(c, stage):
+        if which := c.counted(stage):
             text = out.function(f"clearances_{stage.name}(w)", f"Search the step just made in phase {stage.name} for the least clearances.")
             for i in which:
                 _search(text, c, stage, i, entries[i])
@@ -57,7 +50,10 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
     text = text.lanes().block("if w[REACH + l] * w[LENGTH + l] > 0.0:")
-    text(f"w[JOB + {search.JOB_TIME}], w[JOB + {search.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]", f"w[JOB + {search.JOB_POWERS}] = {powers}")
+    text(
+        f"w[JOB + {search.JOB_TIME}], w[JOB + {search.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
+        f"w[JOB + {search.JOB_POWERS}] = {powers}",
+    )
     for k, body in enumerate(entry.bodies):
         first, count = (int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2))
         place = search.JOB_PARTS + 2 * k

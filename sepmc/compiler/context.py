@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.compiler.case import Case
 from sepmc.compiler.recorder import Scope, Value, where
-from sepmc.compiler.shape import Shape
+from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Slabs
 from sepmc.kernels.methods import Method
 
@@ -31,10 +31,23 @@ class Context:
         """Joints whose loads are followed over the flight."""
         return self.shape.scene.output.loads
 
+    def watches(self, stage: Stage) -> bool:
+        """Whether a joint whose loads are asked for holds something in a phase."""
+        return any(stage.holds(joint) for joint in self.watched)
+
+    def counted(self, stage: Stage) -> list[int]:
+        """Clearances that count in a phase: from the start, or once their joint is free."""
+        entries = enumerate(self.shape.scene.clearance)
+        return [i for i, one in entries if one.after is None or not stage.holds(one.after)]
+
+    def notes(self, stage: Stage) -> bool:
+        """Whether states between the ends of a step are needed in a phase."""
+        return self.history or self.watches(stage) or bool(self.counted(stage))
+
     @property
     def extends(self) -> bool:
-        """Whether states between the ends of a step are needed."""
-        return self.history or bool(self.watched) or bool(self.shape.scene.clearance)
+        """Whether they are needed in any."""
+        return any(self.notes(stage) for stage in self.shape.stages)
 
     @property
     def size(self) -> int:

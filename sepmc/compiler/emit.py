@@ -5,9 +5,9 @@ shape share it. `sepmc check --code` prints it.
 """
 
 from sepmc.compiler.block import emit_block
+from sepmc.compiler.clearances import emit_clearances
 from sepmc.compiler.context import Context
 from sepmc.compiler.events import emit_aim, emit_meet
-from sepmc.compiler.clearances import emit_clearances
 from sepmc.compiler.extension import emit_extension
 from sepmc.compiler.history import emit_history
 from sepmc.compiler.loads import emit_centre

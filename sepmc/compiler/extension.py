@@ -46,7 +46,6 @@ def _extend(out: Text, c: Context) -> None:
     inner.block("for e in range(SIZE_Y):")("w[POWERS + q * SIZE_Y + e] *= w[STEP + e]")
 
 
-
 def _sample(out: Text, c: Context) -> None:
     """A function for a state between the ends of a step."""
     says = "The state at the shares THETA of the step just made, attitudes of unit length, into S, and its time into CLOCK."

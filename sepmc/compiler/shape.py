@@ -63,6 +63,10 @@ class Stage:
         """The body whose attitude is that of a body, or the ground."""
         return next(group[0] for group in self.groups if body in group)
 
+    def holds(self, joint: str) -> bool:
+        """Whether a joint holds something."""
+        return joint in self.welds or any(row.joint == joint for row in self.rows)
+
     @cached_property
     def leaders(self) -> list[str]:
         """One body of every group that turns: those whose attitudes are integrated."""
@@ -110,8 +114,7 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
-    return fixed + _obstacles(plan.scene) + _late(plan.scene, dispersed)
+    return _obstacles(plan.scene) + _late(plan.scene, dispersed)
 
 
 def _obstacles(scene: Scene) -> list[str]:

@@ -70,8 +70,10 @@ def emit_advance(out: Text, c: Context) -> None:
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name, rk.doubt)
     text("guard(w, phase)")
-    if c.extends:
-        text("extend(w, phase)")
+    noted = [number for number, stage in enumerate(c.shape.stages) if c.notes(stage)]
+    if noted:
+        few = len(noted) < len(c.shape.stages)
+        (text.block(f"if {' or '.join(f'phase == {number}' for number in noted)}:") if few else text)("extend(w, phase)")
     text("settle(w, phase)")
 
 

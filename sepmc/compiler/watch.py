@@ -3,29 +3,25 @@
 import math
 
 from sepmc.compiler.context import Context, part
-from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
-from sepmc.compiler.wrenches import carries, emit_wrenches
+from sepmc.compiler.wrenches import emit_wrenches
 from sepmc.kernels import layout as at
 from sepmc.kernels import peaks
 
 _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 
-def watches(c: Context, stage: Stage) -> bool:
-    """Whether a joint whose loads are asked for holds something in a phase."""
-    return any(carries(stage, joint) for joint in c.watched)
-
-
 def emit_watch(out: Text, c: Context) -> None:
     """A function that follows the loads over a step."""
-    stages = {number: stage for number, stage in enumerate(c.shape.stages) if watches(c, stage)}
+    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage)}
     numbers = 6 * len(c.watched)
-    c.slabs.add("WRENCHES", peaks.COUNT * numbers), c.slabs.add("SCRATCH", peaks.SCRATCH)
     for k in range(numbers):
         c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
     c.slabs.add("PEAKS", numbers)
+    if not stages:
+        return
+    c.slabs.add("WRENCHES", peaks.COUNT * numbers), c.slabs.add("SCRATCH", peaks.SCRATCH)
     for stage in stages.values():
         emit_wrenches(out, c, stage)
     says = "Loads of joints at nodes of the step just made, their peaks and integrals over it into PEAKS."

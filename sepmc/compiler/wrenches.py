@@ -12,11 +12,6 @@ from sepmc.compiler.text import Text
 from sepmc.scene.model import GROUND
 
 
-def carries(stage: Stage, joint: str) -> bool:
-    """Whether a joint holds something in a phase."""
-    return joint in stage.welds or any(row.joint == joint for row in stage.rows)
-
-
 def emit_wrenches(out: Text, c: Context, stage: Stage) -> None:
     """A function for the loads of the joints that are watched, in a phase in which one of them holds."""
     says = "Force and moment of every watched joint at the state S and the times CLOCK, in axes of its first body, into WRENCH."

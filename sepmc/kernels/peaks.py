@@ -16,10 +16,12 @@ COUNT = 8  # nodes: a polynomial of degree seven, the order of the continuous ex
 _X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))  # at both ends and between, denser towards them
 THETA = 0.5 * (1.0 + _X)  # the same as shares of the step
 _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
-# Coefficients from values at the nodes; slopes at both ends of the step from coefficients; mean of T_j over the step.
-_FROM_VALUES = 2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
-_SLOPE = 2.0 * np.arange(COUNT) ** 2.0  # of T_j at the end by the share of the step; the other way round, (-1)^(j+1) times that, at its start
-_MEAN = np.array([1.0 / (1.0 - j * j) if j % 2 == 0 else 0.0 for j in range(COUNT)])
+# By node: the coefficients of a polynomial from its values there; its mean over the step, its slope at the start and, the other way
+# round, at the end (into the step both times), and its coefficient of T_4.
+_COEFFICIENTS = 2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
+_MEAN = np.array([1.0 / (1.0 - j * j) if j % 2 == 0 else 0.0 for j in range(COUNT)]) @ _COEFFICIENTS
+_SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
+_FOURTH = np.ascontiguousarray(_COEFFICIENTS[4])
 # Gauss-Lobatto rule of five nodes on 0 to 1 (Abramowitz and Stegun, 25.4.32).
 _NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
@@ -27,11 +29,12 @@ _DIP = 0.7  # least over greatest size at the nodes: below, it may turn sharply 
 # What halving an interval may change of an integral: of the peak so far, and, for round-off, of the greater of force and moment (N, N m).
 _AGREE, _NOISE, _HALVINGS = 1e-9, 1e-12, 40
 _NEAR = 0.9  # of the peak so far: below, what rises between two nodes does not reach it
+_STEEP = 1e-10  # of the size at an end, over a step: what rises less gains less than a tenth of that, and may be round-off
 _ROUNDS = 40
 _SAME = 1.0 + 1e-13  # of two sizes: a load that does not change has its peak where it is first seen
 _CLOSE = 1e-9  # of a step: a peak's place, whose value is then good to round-off
 
-SCRATCH = 3 * COUNT  # numbers that `note_size` works in: coefficients of the components
+SCRATCH = 4 * COUNT  # numbers that `note_size` works in: coefficients of the components, and sizes at the nodes
 
 
 @stage
@@ -109,6 +112,7 @@ def _mean(low, high, w, scratch):
 def _halved(floor, w, scratch):
     """Mean of the size over the step: each interval is halved until its halves agree with it to ``floor``. A corner takes fifteen
     halvings; there are _HALVINGS at most."""
+    keep_apart()
     total, low, width, left = 0.0, 0.0, 1.0, _HALVINGS
     before = _mean(0.0, 1.0, w, scratch)
     while low < 1.0:
@@ -135,49 +139,71 @@ def note_size(w, nodes, apart, scratch, out, other, t, h):
     other : where the peak of what has the same sort of round-off stands: of the force for a moment, and the other way round
     """
     keep_apart()
-    least, greatest, fourth, mean, highest = math.inf, 0.0, 0.0, 0.0, 0
-    for i in range(SCRATCH):
-        w[scratch + i] = 0.0
+    least, greatest, fourth, mean, highest, sizes = math.inf, 0.0, 0.0, 0.0, 0, scratch + 3 * COUNT
     for i in range(COUNT):
         k = nodes + i * apart
         size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        w[sizes + i] = size
         least = min(least, size)
         greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
-        for j in range(0, COUNT, 2):
-            mean += _MEAN[j] * _FROM_VALUES[j, i] * size
-        fourth += _FROM_VALUES[4, i] * size
-        for part in range(3):
-            for j in range(COUNT):
-                w[scratch + part * COUNT + j] += _FROM_VALUES[j, i] * w[k + part * LANES]
+        mean += _MEAN[i] * size
+        fourth += _FOURTH[i] * size
     if not greatest <= _SAME * w[out]:
         w[out], w[out + LANES] = greatest, t + THETA[highest] * h
-    if greatest > _NEAR * w[out]:
-        _note_between(w, nodes, apart, scratch, out, t, h)
     floor = _AGREE * w[out] + _NOISE * max(w[out], w[other])
-    if greatest > 1e3 * floor and (least < _DIP * greatest or fourth * fourth > floor * greatest):
+    is_rough = greatest > 1e3 * floor and (least < _DIP * greatest or fourth * fourth > floor * greatest)
+    may_peak = greatest > _NEAR * w[out] and _has_summit(sizes, w)
+    if is_rough or may_peak:
+        _set_coefficients(nodes, apart, w, scratch)
+    if may_peak:
+        _note_summits(sizes, w, scratch, out, t, h)
+    if is_rough:
         mean = _halved(floor, w, scratch)
     w[out + 2 * LANES] += h * mean
 
 
 @stage
-def _note_between(w, nodes, apart, scratch, out, t, h):
-    """Peaks between nodes: beside a node that is higher than its neighbours, and at an end from which the size rises into the step."""
-    before, now = 0.0, _size(0.0, w, scratch)
+def _set_coefficients(nodes, apart, w, scratch):
+    """Coefficients of the components from their values at the nodes."""
+    keep_apart()
+    for part in range(3):
+        for j in range(COUNT):
+            total = 0.0
+            for i in range(COUNT):
+                total += _COEFFICIENTS[j, i] * w[nodes + i * apart + part * LANES]
+            w[scratch + part * COUNT + j] = total
+
+
+@stage
+def _rises(sizes, w, i):
+    """Whether a peak lies beside node ``i``: it is higher than its neighbours, and from an end the size rises into the step."""
+    if 0 < i < COUNT - 1:
+        before, now, after = w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]
+        return now > before and now >= after and now > _SAME * min(before, after)
+    first, way, slope = (sizes, 1, 0.0) if i == 0 else (sizes + COUNT - 1, -1, 0.0)
+    if w[first] < w[first + way]:
+        return False
+    for n in range(COUNT):
+        slope += _SLOPE[n] * w[first + way * n]
+    return slope > _STEEP * w[first]
+
+
+@stage
+def _has_summit(sizes, w):
+    """Whether there is a peak beside any node."""
     for i in range(COUNT):
-        after = _size(THETA[i + 1], w, scratch) if i + 1 < COUNT else 0.0
-        rises = now > before and now >= after
-        if i in (0, COUNT - 1):
-            slope = 0.0
-            for part in range(3):
-                rate = 0.0
-                for j in range(COUNT):
-                    sign = 1.0 if i == 0 and j % 2 == 1 else -1.0  # into the step
-                    rate += sign * _SLOPE[j] * w[scratch + part * COUNT + j]
-                slope += rate * w[nodes + i * apart + part * LANES]
-            rises = rises and slope > 0.0
-        if rises:
+        if _rises(sizes, w, i):
+            return True
+    return False
+
+
+@stage
+def _note_summits(sizes, w, scratch, out, t, h):
+    """Peaks between nodes."""
+    keep_apart()
+    for i in range(COUNT):
+        if _rises(sizes, w, i):
             place = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch)
             size = _size(place, w, scratch)
             if size > _SAME * w[out]:
                 w[out], w[out + LANES] = size, t + place * h
-        before, now = now, after
