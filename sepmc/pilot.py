@@ -166,7 +166,7 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     first, usual = len(tried), usual_phases(campaign, kernel, tried)
     if usual is None:
         return None
-    columns, given = campaign.outcome_columns, campaign.scene.solver.step
+    columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
@@ -183,11 +183,11 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
         fewest = search.fewest(len(usual))
         if fewest is None:
             return None
-        steps = fewest if given is None else _given_steps(campaign, kernel, usual, np.vstack([tried, drawn]))
+        steps = fewest
         (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
-        if given or not len(beyond):
+        if not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
     trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
@@ -203,15 +203,6 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
     return Flight([], kernel, steps, usual, None, scale, limits, angles, error, told, nominal)
-
-
-def _given_steps(campaign: "Campaign", kernel: "Kernel", usual: np.ndarray, draws: np.ndarray) -> np.ndarray:
-    """Steps (phases,) that in no case of some are longer than the step that is given."""
-    assert campaign.scene.solver.step is not None
-    steps = np.full(len(usual), _SPREAD_STEPS)
-    block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-    lasts = np.diff(ends[:, block.status == Status.OK], axis=0, prepend=0.0).max(axis=1, initial=0.0)
-    return np.maximum(1, np.ceil(lasts / campaign.scene.solver.step - 1e-9)).astype(np.int64)
 
 
 def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:

@@ -18,7 +18,7 @@ from sepmc.schema import Status
 from sepmc.trust.independent import fly as fly_independently
 
 INF, NAN = np.inf, np.nan
-GENERAL = {"output.loads": ["pins"], "run.history_step_s": 0.0}  # what the general kernel alone computes
+GENERAL = {"solver.formulation": "full", "run.history_step_s": 0.0}  # what the general kernel alone computes
 
 
 def error(found, reference, units=None):
@@ -160,9 +160,9 @@ def test_general_kernel_at_a_step_that_has_settled(table2):
     """Halving the step changes no outcome of the corners by more than the accuracy; of other cases by no more than ten times that."""
     for accuracy in (1e-5, 1e-9):
         campaign = table2.with_settings(GENERAL | {"solver.accuracy": accuracy})
-        assert pilot.reasons(campaign) == ["outputs of joint or pin loads"]
+        assert pilot.reasons(campaign) == ["the full formulation"]
         flight = pilot.plan_flight(campaign)
-        assert (flight.kernel, flight.why) == (None, ["outputs of joint or pin loads"])
+        assert (flight.kernel, flight.why) == (None, ["the full formulation"])
         assert flight.error <= accuracy
         units = [column.unit for column in campaign.outcome_columns]
         peaks = [i for i, column in enumerate(campaign.outcome_columns) if not column.name.endswith("_time_s") or "release" in column.name]
@@ -219,7 +219,7 @@ def told(folder, name):
 
 
 @pytest.mark.parametrize(
-    ("settings", "kernel"), [({}, "specialised"), (GENERAL, "general"), ({"solver.step_s": 0.02}, "general")], ids=["fast", "loads", "step"]
+    ("settings", "kernel"), [({}, "specialised"), (GENERAL, "general"), ({"solver.step_s": 0.02}, "general")], ids=["fast", "full", "step"]
 )
 def test_a_run_tells_its_error(table2, settings, kernel, tmp_path):
     """In the result, the manifest and the statistics: what was asked for, what was achieved over trial cases, by outcome."""
@@ -448,7 +448,7 @@ REEL = {
 }
 
 
-OTHERWISE = [{}, {"output.loads": ["pins"], "solver.accuracy": 1e-6}, {"solver.step_s": 5e-4}]
+OTHERWISE = [{}, {"solver.formulation": "full", "solver.accuracy": 1e-6}, {"solver.step_s": 5e-4}]
 
 
 @pytest.mark.parametrize("settings", OTHERWISE, ids=["written", "general", "given"])
@@ -495,7 +495,7 @@ def shot(force, stiffness, stroke, time):
     return speed, reach * (1.0 - np.cos(rate * end)) + speed * (time - end)
 
 
-@pytest.mark.parametrize("settings", [{}, {"solver.accuracy": 1e-4}, {"output.loads": ["pins"]}], ids=["written", "coarse", "general"])
+@pytest.mark.parametrize("settings", [{}, {"solver.accuracy": 1e-4}, {"solver.formulation": "full"}], ids=["written", "coarse", "general"])
 def test_a_stroke_that_is_only_just_reached(pair, settings):
     """With 1e-5 ... 1e-2 to spare or to miss: the written kernel jumped over such a stroke, and the general one told too small an error."""
     campaign = pair(SHOT | settings)
@@ -508,7 +508,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     block, names = pilot.fly(campaign, flight, draws), [column.name for column in campaign.outcome_columns]
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)
     assert (block.status == Status.OK).all()
-    assert (flight.kernel is None) == ("output.loads" in settings)
+    assert (flight.kernel is None) == ("solver.formulation" in settings)
     for name, right in (("separation_speed_m_s", speed), ("separation_distance_mm", distance)):
         k = names.index(name)
         told = max(flight.achieved.errors[name], SAFETY * block.again.change[k])

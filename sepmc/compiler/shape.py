@@ -114,7 +114,8 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    return _obstacles(plan.scene) + _late(plan.scene, dispersed)
+    fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
+    return fixed + _obstacles(plan.scene) + _late(plan.scene, dispersed)
 
 
 def _obstacles(scene: Scene) -> list[str]:

@@ -73,7 +73,8 @@ def gap(a, b):
 
 @formula
 def least_gap(a, b):
-    """A distance that two parts cannot be nearer than, m: that of their axes less their greatest radii. Far cheaper than `gap`."""
+    """A distance that two parts cannot be nearer than, m: that of their axes less their greatest radii, or of their ends along the axis
+    of either. Far cheaper than `gap`."""
     d1, d2, r = scale(a[2], a[1]), scale(b[2], b[1]), sub(a[0], b[0])
     e1, e2, f1, f2, g = dot(d1, d1), dot(d2, d2), dot(d1, r), dot(d2, r), dot(d1, d2)
     # nearest points a + s d1, b + t d2 of two segments (Ericson, Real-Time Collision Detection, 5.1.9)
@@ -82,7 +83,17 @@ def least_gap(a, b):
     s = _share(g * t - f1, e1, 0.0)
     apart = sub(add(r, scale(s, d1)), scale(t, d2))
     radii = (a[3] if a[3] > a[4] else a[4]) + (b[3] if b[3] > b[4] else b[4])
-    return math.sqrt(dot(apart, apart)) - radii - 1e-6 * (a[2] + b[2])  # the last: axes that are parallel but for so much
+    beside = math.sqrt(dot(apart, apart)) - radii - 1e-6 * (a[2] + b[2])  # the last: axes that are parallel but for so much
+    return max(beside, _beyond(a, b), _beyond(b, a))
+
+
+@formula
+def _beyond(a, b):
+    """How far part b is beyond the ends of part a, along the axis of a."""
+    first, turn = dot(sub(b[0], a[0]), a[1]), dot(a[1], b[1])
+    last, tilt = first + turn * b[2], math.sqrt(max(0.0, 1.0 - turn * turn))
+    low, high = min(first - tilt * b[3], last - tilt * b[4]), max(first + tilt * b[3], last + tilt * b[4])
+    return max(low - a[2], -high) - 1e-12 * (a[2] + b[2])
 
 
 @formula
