@@ -27,6 +27,7 @@ _PLACES = 5  # of a step at which the relative motion is looked at
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
 _FLUSH = 100.0  # times that may a rim stand before the end of its shell and count as within: rims that are flush at the start
+_THROUGH = 1.0 - 1e-9  # of the furthest that a rim can be through a wall: then it is through
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
 _NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
 _WELL_ACROSS = 256.0  # times what a rim may move in an interval: its chord beyond an end then changes evenly
@@ -166,6 +167,12 @@ def _is_rim(kind):
 
 
 @stage
+def _is_through(shell, best):
+    """Whether a rim is known to be as far through the wall of its shell as one can be (`outlines.inside_gap`): no distance is less."""
+    return best <= -_THROUGH * outlines.THROUGH * max(shell[3], shell[4])
+
+
+@stage
 def _placed(part, pose):
     """A part of body b in the axes of body a."""
     start, axis, length, r0, r1 = part
@@ -272,6 +279,8 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
     shell = part_a if kind == SHELL_ON_FIRST else part_b
     beyond = found[0]  # NaN: nothing known yet
     if _is_rim(kind):
+        if _is_through(shell, beyond):
+            return True
         beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
     elif beyond < 0.0:
         return True
@@ -329,7 +338,10 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
         return _least_solids(d0, d1, bend, right, move, dt) < best - tiny
     lowest0, highest0, outmost0 = _along(pair, left[_POSE:])
     lowest1, highest1, outmost1 = _along(pair, right[_POSE:])
-    _, _, length, r0, r1 = pair[2] if kind == SHELL_ON_FIRST else pair[3]
+    shell = pair[2] if kind == SHELL_ON_FIRST else pair[3]
+    _, _, length, r0, r1 = shell
+    if _is_through(shell, best):
+        return False
     lowest = -_most(-lowest0, -lowest1, move, bend, dt)  # from the ends
     highest = length - _most(highest0, highest1, move, bend, dt)
     flush = _FLUSH * tiny
