@@ -543,7 +543,7 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
         click.echo(f"warning: {total - ok} of {total} cases are left out: these statistics are of the others", err=True)
     say(audit_text(audited))
     if "errors" in accuracy:
-        say(_accuracy_text(accuracy, [phase.name for phase in loaded.scene.phase]))
+        say(_accuracy_text(accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]))
     if plots:
         _figures(folder, loaded, summary, table)
     say(f"wrote {folder}")
@@ -555,9 +555,9 @@ def _error(number: float | None) -> str:
     return "inf" if number is None else f"{number:.1e}"
 
 
-def _accuracy_text(accuracy: dict[str, Any], phases: list[str]) -> str:
+def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
-    steps = ", ".join(f"{phase} {n}" for phase, n in zip(phases, accuracy.get("steps", ()), strict=False))
+    steps = ", ".join(f"{phase} {n}" for phase, n in zip(stages, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
     said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"

@@ -86,11 +86,12 @@ def fly_specialised(
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
 
-    Returns the block, whose status is -1 where another kernel has to fly a case, and the times (phases, n) at which phases end.
+    Returns the block, whose status is -1 where another kernel has to fly a case, and the times (stages, n) at which phases end,
+    and joints that are late have let go.
     """
     n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
     outcomes, status = np.full((len(columns) + kernel.guards, n), np.nan), np.zeros(n, dtype=np.int64)
-    ends = np.empty((len(plan.phases), n))
+    ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     every = plan.tableau.history_step

@@ -25,18 +25,19 @@ Say = Callable[[str], None]
 class Flight:
     """How a campaign is flown.
 
-    ``why`` says why the general kernel flies it; ``steps`` (phases,) are those of the specialised kernel, for phases that usually
-    last ``usual`` (phases,) s; ``step`` (s) is that of the general one. ``scale`` (o,) is what errors of small outcomes are taken
-    relative to, see `sepmc.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its error too
-    (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll
-    turn about at once. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
-    ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
+    ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages`` (phases, and
+    joints that are late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is that of the general one. ``scale`` (o,)
+    is what errors of small outcomes are taken relative to, see `sepmc.accuracy.errors`. ``limits`` (g,) are what guards of a case may
+    be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their
+    columns: at a right angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases,
+    ``achieved`` what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
     """
 
     why: list[str] = field(default_factory=list)
     kernel: "Kernel | None" = None
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
+    stages: list[str] = field(default_factory=list)
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None

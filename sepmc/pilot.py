@@ -49,6 +49,12 @@ def kernel_text(campaign: "Campaign", method: str | None = None, history: bool =
     return emit(shape.make_shape(campaign.plan, campaign.dispersed), method or campaign.scene.solver.method, history)
 
 
+def stage_names(campaign: "Campaign") -> list[str]:
+    """What the stages of a campaign's kernel are, in the words of its file."""
+    found = shape.make_shape(campaign.plan, campaign.dispersed)
+    return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
+
+
 def corners(campaign: "Campaign") -> np.ndarray:
     """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses.
 
@@ -202,7 +208,7 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, None, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stage_names(campaign), None, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
@@ -288,7 +294,7 @@ def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: 
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
     limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
-    return Flight(why, None, None, None, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
+    return Flight(why, None, None, None, [], step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

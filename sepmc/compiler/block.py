@@ -1,11 +1,13 @@
 """Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
 
 import math
+from collections.abc import Iterator
+from typing import Any
 
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
-from sepmc.compiler.recorder import total, where
+from sepmc.compiler.recorder import Scope, total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
@@ -54,6 +56,8 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         _stand_still(text, c)
     if number and stage.end_time:
         _begin_timed(text, c, stage)
+    if stage.late:
+        _begin_late(text, c, stage)
     _note_sides(text, c, stage)
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
@@ -103,6 +107,23 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     scope.write(text)
 
 
+def _begin_late(text: Text, c: Context, stage: Stage) -> None:
+    """When late joints let go: each its delay from now on; the last of them ends the stage."""
+    scope = c.scope()
+    now, last = scope.load("T"), None
+    for joint, place in stage.late.items():
+        delay = c.case.number(place)
+        last = delay if last is None else scalar.larger(last, delay)
+        if joint in stage.masked:
+            c.slabs.add(f"HELD_{joint}", 1), c.slabs.add(f"LETS_GO_{joint}", 1)
+            scope.store(f"HELD_{joint}", 1.0)
+            scope.store(f"LETS_GO_{joint}", now + delay)
+    c.slabs.add(f"LATE_{stage.name}", 1), c.slabs.add(f"UNTIL_{stage.name}", 1)
+    scope.store(f"LATE_{stage.name}", last)
+    scope.store(f"UNTIL_{stage.name}", now + last)
+    scope.write(text)
+
+
 def _stand_still(text: Text, c: Context) -> None:
     """A start that turns is lost where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
     scope = c.scope()
@@ -115,11 +136,14 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Flight to the end of a phase, or to the next event or switch of a load within it."""
     scope = c.scope()
     now, run_end = scope.load("T"), scope.load("RUN_END")
-    end = scalar.larger(scope.load(f"UNTIL_{stage.name}"), now) if stage.end_time else run_end
+    end = scalar.larger(scope.load(f"UNTIL_{stage.name}"), now) if stage.ends_by_time else run_end
     if stage.stops > 1:
         end = where(scope.load("DONE") > 0.0, now, end)
     else:
         scope.store("DONE", 0.0)
+    for joint in stage.masked:
+        lets_go = scope.load(f"LETS_GO_{joint}")
+        end = where((scope.load(f"HELD_{joint}") > 0.0) & (lets_go < end), scalar.larger(lets_go, now), end)
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
     for event in stage.events:
@@ -134,10 +158,40 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     if not stage.events:
         inner(*noted)
         text.lanes()("w[T + l] = w[END + l]")
-        return
-    if noted:
-        inner.block("if left > 1:")(*noted)
-    text(f"approach(w, {number}, {size})", *noted, f"meet(w, {number})")  # of the last step only what comes before the event counts
+    else:
+        if noted:
+            inner.block("if left > 1:")(*noted)
+        text(f"approach(w, {number}, {size})", *noted, f"meet(w, {number})")  # of the last step only what comes before the event counts
+    if stage.masked:
+        _let_go(text, c, stage)
+
+
+def _let_go(text: Text, c: Context, stage: Stage) -> None:
+    """Late joints let go, and what is noted of that."""
+    scope = c.scope()
+    now = scope.load("T")
+    for joint in stage.masked:
+        held = scope.load(f"HELD_{joint}")
+        goes = ((held > 0.0) & (now >= scope.load(f"LETS_GO_{joint}") - _SAME_TIME)).called("goes")
+        scope.store(f"HELD_{joint}", where(goes, 0.0, held))
+        if joint in stage.set_free:
+            c.start(f"RELEASE_{joint}", math.nan)
+            scope.store(f"RELEASE_{joint}", where(goes, now, scope.load(f"RELEASE_{joint}")))
+            for place, rate in _tip_off(scope, c, stage, joint):
+                for k in range(3):
+                    c.case.scope.store(part(place, k), math.nan)
+                    scope.store(part(place, k), where(goes, rate[k], scope.load(part(place, k))))
+    scope.write(text)
+
+
+def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
+    """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and these rates."""
+    if joint in c.shape.scene.output.tip_off:
+        for body in c.shape.scene.joint[joint].bodies:
+            if body != GROUND:
+                c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
+                leader = stage.leader(body)
+                yield f"TIP_OFF_{joint}_{body}", ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
 
 
 def _noted(c: Context, number: int) -> list[str]:
@@ -176,11 +230,6 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
                 scope.store(part(f"ANGLES_{leader}", k), scope.load(part(f"ANGLES_{old}", k)))
     for joint in after.released:
         scope.store(f"RELEASE_{joint}", now)
-        if joint in c.shape.scene.output.tip_off:
-            for body in c.shape.scene.joint[joint].bodies:
-                if body != GROUND:
-                    c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
-                    leader = stage.leader(body)
-                    rate = ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
-                    scope.store(f"TIP_OFF_{joint}_{body}", rate)
+        for place, rate in _tip_off(scope, c, stage, joint):
+            scope.store(place, rate)
     scope.write(text)

@@ -49,7 +49,10 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         share = share * reach
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
-    text = text.lanes().block("if w[REACH + l] * w[LENGTH + l] > 0.0:")
+    counts = "w[REACH + l] * w[LENGTH + l] > 0.0"
+    if entry.after in stage.set_free:
+        counts += f" and w[HELD_{entry.after} + l] == 0.0"
+    text = text.lanes().block(f"if {counts}:")
     text(
         f"w[JOB + {search.JOB_TIME}], w[JOB + {search.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
         f"w[JOB + {search.JOB_POWERS}] = {powers}",

@@ -38,7 +38,7 @@ class Context:
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.shape.scene.clearance)
-        return [i for i, one in entries if one.after is None or not stage.holds(one.after)]
+        return [i for i, one in entries if one.after is None or not stage.holds(one.after) or one.after in stage.set_free]
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""

@@ -113,7 +113,7 @@ def _head(c: Context) -> Text:
         head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
         head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
-    head(*c.slabs.lines(), f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}", *_places(c.shape))
+    head(*c.slabs.lines(), f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}", f"STAGES = {len(c.shape.stages)}", *_places(c.shape))
     return head
 
 

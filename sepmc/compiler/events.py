@@ -50,7 +50,8 @@ def _wait(s: State, event: Event) -> Any:
     scope.store(part(f"LAST_{name}", 1), acceleration)
     wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
     if event.ends_phase and s.stage.after_late is not None:  # met in the meantime, or it recedes and may have been
-        late = s.case.number(s.stage.after_late)
+        since = s.stage.after_late
+        late = scope.load(f"LATE_{since}") if isinstance(since, str) else s.case.number(since)
         early = first & ((value >= _MET) | (value - 2.0 * rate * late >= 0.0))
         scope.store("LOST", where(early & scope.load("DONE").equals(0.0), 1.0, scope.load("LOST")))
     if event.ends_phase:

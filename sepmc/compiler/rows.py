@@ -28,6 +28,7 @@ class JointRow:
     gamma: Any
     value: Any
     rate: Any
+    held: Any = 1.0  # 0 once its joint has let go of it
 
 
 class Rows:
@@ -54,7 +55,8 @@ class Rows:
             gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
         normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
         turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
-        return JointRow(row, e, (arm_a, arm_b), normals, turned, gamma, value, rate)
+        held = s.scope.load(f"HELD_{row.joint}") if row.goes else 1.0
+        return JointRow(row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held)
 
     def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """A row that holds an angle."""
@@ -74,7 +76,7 @@ class Rows:
         return e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e)
 
     def coupling(self) -> list[list[Any]]:
-        """G M^-1 G^T below and on its diagonal."""
+        """G M^-1 G^T below and on its diagonal; of a row that is not held any more, that of a multiplier of zero."""
         return [[self._coupling(one, two) for two in self.rows[: r + 1]] for r, one in enumerate(self.rows)]
 
     def _coupling(self, one: JointRow, two: JointRow) -> Any:
@@ -90,7 +92,8 @@ class Rows:
             masses = total([float(sign) * self.s.case.inverse_mass(body) for body, sign in signs.items()])
             terms.append(masses if one is two else masses * vec3.dot(one.e, two.e))
         terms += [vec3.dot(two.normals[leader], one.turned[leader]) for leader in one.normals if leader in two.normals]
-        return total(terms) if terms else 0.0
+        found = one.held * two.held * total(terms) if terms else 0.0
+        return found + (1.0 - one.held) if one is two else found
 
     def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any]) -> list[Any]:
         """What accelerations without the joints leave of each row."""
@@ -101,7 +104,7 @@ class Rows:
                 side = side - vec3.dot(one.e, relative_acceleration(acceleration, self.bodies[one.row.joint]))
             for leader, normal in one.normals.items():
                 side = side - vec3.dot(normal, spin_rate[leader])
-            found.append(side)
+            found.append(one.held * side)
         return found
 
     def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:

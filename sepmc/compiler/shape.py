@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.naming import Names
@@ -23,10 +22,11 @@ _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint and its code (`sepmc.kernels.layout`)."""
+    """A constraint row: its joint and its code (`sepmc.kernels.layout`); whether its joint lets go of it within its stage."""
 
     joint: str
     code: int
+    goes: bool = False
 
     @property
     def turns(self) -> bool:
@@ -46,17 +46,21 @@ class Event:
 
 @dataclass
 class Stage:
-    """A phase: its groups of bodies that turn as one (the first leads), its rows, what ends it, and what it does not hold any more."""
+    """A phase, or the time after it in which joints are late in letting go: its groups of bodies that turn as one (the first leads), its
+    rows, what ends it, and what it does not hold any more."""
 
     name: str
+    phase: str
     groups: list[tuple[str, ...]]
     rows: list[Row]
     welds: list[str]  # joints that let nothing turn, whose bodies turn as one
     events: list[Event] = field(default_factory=list)
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
-    after_late: int | None = None  # place in w of the delay for which its end was waited for before a late joint let go and it began
+    late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
+    after_late: int | str | None = None  # place in w of the delay, or the late stage, for which its end was waited for before it began
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
+    set_free: list[str] = field(default_factory=list)  # joints that become free within it
     stops: int = 1
 
     def leader(self, body: str) -> str:
@@ -66,6 +70,16 @@ class Stage:
     def holds(self, joint: str) -> bool:
         """Whether a joint holds something."""
         return joint in self.welds or any(row.joint == joint for row in self.rows)
+
+    @property
+    def masked(self) -> list[str]:
+        """Joints that let go within it: their rows count until then."""
+        return [joint for joint in self.late if len(self.late) > 1]
+
+    @property
+    def ends_by_time(self) -> bool:
+        """Whether its end is a time that is known as it begins."""
+        return bool(self.end_time or self.late)
 
     @cached_property
     def leaders(self) -> list[str]:
@@ -115,7 +129,7 @@ class Shape:
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
-    return fixed + _obstacles(plan.scene) + _late(plan.scene, dispersed)
+    return fixed + _obstacles(plan.scene)
 
 
 def _obstacles(scene: Scene) -> list[str]:
@@ -155,25 +169,10 @@ def _unfit(until: Until) -> str:
     return {"force": "a joint's force", "moment": "a joint's moment"}.get(given[0], "")
 
 
-def _late(scene: Scene, dispersed: frozenset[str]) -> list[str]:
-    """What delays, given or dispersed, add to the obstacles.
-
-    A late joint goes on holding while the end of the next phase is waited for already. A specialised kernel changes both at once;
-    cases in which that end may have come meanwhile are lost to the general one (`Stage.after_late`).
-    """
-    found = []
-    for phase, after in pairwise(scene.phase):
-        changed = _changed(scene, phase, after)
-        late = [name for name in changed if _may_be_late(scene, name, dispersed)]
-        if late and (len(changed) > 1 or phase.until is None or phase.until.time is None):
-            found.append(f"joint {late[0]}, which may let go late, not after a time alone")
-    return list(dict.fromkeys(found))
-
-
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
     """Joints that do not hold the same in a phase and in the one after it."""
-    kinds = [[rows_of(joint, one.joints.get(name, "free")) for name, joint in scene.joint.items()] for one in (phase, after)]
-    return [name for name, before, now in zip(scene.joint, *kinds, strict=True) if before != now]
+    one, other = _kinds(scene, phase), _kinds(scene, after)
+    return [name for name in scene.joint if one[name] != other[name]]
 
 
 def _released(scene: Scene, phase: Phase, after: Phase) -> list[str]:
@@ -193,29 +192,53 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     scene = plan.scene
     stages: list[Stage] = []
     spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
+    switches = _breaks(scene, dispersed)
     for number, phase in enumerate(scene.phase):
-        stage = _stage(scene, phase, plan.bodies)
+        stage = _stage(scene, phase.name, phase.name, _kinds(scene, phase), plan.bodies)
         _add_end(stage, phase, plan, dispersed)
+        if number:
+            before = scene.phase[number - 1]
+            stage.released = _released(scene, before, phase)
+            _add_late(stages, stage, scene, before, phase, plan, dispersed)
+        stages.append(stage)
+    for stage in stages:
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
             for name, bodies in spent.items()
             if not _still(scene, stage, bodies)
         ]
-        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + _breaks(scene, dispersed)
-        if number:
-            before = scene.phase[number - 1]
-            late = [name for name in _changed(scene, before, phase) if _may_be_late(scene, name, dispersed)]
-            if late:
-                stages[-1].delay = plan.slots[f"joint.{late[0]}.delay"]
-                stage.after_late = stages[-1].delay
-            stage.released = _released(scene, before, phase)
-        stages.append(stage)
+        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + switches + len(stage.masked)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if joint.fails > 0.0 or f"joint.{name}.fails" in dispersed]
-    return Shape(plan, dispersed, names, stages, turning, failing, _breaks(scene, dispersed) > 0)
+    return Shape(plan, dispersed, names, stages, turning, failing, switches > 0)
+
+
+def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
+    """What joints that are late in letting go between two phases add: a delay to the end of the first, if that is a time and no other joint
+    changes; or else a stage of its own, in which those joints hold as before and all others as from now on.
+
+    What ends the second phase is waited for meanwhile, too: cases in which it may have come are lost (`Stage.after_late`).
+    """
+    changed = _changed(scene, before, phase)
+    late = {name: plan.slots[f"joint.{name}.delay"] for name in changed if _may_be_late(scene, name, dispersed)}
+    if not late:
+        return
+    if len(changed) == 1 and stages[-1].end_time:
+        stages[-1].delay = stage.after_late = late[changed[0]]
+        return
+    kinds = _kinds(scene, phase) | {name: _kinds(scene, before)[name] for name in late}
+    between = _stage(scene, f"{phase.name}_late", phase.name, kinds, plan.bodies, late, _kinds(scene, phase))
+    free = stage.released
+    between.released, between.set_free = (
+        [joint for joint in free if joint not in late],
+        [joint for joint in free if joint in between.masked],
+    )
+    stage.released = [joint for joint in free if joint in late and joint not in between.masked]
+    stage.after_late = between.name
+    stages.append(between)
 
 
 def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
@@ -245,7 +268,7 @@ def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, i
 
 def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
-    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies)]
+    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.goes]
     return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
 
 
@@ -264,22 +287,37 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _stage(scene: Scene, phase: Phase, bodies: list[str]) -> Stage:
-    """Groups and rows of a phase. Rotations within a group are left out: its bodies share one attitude."""
-    kinds = {name: rows_of(joint, phase.joints.get(name, "free")) for name, joint in scene.joint.items()}
+def _kinds(scene: Scene, phase: Phase) -> "Kinds":
+    """Codes of the rows of every joint in a phase."""
+    return {name: tuple(rows_of(joint, phase.joints.get(name, "free"))) for name, joint in scene.joint.items()}
+
+
+Kinds = dict[str, tuple[int, ...]]  # codes of the rows of every joint
+
+
+def _stage(
+    scene: Scene, name: str, phase: str, kinds: Kinds, bodies: list[str], late: dict[str, int] | None = None, after: Kinds | None = None
+) -> Stage:
+    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. With ``late`` joints, what all hold
+    ``after`` it."""
+    made = Stage(name, phase, [], [], [], late=late or {})
+    staying = kinds if after is None or not made.masked else after
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
     order = [*bodies, GROUND]
-    welds = [name for name, codes in kinds.items() if sum(at.ROTATION <= code < at.ROD for code in codes) == 3]
-    for name in welds:
-        first, second = scene.joint[name].bodies
+    turns = {joint: sum(at.ROTATION <= code < at.ROD for code in staying[joint]) for joint in kinds}
+    welds = [joint for joint, count in turns.items() if count == 3]
+    for joint in welds:
+        first, second = scene.joint[joint].bodies
         merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
         merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
         for body in merged:
             group[body] = merged
     rows: list[Row] = []
-    for name, codes in kinds.items():
-        first, second = scene.joint[name].bodies
-        rows += [Row(name, code) for code in codes if not (at.ROTATION <= code < at.ROD and group[first] == group[second])]
+    for joint, codes in kinds.items():
+        first, second = scene.joint[joint].bodies
+        turn_as_one = group[first] == group[second]
+        rows += [Row(joint, code, code not in staying[joint]) for code in codes if not (at.ROTATION <= code < at.ROD and turn_as_one)]
     named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
     found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
-    return Stage(phase.name, found, rows, welds)
+    made.groups, made.rows, made.welds = found, rows, welds
+    return made

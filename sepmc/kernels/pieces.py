@@ -21,12 +21,13 @@ GRAIN = 8  # addresses come in so many: the workspace behind them stays aligned
 @dataclass(frozen=True)
 class Kernel:
     """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last is entered, the size of its
-    workspace, and how many guards it has; or a module of plain Python."""
+    workspace, and how many guards and stages it has; or a module of plain Python."""
 
     address: int = 0
     size: int = 0
     calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     guards: int = 0
+    stages: int = 0
     plain: ModuleType | None = None
 
 

@@ -8,6 +8,7 @@ import pandas as pd
 
 from sepmc import pilot, schema
 from sepmc.campaign import Campaign
+from sepmc.compiler.shape import make_shape
 from sepmc.door import fly_specialised, interpreted, specialised_kernel
 from sepmc.pilot import kernel_text, reasons
 from sepmc.result import Result
@@ -76,7 +77,7 @@ def _fly(campaign: Campaign, steps: Array, usual: Array) -> tuple[Array, bool, A
 def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
     """Numbers of steps of a length, s, in all phases, and how long these last, s. A flight in steps that know nothing of when phases end
     tells that; if it does not come to its end, they stay unknown, and every phase has as many steps as fit in the whole flight."""
-    phases = len(campaign.scene.phase)
+    phases = len(make_shape(campaign.plan, campaign.dispersed).stages)
     steps, usual = np.full(phases, max(2, math.ceil(campaign.scene.run.end_time / step - 1e-9))), np.full(phases, math.inf)
     if phases > 1:
         _, sound, reached = _fly(campaign, steps, usual)

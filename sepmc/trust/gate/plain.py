@@ -44,8 +44,8 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
     kernel = specialised_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
-    usual = np.full(len(scene.phase), np.inf)
-    steps, before = np.full(len(scene.phase), 2, dtype=np.int64), None
+    usual = np.full(kernel.stages, np.inf)
+    steps, before = np.full(kernel.stages, 2, dtype=np.int64), None
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
