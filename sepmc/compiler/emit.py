@@ -16,6 +16,7 @@ from sepmc.compiler.outcomes import emit_report
 from sepmc.compiler.shape import Shape
 from sepmc.compiler.start import emit_prepare, shared_size
 from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
+from sepmc.compiler.tables import looks_up
 from sepmc.compiler.text import Text
 from sepmc.compiler.watch import emit_watch
 from sepmc.kernels.methods import method
@@ -33,7 +34,7 @@ from sepmc.kernels import joints, peaks, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer
+from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer, sound_speed
 from sepmc.kernels.clearances import search_clearance
 from sepmc.kernels.elementary import arctan2
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
@@ -43,6 +44,7 @@ from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
 from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
 from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
+from sepmc.kernels.splines import add_curves6, put6_zero, put_grid6
 from sepmc.kernels.stretches import next_break, set_stretch
 from sepmc.kernels.wind import wind
 '''
@@ -140,7 +142,7 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "constraint rows": any(stage.rows for stage in shape.stages),
         "events on the state": any(stage.events for stage in shape.stages),
         "rates at release": bool(scene.output.tip_off),
-        "Mach number": False,
+        "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
         "joint loads": bool(scene.output.loads),
         "clearances": bool(scene.clearance),
         "work of the loads": False,

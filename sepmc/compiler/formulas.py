@@ -36,7 +36,11 @@ loads: Any = Formulas(
 )
 air: Any = Formulas(
     "",
-    {**dict.fromkeys(("density_near", "geopotential", "geopotential_rise"), NUMBER), "density_series": 9, "layer": (4, NUMBER)},
+    {
+        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed"), NUMBER),
+        "density_series": 9,
+        "layer": (4, NUMBER),
+    },
 )
 vehicle: Any = Formulas("", {"inertia_tensor": SYMMETRIC, "arm": 3, "flight_direction": 3})
 scalar: Any = Formulas(

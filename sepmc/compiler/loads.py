@@ -10,6 +10,7 @@ from sepmc.compiler.geometry import State
 from sepmc.compiler.packing import aero_terms
 from sepmc.compiler.recorder import Value, total, where
 from sepmc.compiler.shape import Shape
+from sepmc.compiler.tables import looks_up
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
@@ -116,6 +117,8 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     density = air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
     pressure = (density * vec3.dot(flow, flow)).called("pressure")
     named = _coefficients(s, body, alpha, beta)
+    if looks_up(s.shape, body):
+        named = [value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
     force = loads.aero_force(pressure * of_force, tuple(named[:3])).called("push")

@@ -9,6 +9,7 @@ from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, body_loads
 from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
 from sepmc.compiler.shape import Stage
+from sepmc.compiler.tables import call_look_up, emit_look_up
 from sepmc.compiler.text import Text
 from sepmc.scene.model import GROUND
 
@@ -16,6 +17,7 @@ from sepmc.scene.model import GROUND
 def emit_rates(out: Text, c: Context) -> None:
     """Functions for the derivative in every phase, and one that calls that of the phase."""
     for stage in c.shape.stages:
+        emit_look_up(out, c, stage)
         _rates(out, c, stage)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
     for number, stage in enumerate(c.shape.stages):
@@ -27,6 +29,7 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     what = [" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1]
     what.append(f"{len(stage.rows)} constraint rows" if stage.rows else "nothing is constrained")
     text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: {', '.join(what)}.")
+    call_look_up(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_motion(s)
     for body in c.shape.bodies:

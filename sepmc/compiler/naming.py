@@ -57,6 +57,7 @@ class Names:
             spring=tuple(change(s, name=self.of["spring"][s.name], bodies=self._pair(s.bodies)) for s in scene.spring),
             load=tuple(change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load),
             phase=tuple(self._phase(phase) for phase in scene.phase),
+            proximity=tuple(change(x, body=self._body(x.body), joint=self.of["joint"][x.joint]) for x in scene.proximity),
             clearance=tuple(change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after]) for x in scene.clearance),
             output=change(scene.output, loads=self._joints(scene.output.loads), tip_off=self._joints(scene.output.tip_off)),
         )

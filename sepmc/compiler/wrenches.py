@@ -8,6 +8,7 @@ from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all
 from sepmc.compiler.motion import Motion, make_motion
 from sepmc.compiler.shape import Stage
+from sepmc.compiler.tables import call_look_up
 from sepmc.compiler.text import Text
 from sepmc.scene.model import GROUND
 
@@ -17,6 +18,7 @@ def emit_wrenches(out: Text, c: Context, stage: Stage) -> None:
     says = "Force and moment of every watched joint at the state S and the times CLOCK, in axes of its first body, into WRENCH."
     text = out.function(f"wrenches_{stage.name}(w)", says)
     c.slabs.add("WRENCH", 6 * len(c.watched))
+    call_look_up(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_motion(s)
     for i, joint in enumerate(c.watched):

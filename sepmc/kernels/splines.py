@@ -8,6 +8,7 @@ fastest, the functions side by side. An axis of one point has no span and one co
 import math
 
 from sepmc.kernels._jit import keep_apart, routine, stage
+from sepmc.kernels.lanes import LANES
 
 
 @routine
@@ -59,6 +60,28 @@ def grid6(numbers, at, x, y, z):
                 s4 += uvw * numbers[p + 4]
                 s5 += uvw * numbers[p + 5]
     return s0, s1, s2, s3, s4, s5
+
+
+@stage
+def put_grid6(w, k, at, x, y, z):
+    """`grid6` of a pack in a workspace of lanes, into the six numbers from w[k] on."""
+    found = grid6(w, at, x, y, z)
+    for i in range(6):
+        w[k + i * LANES] = found[i]
+
+
+@stage
+def put6_zero(w, k):
+    """Zero into the six numbers from w[k] on."""
+    for i in range(6):
+        w[k + i * LANES] = 0.0
+
+
+@stage
+def add_curves6(w, k, at, x, factor):
+    """Add to the six numbers from w[k] on, times a factor, the six functions of a pack in a workspace of lanes."""
+    for i in range(6):
+        w[k + i * LANES] += factor * curve(w, at, i, x)
 
 
 @stage
