@@ -9,6 +9,7 @@ from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, total, where
 from sepmc.compiler.shape import Stage
+from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -152,6 +153,9 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     if c.shape.switches:
         _switches(text, c)
     size = f"{c.shape.active(stage)} * LANES"
+    if stage.breaks:
+        _until_it_breaks(text, c, number, stage, size)
+        return
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])")
     noted = _noted(c, number)
@@ -164,6 +168,20 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(f"approach(w, {number}, {size})", *noted, f"meet(w, {number})")  # of the last step only what comes before the event counts
     if stage.masked:
         _let_go(text, c, stage)
+
+
+def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: str) -> None:
+    """Steps of even length until all lanes are through: when a load will end the phase is not known. Lanes that are through stay as they
+    are, whatever the others do."""
+    text.block("for e in range(SIZE_Y):")("w[KEPT + e] = w[Y + e]")
+    text.lanes()("w[FROZEN + l] = 0.0 if w[T + l] < w[END + l] else 1.0")
+    emit_spread(text, c, "FROZEN")
+    text(f"pace, going = usual[{number}] / steps[{number}], True", f"left = steps[{number}] if math.isinf(pace) else 1")
+    inner = text.block("while going:")
+    inner(f"advance(w, {number}, {size}, left, pace)", f"break_{stage.name}(w)", *_noted(c, number))
+    inner("left, going = max(left - 1, 1), False")
+    inner.lanes()("going = going or w[T + l] < w[END + l]")
+    text.block("for e in range(SIZE_Y):")("w[Y + e] = w[KEPT + e]")
 
 
 def _let_go(text: Text, c: Context, stage: Stage) -> None:

@@ -27,6 +27,16 @@ class Context:
         self.case = Case(Scope(self.slabs), self.shape)
 
     @property
+    def followed(self) -> tuple[str, ...]:
+        """Joints whose loads are computed between the ends of steps: those that are watched, then those that break."""
+        return tuple(dict.fromkeys([*self.watched, *(stage.breaks.which for stage in self.shape.stages if stage.breaks)]))
+
+    @property
+    def breaks(self) -> bool:
+        """Whether what a joint carries ends a phase."""
+        return any(stage.breaks for stage in self.shape.stages)
+
+    @property
     def watched(self) -> tuple[str, ...]:
         """Joints whose loads are followed over the flight."""
         return self.shape.scene.output.loads
@@ -42,7 +52,7 @@ class Context:
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""
-        return self.history or self.watches(stage) or bool(self.counted(stage))
+        return self.history or self.watches(stage) or bool(self.counted(stage)) or stage.breaks is not None
 
     @property
     def extends(self) -> bool:
@@ -59,7 +69,8 @@ class Context:
         """Numbers that tell how hard a case is to integrate. Of every body, what a step may do wrong to its velocity V, attitude Q and rate
         OMEGA; of every event, how long its condition takes for a metre or a radian: the error of its time."""
         doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
-        return doubts + [f"{stage.name}_{event.which}" for stage in self.shape.stages for event in stage.events]
+        events = [(stage, event) for stage in self.shape.stages for event in (*stage.events, *([stage.breaks] if stage.breaks else []))]
+        return doubts + [f"{stage.name}_{event.which}" for stage, event in events]
 
     def guard(self, name: str) -> str:
         """The place of a guard."""

@@ -75,7 +75,7 @@ def _body(c: Context) -> Text:
         emit_extension(body, c)
     if c.history:
         emit_history(body, c)
-    if c.watched:
+    if c.watched or c.breaks:
         emit_watch(body, c)
     if c.shape.scene.clearance:
         emit_clearances(body, c)

@@ -20,6 +20,7 @@ _ATMOSPHERE = {"none": at.NO_ATMOSPHERE, "us1976": at.US1976, "table": at.AIR_TA
 _GRAVITY = {"none": at.NO_GRAVITY, "constant": at.CONSTANT_GRAVITY, "inverse-square": at.INVERSE_SQUARE}
 _FORMULATION = {"reduced": at.REDUCED, "full": at.FULL}
 _DRIFT = {"none": at.NO_STABILISATION, "baumgarte": at.BAUMGARTE, "projection": at.PROJECTION}
+_LEVEL = 1e-12  # m, or of the coordinates
 _FRAME = {"body": at.BODY_FRAME, "ground": at.GROUND_FRAME}
 _XYZ = ("x", "y", "z")
 
@@ -300,11 +301,12 @@ def _pivot_joint(scene: Scene) -> int:
 
 
 def apart(scene: Scene, name: str) -> int:
-    """Sign that makes the separation positive when the second body moves away from the first along the joint's x axis."""
+    """Sign that makes the separation positive when the second body moves away from the first along the joint's x axis. Mass centres that
+    are level with each other but for round-off (of units) count as level: then it is 1."""
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart
     first, second = (scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies)
     x = joint_axes(joint.x_axis, joint.y_axis)[:3]
     toward_second = (first[0] - second[0]) * x[0] + (second[1] - first[1]) * x[1] + (second[2] - first[2]) * x[2]
-    return 1 if toward_second >= 0.0 else -1
+    return 1 if toward_second >= -_LEVEL * max(1.0, *map(abs, (*first, *second))) else -1

@@ -17,6 +17,7 @@ from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import redundancies
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
+_ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -55,6 +56,7 @@ class Stage:
     rows: list[Row]
     welds: list[str]  # joints that let nothing turn, whose bodies turn as one
     events: list[Event] = field(default_factory=list)
+    breaks: Event | None = None  # the condition on what a joint carries that ends it
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
     late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
@@ -89,7 +91,7 @@ class Stage:
     @property
     def ends_by_state(self) -> bool:
         """Whether a condition on the state ends it, and not a time."""
-        return any(event.ends_phase for event in self.events)
+        return self.breaks is not None or any(event.ends_phase for event in self.events)
 
 
 @dataclass
@@ -129,7 +131,10 @@ class Shape:
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
-    return fixed + _obstacles(plan.scene)
+    found = fixed + _obstacles(plan.scene)
+    if not found and any(stage.breaks and stage.events for stage in make_shape(plan, dispersed).stages):
+        found.append("a spring whose stroke may end while a joint's load is waited for")
+    return found
 
 
 def _obstacles(scene: Scene) -> list[str]:
@@ -158,10 +163,7 @@ def _obstacles(scene: Scene) -> list[str]:
 def _unfit(until: Until) -> str:
     """Why the end of a phase cannot be found by a specialised kernel."""
     keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
-    given = [key for key in keys if getattr(until, key) is not None]
-    if until.any or until.all or len(given) != 1:
-        return "several conditions"
-    return {"force": "a joint's force", "moment": "a joint's moment"}.get(given[0], "")
+    return "several conditions" if until.any or until.all or sum(getattr(until, key) is not None for key in keys) != 1 else ""
 
 
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
@@ -246,6 +248,9 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         stage.end_time = (leaves[f"{path}.time"],)
     elif until.burn_out is not None:
         stage.end_time = tuple(plan.slots[f"motor.{until.burn_out}.{key}"] for key in ("ignition", "delay", "burn"))
+    elif key := next((key for key in _ON_LOAD if getattr(until, key) is not None), None):
+        assert until.joint is not None
+        stage.breaks = Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True)
     else:
         key, what = next((key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None)
         which = until.body if what == at.AT_ALTITUDE else until.joint

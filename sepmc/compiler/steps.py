@@ -40,7 +40,9 @@ def emit_lengths(out: Text, c: Context) -> None:
     text = out.function("set_step(w, phase: int, left: int, usual: float)", says + " ``usual`` at first.")
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
-        if stage.events:
+        if stage.breaks:
+            text.block(f"if phase == {number}:").lanes()("w[STEP + l] = min(w[STEP + l], usual)")
+        elif stage.events:
             text.block(f"if phase == {number}:")(f"aim_{stage.name}(w, usual)")
     text.lanes()("w[STEP + l] /= left")
     emit_spread(text, c, "STEP")
@@ -157,7 +159,8 @@ def emit_settle(out: Text, c: Context) -> None:
         for body in in_air:
             _settle_height(scope, c, body)
         lose(scope, scope.load("FAR") <= scope.named("NEAR"))
-    scope.store("STEPS", scope.load("STEPS") + 1.0)
+    steps = scope.load("STEPS")
+    scope.store("STEPS", where(scope.load("STEP").equals(0.0), steps, steps + 1.0) if c.breaks else steps + 1.0)
     scope.write(text)
     if in_air:
         text("farthest = 0.0")
@@ -184,7 +187,8 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     q, last = scope.load(f"Y + Q_{body}", 4).called("q"), (f"ANGLES_{body}", part(f"ANGLES_{body}", 1))
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
-    scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), scalar.abs(length - 1.0)))
+    drift = scalar.abs(length - 1.0)
+    scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), where(scope.load("STEP").equals(0.0), 0.0, drift) if c.breaks else drift))
     unit = tuple(q[i] * inverse for i in range(4))
     scope.store(f"Y + Q_{body}", unit)
     r = quat.matrix(unit).called("r")

@@ -1,8 +1,9 @@
-"""Lines of a written kernel that follow the loads of joints over a flight: peaks, their times, impulses."""
+"""Lines of a written kernel that follow the loads of joints over a flight: peaks, their times, impulses; and phases that a load ends."""
 
 import math
 
 from sepmc.compiler.context import Context, part
+from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import emit_wrenches
@@ -13,19 +14,19 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 
 def emit_watch(out: Text, c: Context) -> None:
-    """A function that follows the loads over a step."""
-    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage)}
-    numbers = 6 * len(c.watched)
-    for k in range(numbers):
-        c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
-    c.slabs.add("PEAKS", numbers)
+    """Functions that follow the loads over a step."""
+    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage) or stage.breaks}
+    if c.watched:
+        for k in range(6 * len(c.watched)):
+            c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
+        c.slabs.add("PEAKS", 6 * len(c.watched))
     if not stages:
         return
+    numbers = 6 * len(c.followed)
     c.slabs.add("WRENCHES", peaks.COUNT * numbers), c.slabs.add("SCRATCH", peaks.SCRATCH)
     for stage in stages.values():
         emit_wrenches(out, c, stage)
-    says = "Loads of joints at nodes of the step just made, their peaks and integrals over it into PEAKS."
-    text = out.function("watch(w, phase: int)", says)
+    text = out.function("load_joints(w, phase: int)", "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.")
     inner = text.block(f"for i in range({peaks.COUNT}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
     emit_spread(inner, c, "THETA")
@@ -33,9 +34,21 @@ def emit_watch(out: Text, c: Context) -> None:
     for place, (number, stage) in enumerate(stages.items()):
         inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"wrenches_{stage.name}(w)")
     inner.block(f"for e in range({numbers} * LANES):")(f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]")
+    for number, stage in stages.items():
+        if stage.breaks:
+            _break(out, c, number, stage)
+    if c.watched:
+        _watch(out, c)
+
+
+def _watch(out: Text, c: Context) -> None:
+    """A function for peaks and impulses."""
+    numbers = 6 * len(c.followed)
+    text = out.function("watch(w, phase: int)", "Peaks and integrals of the loads of joints over the step just made, into PEAKS.")
+    text("load_joints(w, phase)")
     inner = text.lanes().block("if w[REACH + l] * w[LENGTH + l] > 0.0:")
     inner("h = w[REACH + l] * w[LENGTH + l]")
-    for k in range(0, numbers, 3):
+    for k in range(0, 6 * len(c.watched), 3):
         nodes, found, other = (f"{place} + l" for place in (part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k))))
         inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, w[BEGIN_T + l], h)")
 
@@ -43,3 +56,35 @@ def emit_watch(out: Text, c: Context) -> None:
 def _other(k: int) -> int:
     """Where the peak of a moment stands, given that of the force, and the other way round."""
     return k + 3 if k % at.LOADS_OUTCOMES == 0 else k - 3
+
+
+def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
+    """A function that ends a phase where its load is reached within the step just made: by the continuous extension."""
+    assert stage.breaks is not None
+    numbers, first = 6 * len(c.followed), 6 * c.followed.index(stage.breaks.which) + (3 if stage.breaks.what == at.AT_MOMENT else 0)
+    for name, count in (("MET", c.size), ("KEPT", c.size), ("FROZEN", c.size)):
+        c.slabs.add(name, count)
+    says = (
+        f"End phase {stage.name} in the step just made where the load that ends it is reached; keep the states of lanes that are through."
+    )
+    text = out.function(f"break_{stage.name}(w)", says)
+    text(f"load_joints(w, {number})", "found = 0.0")
+    inner = text.lanes()
+    inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
+    reached = inner.block("if w[DONE + l] == 0.0 and w[LENGTH + l] > 0.0:")
+    where = f"{part('WRENCHES', first)} + l"
+    threshold = f"w[P + {stage.breaks.threshold} * LANES + l]"
+    reached(f"theta, rate = peaks.first_reached(w, {where}, {numbers} * LANES, SCRATCH, {threshold})")
+    met = reached.block("if theta <= 1.0:")
+    met("found, w[MET + l], w[THETA + l], w[REACH + l], w[DONE + l] = 1.0, 1.0, theta, theta, 1.0")
+    met("w[T + l] = w[BEGIN_T + l] + theta * w[LENGTH + l]", "w[END + l] = w[T + l]")
+    guard = f"{c.guard(f'{stage.name}_{stage.breaks.which}')} + l"
+    met("slow = w[LENGTH + l] / rate if rate > 0.0 else math.inf", f"w[{guard}] = max(w[{guard}], slow if theta > 0.0 else 0.0)")
+    inner = text.block("if found > 0.0:")
+    emit_spread(inner, c, "THETA")
+    emit_spread(inner, c, "MET")
+    inner(f"sample(w, {number})")
+    inner.block(f"for e in range({c.shape.active(stage)} * LANES):")("w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]")
+    text.block("for e in range(SIZE_Y):")("w[KEPT + e] = w[KEPT + e] if w[FROZEN + e] > 0.0 else w[Y + e]")
+    text.lanes()("w[FROZEN + l] = 0.0 if w[T + l] < w[END + l] else 1.0")
+    emit_spread(text, c, "FROZEN")

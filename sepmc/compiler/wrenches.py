@@ -14,14 +14,14 @@ from sepmc.scene.model import GROUND
 
 
 def emit_wrenches(out: Text, c: Context, stage: Stage) -> None:
-    """A function for the loads of the joints that are watched, in a phase in which one of them holds."""
-    says = "Force and moment of every watched joint at the state S and the times CLOCK, in axes of its first body, into WRENCH."
+    """A function for the loads of the joints that are followed, in a phase in which one of them holds."""
+    says = "Force and moment of every joint that is followed at the state S and the times CLOCK, in axes of its first body, into WRENCH."
     text = out.function(f"wrenches_{stage.name}(w)", says)
-    c.slabs.add("WRENCH", 6 * len(c.watched))
+    c.slabs.add("WRENCH", 6 * len(c.followed))
     call_look_up(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_motion(s)
-    for i, joint in enumerate(c.watched):
+    for i, joint in enumerate(c.followed):
         r = s.attitude(c.shape.scene.joint[joint].bodies[0])
         for k, vector in enumerate((_force(motion, joint), _moment(s, motion, joint))):
             s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))

@@ -32,6 +32,8 @@ _NEAR = 0.9  # of the peak so far: below, what rises between two nodes does not 
 _STEEP = 1e-10  # of the size at an end, over a step: what rises less gains less than a tenth of that, and may be round-off
 _ROUNDS = 40
 _SAME = 1.0 + 1e-13  # of two sizes: a load that does not change has its peak where it is first seen
+_TOUCH = 1e-12  # of a threshold: a size this close has reached it
+_BESIDE = 1e-4  # of a step: how far apart two sizes are whose difference is a rate
 _CLOSE = 1e-9  # of a step: a peak's place, whose value is then good to round-off
 
 SCRATCH = 4 * COUNT  # numbers that `note_size` works in: coefficients of the components, and sizes at the nodes
@@ -207,3 +209,55 @@ def _note_summits(sizes, w, scratch, out, t, h):
             size = _size(place, w, scratch)
             if size > _SAME * w[out]:
                 w[out], w[out + LANES] = size, t + place * h
+
+
+@stage
+def first_reached(w, nodes, apart, scratch, threshold):
+    """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its rate there by the share; 2 if nowhere.
+
+    The arguments are those of `note_size`. A size that is there at the start, but for round-off, is so at 0.
+    """
+    keep_apart()
+    sizes, touch = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
+    greatest = 0.0
+    for i in range(COUNT):
+        k = nodes + i * apart
+        w[sizes + i] = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        greatest = max(greatest, w[sizes + i])
+    if w[sizes] >= touch:
+        return 0.0, _rate_at(sizes, w)
+    if not greatest > _NEAR * threshold:
+        return 2.0, 0.0
+    _set_coefficients(nodes, apart, w, scratch)
+    for i in range(COUNT - 1):
+        low, high = THETA[i], THETA[i + 1]
+        if w[sizes + i + 1] < threshold:
+            if not (_rises(sizes, w, i) or _rises(sizes, w, i + 1)):
+                continue
+            high = _highest(low, high, w, scratch)
+            if _size(high, w, scratch) < threshold:
+                continue
+        start, best, best_size = low, high, _size(high, w, scratch)
+        low_size = _size(low, w, scratch)
+        for n in range(_ROUNDS):  # false position, halved every third time
+            middle = low + (high - low) * (threshold - low_size) / (best_size - low_size) if n % 3 != 2 else 0.5 * (low + high)
+            size = _size(middle, w, scratch)
+            if size >= threshold:
+                high, best, best_size = middle, middle, size
+            else:
+                low, low_size = middle, size
+            if high - low <= 1e-16 or best_size - threshold <= 1e-15 * threshold:
+                break
+        beside = max(start, best - _BESIDE)
+        slope = (_size(best, w, scratch) - _size(beside, w, scratch)) / (best - beside) if best > beside else 0.0
+        return best, slope
+    return 2.0, 0.0
+
+
+@stage
+def _rate_at(sizes, w):
+    """Rate of the size at the start of a step, by the share of it."""
+    slope = 0.0
+    for n in range(COUNT):
+        slope += _SLOPE[n] * w[sizes + n]
+    return slope

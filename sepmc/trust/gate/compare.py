@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sepmc import cases
 from sepmc.accuracy import deviation, scales, scene_scales
 from sepmc.campaign import Campaign
 from sepmc.pilot import reasons
@@ -17,7 +18,7 @@ from sepmc.result import Result
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
-from sepmc.schema import AUDIT_BOUNDS, Column
+from sepmc.schema import AUDIT_BOUNDS, Column, Status
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.independent import Flown, fly
 
@@ -112,6 +113,7 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     columns, count = result.campaign.outcome_columns, len(table["case"])
     unflyable = [str(status) in REFUSED and status != "jammed" for status in table["status"]]  # would take the independent flight hours
     flown = [Flown(str(table["status"][i]), {}) if unflyable[i] else reference(result.case(i).to_dict()) for i in range(count)]
+    forbidden = _forbidden(result.campaign, count)
     expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
     found = np.array([table[c.name] for c in columns]).T
     spread = cache(partial(_spread, result.campaign))
@@ -125,6 +127,9 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
         verdict.statuses[status] = verdict.statuses.get(status, 0) + 1
         if unflyable[number] or (status in REFUSED and flown[number].status != status):
             verdict.count("refused")
+            continue
+        if status == Status.INVALID_INPUT.label and forbidden[number]:
+            verdict.count("same")
             continue
         if status != flown[number].status:
             said = f"case {number}: {status}, independently {flown[number].status}"
@@ -156,6 +161,15 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
             fault = "tie"
         verdict.count(fault)
         verdict.said.append(f"{fault}: {said}")
+
+
+def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
+    """Which of the first cases drew what a parameter may not be, such as a negative radius: the independent flight knows no such limits."""
+    laws = campaign.file.dispersions
+    drawn = cases.draw(laws, campaign.scene.run.seed, 0, count)
+    return (
+        ~np.all([law.allowed(values) for law, values in zip(laws, drawn.T, strict=True)], axis=0) if laws else np.zeros(count, dtype=bool)
+    )
 
 
 def _spread(campaign: Campaign) -> np.ndarray:

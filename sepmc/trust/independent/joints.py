@@ -56,7 +56,9 @@ class Joint:
         self.length, self.start = float(np.linalg.norm(gap)), float(gap @ x)
         to_a, to_b = (table["point"] if body == GROUND else vehicle.cg[vehicle.index[body]] for body in self.bodies)
         toward = float((np.array(to_b) - np.array(to_a)) * (-1.0, 1.0, 1.0) @ x)
-        self.apart = table["apart"] if table["apart"] is not None else (1 if toward >= 0.0 else -1)
+        self.apart = (
+            table["apart"] if table["apart"] is not None else (1 if toward >= -1e-12 * max(1.0, *np.abs(to_a), *np.abs(to_b)) else -1)
+        )
 
     def gap(self, s: State) -> tuple[Array, Array]:
         """d = r_B - r_A and d', ground axes."""
