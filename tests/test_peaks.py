@@ -60,13 +60,13 @@ VECTORS = {
 
 @pytest.mark.parametrize("name", VECTORS)
 def test_a_smooth_vector(name):
-    """Peaks to round-off, integrals to 1e-9 of the peak where the size has a corner."""
+    """Peaks to round-off, integrals to 1e-11 of the peak, where the size has a corner too."""
     vector = VECTORS[name]
     peak, place, mean = exact(vector)
     found = follow(vector, t=2.0, h=0.5)
     assert abs(found[0] - peak) <= 1e-11 * peak
     assert abs(found[1] - (2.0 + 0.5 * place)) <= 1e-6
-    assert abs(found[2] - 0.5 * mean) <= 1e-9 * peak
+    assert abs(found[2] - 0.5 * mean) <= 1e-11 * peak
 
 
 def test_the_size_of_a_load_that_does_not_change():

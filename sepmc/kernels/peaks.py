@@ -27,7 +27,7 @@ _NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 /
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
 _DIP = 0.7  # least over greatest size at the nodes: below, it may turn sharply between them
 # What halving an interval may change of an integral: of the peak so far, and, for round-off, of the greater of force and moment (N, N m).
-_AGREE, _NOISE, _HALVINGS = 1e-9, 1e-12, 40
+_AGREE, _NOISE, _HALVINGS = 1e-12, 1e-13, 80
 _NEAR = 0.9  # of the peak so far: below, what rises between two nodes does not reach it
 _STEEP = 1e-10  # of the size at an end, over a step: what rises less gains less than a tenth of that, and may be round-off
 _ROUNDS = 40
@@ -112,15 +112,15 @@ def _mean(low, high, w, scratch):
 
 @stage
 def _halved(floor, w, scratch):
-    """Mean of the size over the step: each interval is halved until its halves agree with it to ``floor``. A corner takes fifteen
-    halvings; there are _HALVINGS at most."""
+    """Mean of the size over the step: each interval is halved until its halves agree with it to ``floor``. A corner takes some
+    twenty halvings; there are _HALVINGS at most."""
     keep_apart()
     total, low, width, left = 0.0, 0.0, 1.0, _HALVINGS
     before = _mean(0.0, 1.0, w, scratch)
     while low < 1.0:
         first = _mean(low, low + 0.5 * width, w, scratch)
         second = _mean(low + 0.5 * width, low + width, w, scratch)
-        if left > 0 and width > 2.0**-15 and not abs(0.5 * (first + second) - before) * width <= floor:
+        if left > 0 and width > 2.0**-24 and not abs(0.5 * (first + second) - before) * width <= floor:
             width, before, left = 0.5 * width, first, left - 1
             continue
         total += 0.5 * width * (first + second)
