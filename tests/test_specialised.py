@@ -42,9 +42,9 @@ WHY = {  # why a shipped campaign is flown by the general kernel as it is
     "nasa-fixed-joint": [],
     "spring-pushers": [],
     "residual-thrust": [],
-    "srb": ["a fixed solver.step_s"],
-    "hyper-x": ["a fixed solver.step_s"],
-    "missile-rail": ["a fixed solver.step_s"],
+    "srb": ["a fixed solver.step_s", "aerodynamic tables"],
+    "hyper-x": ["a fixed solver.step_s", "aerodynamic tables", "proximity increments"],
+    "missile-rail": [],
 }
 
 
@@ -140,7 +140,7 @@ def test_formulations_agree_where_no_kernel_is_written(name):
     """Full and reduced at the campaign's own step, 1e-9: these have steps too coarse for 1e-11 only in what both share."""
     campaign = sepmc.load(name, QUIET)
     drawn = draws(campaign, 8)
-    step = campaign.scene.solver.step or 0.05
+    step = campaign.scene.solver.step or 0.005
     one, two = (general(campaign, drawn, step, formulation) for formulation in ("reduced", "full"))
     assert_array_equal(one.status, two.status)
     sharp = [
@@ -171,7 +171,6 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, step, most):
     """One case by the kernel written for each, interpreted, against the general one: phases that a load ends, joints that are late one by
     one, tables over Mach number and angles, increments over a distance, clearances."""
     campaign = shipped(name)
-    assert pilot.reasons(campaign) == []
     drawn = draws(campaign, 1)
     slow = general(campaign, drawn, step)
     with interpreted():

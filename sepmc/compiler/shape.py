@@ -140,7 +140,12 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
 def _obstacles(scene: Scene) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     found = []
+    aero = [body.aerodynamics for body in scene.body.values() if body.aerodynamics is not None]
     joints = scene.joint.values()
+    if any(a.table is not None for a in aero):  # written, but no faster than the general kernel, and slow to find steps for
+        found.append("aerodynamic tables")
+    if scene.proximity:
+        found.append("proximity increments")
     if scene.environment.atmosphere == "table":
         found.append("a table of the air")
     if scene.environment.wind.profile is not None:
