@@ -54,8 +54,8 @@ def _sample(out: Text, c: Context) -> None:
     order = c.method.dense.shape[1] - 1
     inner = text.block("for e in range(SIZE_Y):")
     inner(f"total = w[POWERS + {order} * SIZE_Y + e]")
-    for q in range(order - 1, 0, -1):
-        inner(f"total = w[POWERS + {q} * SIZE_Y + e] + w[THETA + e] * total")
+    for power in range(order - 1, 0, -1):
+        inner(f"total = w[POWERS + {power} * SIZE_Y + e] + w[THETA + e] * total")
     inner("w[S + e] = w[BEGIN + e] + w[THETA + e] * total")
     for first, bodies in turning_from(c):
         scope = c.scope()
