@@ -65,5 +65,6 @@ def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], N
                 errors = np.maximum(errors, finer) if both.any() else errors
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
             scale = scales(now[0][sound], units, own)
-            return Flight([], kernel, steps // 2 if settled else steps, usual, None, scale, error=float(errors.max()), achieved=told)
+            chosen = steps // 2 if settled else steps
+            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told)
         before, steps = now, 2 * steps
