@@ -109,7 +109,7 @@ ALL = [(module, name) for module in HOMES for name in module._shapes if not name
 def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names)
-    return interpreted.load(f"GUARDS = 0\nfrom sepmc.kernels import {homes}").plain
+    return interpreted.load(f"GUARDS = STAGES = 0\nfrom sepmc.kernels import {homes}").plain
 
 
 def _sizes(value):
@@ -137,7 +137,7 @@ _ARGUMENTS = {
     "matrix": "4", "rate": "43", "from_angles": "111", "pitch": "9", "yaw": "9", "roll": "9", "flow_angles": "3", "aero_force": "13",
     "aero_moment": "13", "thrust_direction": "1111", "thrust_arm": "311111", "wind": "11", "inverse_square": "11",
     "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
-    "geopotential": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
+    "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
     "flight_direction": "11", "larger": "11", "arctan2": "11", "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 

@@ -165,7 +165,7 @@ def test_shipped_campaigns_agree(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "steps", "step", "most"),
-    [("missile-rail", [4, 60, 20, 10], 0.001, 1e-10), ("hyper-x", [6, 20, 4, 100], 0.002, 3e-9), ("srb", [4, 3, 12], 0.02, 1e-9)],
+    [("missile-rail", [4, 60, 20, 10], 0.001, 1e-10), ("hyper-x", [6, 20, 4, 100], 0.002, 3e-9), ("srb", [4, 3, 60], 0.02, 1e-9)],
 )
 def test_campaigns_with_a_step_of_their_own_agree(name, steps, step, most):
     """One case by the kernel written for each, interpreted, against the general one: phases that a load ends, joints that are late one by
@@ -175,9 +175,10 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, step, most):
     slow = general(campaign, drawn, step)
     with interpreted():
         kernel = specialised_kernel(pilot.kernel_text(campaign))
-    fast, ends = fly_specialised(kernel, campaign.plan, np.full(len(steps), 8), np.full(len(steps), np.inf), campaign.slots, drawn)
-    usual = np.diff(ends[:, 0], prepend=0.0)
-    fast, _ = fly_specialised(kernel, campaign.plan, np.array(steps), usual, campaign.slots, drawn)
+    steps, usual = np.array(steps), np.full(len(steps), np.inf)
+    for _ in range(2):
+        fast, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        usual = np.diff(ends[:, 0], prepend=0.0)
     assert (slow.status[0], fast.status[0]) == (Status.OK, 0)
     assert len(pilot.stage_names(campaign)) == len(steps)
     assert difference(campaign, outcomes(campaign, fast), outcomes(campaign, slow)) <= most

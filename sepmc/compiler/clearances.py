@@ -8,7 +8,6 @@ from sepmc.compiler.formulas import vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
-from sepmc.kernels import clearances as search
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Clearance
 
@@ -19,7 +18,7 @@ def emit_clearances(out: Text, c: Context) -> None:
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(part("CLEARANCES", k), math.nan)
     c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
-    c.slabs.add("PATH", (order + 1) * search.PATH), c.slabs.add("JOB", search.JOB_PATH + (order + 1) * search.PATH)
+    c.slabs.add("PATH", (order + 1) * at.PATH), c.slabs.add("JOB", at.JOB_PATH + (order + 1) * at.PATH)
     c.slabs.add("CENTRES", 6 * len(entries))
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):
@@ -42,10 +41,10 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     share: Any = 1.0
     for q in range(powers):
         a, b = (_place(s, body, q) for body in entry.bodies)
-        s.scope.store(part("PATH", search.PATH * q), vec3.scale(share, vec3.sub(b, a)))
+        s.scope.store(part("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
         for k, body in enumerate(entry.bodies):
             turning = _attitude(s, body, q)
-            s.scope.store(part("PATH", search.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4)))
+            s.scope.store(part("PATH", at.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4)))
         share = share * reach
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
@@ -54,23 +53,23 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         counts += f" and w[HELD_{entry.after} + l] == 0.0"
     text = text.lanes().block(f"if {counts}:")
     text(
-        f"w[JOB + {search.JOB_TIME}], w[JOB + {search.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
-        f"w[JOB + {search.JOB_POWERS}] = {powers}",
+        f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
+        f"w[JOB + {at.JOB_POWERS}] = {powers}",
     )
     for k, body in enumerate(entry.bodies):
         first, count = (int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2))
-        place = search.JOB_PARTS + 2 * k
+        place = at.JOB_PARTS + 2 * k
         text(f"w[JOB + {place}], w[JOB + {place + 1}] = SHARED + {first}, {count}")
     for slab, first, place, count in (
-        ("CENTRES", 6 * i, search.JOB_CENTRES, 6),
-        ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, search.JOB_FOUND, at.CLEARANCE_OUTCOMES),
-        ("PATH", 0, search.JOB_PATH, powers * search.PATH),
+        ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
+        ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES),
+        ("PATH", 0, at.JOB_PATH, powers * at.PATH),
     ):
         text.block(f"for k in range({count}):")(f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]")
     text("clearance(w, JOB)")
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
-    inner(f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {search.JOB_FOUND} + k]")
-    text(f"w[LOST + l] = w[LOST + l] if w[JOB + {search.JOB_DONE}] > 0.0 else 1.0")
+    inner(f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} + k]")
+    text(f"w[LOST + l] = w[LOST + l] if w[JOB + {at.JOB_DONE}] > 0.0 else 1.0")
 
 
 def _place(s: State, body: str, q: int) -> Any:

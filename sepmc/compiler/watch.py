@@ -8,7 +8,6 @@ from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import emit_wrenches
 from sepmc.kernels import layout as at
-from sepmc.kernels import peaks
 
 _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
@@ -23,11 +22,11 @@ def emit_watch(out: Text, c: Context) -> None:
     if not stages:
         return
     numbers = 6 * len(c.followed)
-    c.slabs.add("WRENCHES", peaks.COUNT * numbers), c.slabs.add("SCRATCH", peaks.SCRATCH)
+    c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", at.PEAK_SCRATCH)
     for stage in stages.values():
         emit_wrenches(out, c, stage)
     text = out.function("load_joints(w, phase: int)", "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.")
-    inner = text.block(f"for i in range({peaks.COUNT}):")
+    inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
     emit_spread(inner, c, "THETA")
     inner("sample(w, phase)")

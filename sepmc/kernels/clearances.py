@@ -35,24 +35,18 @@ _DEPTH = 56  # halvings of a step, one within the other, at most
 _MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them all is given up
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
 _NODE = 15
-PATH = 11  # numbers that say where two bodies are
-
-
-# Of a search, one behind the other: the step's start and length, powers of the path, start and number of the parts of both outlines,
-# mass centres, what is found, whether the search came to an end, and the path
-JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = 0, 1, 2, 3, 7, 13, 19, 20
 
 
 @stage
 def search_clearance(w, job):
-    """`watch_clearance` of what stands at w[job] and behind (JOB_TIME, ...); its result goes there too."""
-    parts, centres, path = job + JOB_PARTS, job + JOB_CENTRES, job + JOB_PATH
-    powers = int(w[job + JOB_POWERS])
-    done = watch_clearance(
-        (int(w[parts]), int(w[parts + 1])), (int(w[parts + 2]), int(w[parts + 3])), vec3.get(w, centres), vec3.get(w, centres + 3), w,
-        w[job + JOB_TIME], w[job + JOB_LENGTH], w[path : path + powers * PATH].reshape((powers, PATH)), w[job + JOB_FOUND : job + JOB_DONE],
-    )  # fmt: skip
-    w[job + JOB_DONE] = 1.0 if done else 0.0
+    """`watch_clearance` of what stands at w[job] and behind (`layout.JOB_TIME`, ...); its result goes there too."""
+    parts, centres, powers = job + at.JOB_PARTS, job + at.JOB_CENTRES, int(w[job + at.JOB_POWERS])
+    parts_a, parts_b = (int(w[parts]), int(w[parts + 1])), (int(w[parts + 2]), int(w[parts + 3]))
+    cg_a, cg_b = vec3.get(w, centres), vec3.get(w, centres + 3)
+    path = w[job + at.JOB_PATH : job + at.JOB_PATH + powers * at.PATH].reshape((powers, at.PATH))
+    found = w[job + at.JOB_FOUND : job + at.JOB_DONE]
+    done = watch_clearance(parts_a, parts_b, cg_a, cg_b, w, w[job + at.JOB_TIME], w[job + at.JOB_LENGTH], path, found)
+    w[job + at.JOB_DONE] = 1.0 if done else 0.0
 
 
 @stage
@@ -101,7 +95,7 @@ def _part(p, cg, numbers):
 def _pose(theta, path, pose):
     """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a fraction of the step."""
     keep_apart()
-    for n in range(PATH):
+    for n in range(at.PATH):
         total = 0.0
         for q in range(path.shape[0] - 1, -1, -1):
             total = total * theta + path[q, n]

@@ -98,6 +98,14 @@ ROW_E, ROW_A, ROW_B, ROW_N, ROW_GAMMA, ROW_JOINT, ROW_VALUE, ROW_RATE = 0, 3, 6,
 ROW_WORK = 16
 
 
+# Numbers that say where two bodies are: place of one seen from the other, attitudes of both. Of a search for their least distance, one
+# behind the other: the step's start and length, powers of the path, start and number of the parts of both outlines, mass centres, what
+# is found, whether the search came to an end, and the path over the step.
+PATH = 11
+JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = 0, 1, 2, 3, 7, 13, 19, 20
+PEAK_NODES = 8  # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of dop853
+PEAK_SCRATCH = 4 * PEAK_NODES  # numbers that `peaks.note_size` works in: coefficients of three components, and sizes at the nodes
+
 # What a scene contains and where its blocks start: whole numbers that a kernel reads through one pointer (as arguments they
 # would be copied at every call).
 STRUCTURE = np.dtype(

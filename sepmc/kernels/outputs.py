@@ -9,7 +9,7 @@ from sepmc.kernels import layout as at
 from sepmc.kernels import quat, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.cfe import solve_motion
-from sepmc.kernels.clearances import PATH, watch_clearance
+from sepmc.kernels.clearances import watch_clearance
 from sepmc.kernels.dynamics import guide_bearing, guide_wrench, motion, slides
 from sepmc.kernels.observe import joint_outcomes_at
 from sepmc.kernels.places import body_params, first_body, joint_axes_x, joint_params, joint_work, kind_of, second_body
@@ -265,8 +265,8 @@ def _watch_clearance(i, t, h, y0, k, rk, outcomes, m, w):
     keep_apart()
     first, entry = clearances_at(m) + at.CLEARANCE_OUTCOMES * i, m.scene.clearances_i + 3 * i
     a, b = m.table[entry], m.table[entry + 1]
-    path = np.empty((rk.dense.shape[1], PATH))
-    for n in range(PATH):
+    path = np.empty((rk.dense.shape[1], at.PATH))
+    for n in range(at.PATH):
         for q in range(path.shape[0]):
             if n < 3:
                 n_a, n_b = a * at.STATE + at.POSITION + n, b * at.STATE + at.POSITION + n

@@ -11,8 +11,9 @@ import numpy as np
 
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.lanes import LANES
+from sepmc.kernels.layout import PEAK_NODES
 
-COUNT = 8  # nodes: a polynomial of degree seven, the order of the continuous extension of dop853
+COUNT = PEAK_NODES
 _X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))  # at both ends and between, denser towards them
 THETA = 0.5 * (1.0 + _X)  # the same as shares of the step
 _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
@@ -35,8 +36,6 @@ _SAME = 1.0 + 1e-13  # of two sizes: a load that does not change has its peak wh
 _TOUCH = 1e-12  # of a threshold: a size this close has reached it
 _BESIDE = 1e-4  # of a step: how far apart two sizes are whose difference is a rate
 _CLOSE = 1e-9  # of a step: a peak's place, whose value is then good to round-off
-
-SCRATCH = 4 * COUNT  # numbers that `note_size` works in: coefficients of the components, and sizes at the nodes
 
 
 @stage
@@ -137,7 +136,7 @@ def note_size(w, nodes, apart, scratch, out, other, t, h):
     """Follow the size of a vector over a step of length h from t: its peak, the time of it and the integral, at ``out`` and two further.
 
     nodes : where the first component at the first node stands; the others are LANES further, those at the next node ``apart``
-    scratch : where SCRATCH numbers may be put
+    scratch : where PEAK_SCRATCH numbers may be put
     other : where the peak of what has the same sort of round-off stands: of the force for a moment, and the other way round
     """
     keep_apart()
