@@ -149,9 +149,9 @@ def halved(tree: Tree, dice: Dice) -> Tree:
 
 def interrupted(tree: Tree, dice: Dice) -> Tree:
     """A boundary soon after the start at which nothing changes."""
-    first = tree["phase"][0]
-    until = first.get("until", {})
-    times = [until.get("time_s", 1.0), *(part.get("time_s", 1.0) for key in ("any", "all") for part in until.get(key, []))]
+    first, ends = tree["phase"][0], [phase.get("until", {}) for phase in tree["phase"]]
+    times = [until.get("time_s", 1.0) for until in ends]
+    times += [part.get("time_s", 1.0) for key in ("any", "all") for part in ends[0].get(key, [])]
     soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
