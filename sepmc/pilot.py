@@ -32,7 +32,7 @@ _OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies o
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
-_SPREAD_STEPS = 8  # of every phase, to learn how far outcomes spread, from a quarter of the sample
+_SPREAD_STEPS, _MOST_SPREAD = 8, 512  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
 _ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
@@ -181,7 +181,11 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
         block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
-    few, sound = flown(np.full(len(usual), _SPREAD_STEPS), np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]))
+    spread, some = _SPREAD_STEPS, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
+    few, sound = flown(np.full(len(usual), spread), some)
+    while not sound.mean() > 0.5 and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
+        spread *= 2
+        few, sound = flown(np.full(len(usual), spread), some)
     scale = scales(few[sound], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])

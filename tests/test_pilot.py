@@ -184,6 +184,18 @@ def test_a_coarser_accuracy_takes_a_longer_step(table2):
     assert steps[0] > steps[2]
 
 
+def test_bodies_that_turn_far_in_a_step():
+    """In the eight steps that first tell how far outcomes spread no case can be vouched for: then more steps tell it."""
+    campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
+    flight = pilot.plan_flight(campaign)
+    names = [column.name for column in campaign.outcome_columns]
+    draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
+    rate = names.index("A_omega_z_deg_s")
+    spread = pilot.fly(campaign, flight, draws).outcomes[:, rate].std()
+    assert 0.5 * spread <= flight.scale[rate] <= 2.0 * spread
+    assert flight.achieved.met
+
+
 def test_a_given_step_is_taken(table2):
     flight = pilot.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
     assert (flight.step, flight.kernel, flight.steps, flight.why) == (0.0123, None, None, ["a fixed solver.step_s"])
