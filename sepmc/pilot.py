@@ -223,6 +223,8 @@ def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
+    if not general and (loads := 2 * len(campaign.scene.output.loads)):
+        unseen[-loads:] = np.resize(SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["N s", "N m s"]), loads)
     return np.maximum(_ALIKE * sound.max(axis=0, initial=0.0), unseen)
 
 

@@ -12,13 +12,13 @@ from sepmc.kernels import peaks
 from sepmc.kernels.lanes import LANES
 
 APART = 3 * LANES
-NODES, SCRATCH, OUT, OTHER = 0, 10 * APART, 20 * APART, 30 * APART
+NODES, SCRATCH, OUT, OTHER, GUARD = 0, 10 * APART, 20 * APART, 30 * APART, 35 * APART
 NOTHING = (0.0, math.nan, 0.0)
 
 
 @njit
 def noted(w, t, h):
-    peaks.note_size(w, NODES, APART, SCRATCH, OUT, OTHER, t, h)
+    peaks.note_size(w, NODES, APART, SCRATCH, OUT, OTHER, GUARD, t, h)
 
 
 def follow(vector, t=0.0, h=1.0, before=NOTHING):

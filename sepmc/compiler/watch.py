@@ -48,8 +48,9 @@ def _watch(out: Text, c: Context) -> None:
     inner = text.lanes().block("if w[REACH + l] * w[LENGTH + l] > 0.0:")
     inner("h = w[REACH + l] * w[LENGTH + l]")
     for k in range(0, 6 * len(c.watched), 3):
-        nodes, found, other = (f"{place} + l" for place in (part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k))))
-        inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, w[BEGIN_T + l], h)")
+        places = part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k)), c.guard(c.load_guards[k // 3])
+        nodes, found, other, guard = (f"{place} + l" for place in places)
+        inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, w[BEGIN_T + l], h)")
 
 
 def _other(k: int) -> int:

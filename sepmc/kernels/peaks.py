@@ -22,7 +22,7 @@ _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
 _COEFFICIENTS = 2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
 _MEAN = np.array([1.0 / (1.0 - j * j) if j % 2 == 0 else 0.0 for j in range(COUNT)]) @ _COEFFICIENTS
 _SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
-_FOURTH = np.ascontiguousarray(_COEFFICIENTS[4])
+_FOURTH, _LAST = np.ascontiguousarray(_COEFFICIENTS[4]), np.ascontiguousarray(_COEFFICIENTS[-1])
 # Gauss-Lobatto rule of five nodes on 0 to 1 (Abramowitz and Stegun, 25.4.32).
 _NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
@@ -132,14 +132,20 @@ def _halved(floor, w, scratch):
 
 
 @stage
-def note_size(w, nodes, apart, scratch, out, other, t, h):
+def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
     """Follow the size of a vector over a step of length h from t: its peak, the time of it and the integral, at ``out`` and two further.
 
     nodes : where the first component at the first node stands; the others are LANES further, those at the next node ``apart``
     scratch : where PEAK_SCRATCH numbers may be put
     other : where the peak of what has the same sort of round-off stands: of the force for a moment, and the other way round
+    guard : where the largest of the last coefficients, times h, stands: how much of the integral polynomials may leave out
     """
     keep_apart()
+    for part in range(3):
+        last = 0.0
+        for i in range(COUNT):
+            last += _LAST[i] * w[nodes + i * apart + part * LANES]
+        w[guard] = max(w[guard], abs(last * h))
     least, greatest, fourth, mean, highest, sizes = math.inf, 0.0, 0.0, 0.0, 0, scratch + 3 * COUNT
     for i in range(COUNT):
         k = nodes + i * apart
