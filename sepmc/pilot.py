@@ -36,6 +36,7 @@ _SPREAD_STEPS, _MOST_SPREAD = 8, 512  # of every phase, to learn how far outcome
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
 _ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
+_UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
 _ALIKE_LOADS = 0.2  # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few errors add up
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
@@ -224,9 +225,12 @@ def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
-    loads = 0 if general else 2 * len(campaign.scene.output.loads)
+    impulses = [] if general else [k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")]
+    loads = len(impulses)
     if loads:
-        unseen[-loads:] = np.resize(SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["N s", "N m s"]), loads)
+        sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
+        own = SMALL * scene_scales(campaign.scene, ["N s", "N m s"] * (loads // 2))
+        unseen[-loads:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
     alike = np.full(len(unseen), _ALIKE)
     alike[len(unseen) - loads :] = _ALIKE_LOADS
     return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
