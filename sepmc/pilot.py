@@ -225,14 +225,13 @@ def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
-    impulses = [] if general else [k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")]
-    loads = len(impulses)
-    if loads:
-        sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
-        own = SMALL * scene_scales(campaign.scene, ["N s", "N m s"] * (loads // 2))
-        unseen[-loads:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
-    alike = np.full(len(unseen), _ALIKE)
-    alike[len(unseen) - loads :] = _ALIKE_LOADS
+    units = [column.unit for column in campaign.outcome_columns]
+    impulses = [] if general else [k for k, unit in enumerate(units) if unit in ("N s", "N m s")]
+    sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
+    own = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
+    alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)  # guards of joint loads come last
+    unseen[first:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
+    alike[first:] = _ALIKE_LOADS
     return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
 
 

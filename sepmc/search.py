@@ -19,9 +19,8 @@ Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps
 
 
 def usual_phases(campaign: "Campaign", kernel: "Kernel", draws: np.ndarray) -> np.ndarray | None:
-    """How long phases usually last, s, shape (phases,): the median of some cases (n, d), SI. None if the kernel can fly none."""
-    phases = kernel.stages
-    usual, steps = np.full(phases, np.inf), np.full(phases, 2, dtype=np.int64)
+    """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
+    usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2, dtype=np.int64)
     while steps.max() <= _MOST_STEPS:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0

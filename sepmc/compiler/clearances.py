@@ -14,11 +14,11 @@ from sepmc.scene.model import GROUND, Clearance
 
 def emit_clearances(out: Text, c: Context) -> None:
     """A function that searches the step of a lane, and for every phase one that searches those of all."""
-    order, entries = c.method.dense.shape[1] - 1, c.shape.scene.clearance
+    powers, entries = c.method.dense.shape[1], c.shape.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(part("CLEARANCES", k), math.nan)
     c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
-    c.slabs.add("PATH", (order + 1) * at.PATH), c.slabs.add("JOB", at.JOB_PATH + (order + 1) * at.PATH)
+    c.slabs.add("PATH", powers * at.PATH), c.slabs.add("JOB", at.JOB_PATH + powers * at.PATH)
     c.slabs.add("CENTRES", 6 * len(entries))
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):

@@ -132,7 +132,9 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
     found = fixed + _obstacles(plan.scene)
-    if not found and any(stage.breaks and stage.events for stage in make_shape(plan, dispersed).stages):
+    ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
+    loaded = any(until.force is not None or until.moment is not None for until in ends)
+    if not found and loaded and any(stage.breaks and stage.events for stage in make_shape(plan, dispersed).stages):
         found.append("a spring whose stroke may end while a joint's load is waited for")
     return found
 
@@ -159,16 +161,16 @@ def _obstacles(scene: Scene) -> list[str]:
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
     for phase in scene.phase:
-        if phase.until is not None and (why := _unfit(phase.until)):
-            found.append(f"the end of phase {phase.name} by {why}")
+        if phase.until is not None and _is_manifold(phase.until):
+            found.append(f"the end of phase {phase.name} by several conditions")
     found += [f"redundant rows in phase {item.phase}" for item in redundancies(scene)]
     return found
 
 
-def _unfit(until: Until) -> str:
-    """Why the end of a phase cannot be found by a specialised kernel."""
+def _is_manifold(until: Until) -> bool:
+    """Whether a phase ends by several conditions."""
     keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
-    return "several conditions" if until.any or until.all or sum(getattr(until, key) is not None for key in keys) != 1 else ""
+    return bool(until.any or until.all) or sum(getattr(until, key) is not None for key in keys) != 1
 
 
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:

@@ -120,10 +120,10 @@ def _fly_blocks(address, blocks, size, calls, arguments):
 
 
 def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status) -> None:
-    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (phases,) steps a phase, which usually
-    lasts ``usual`` (phases,) s.
+    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (stages,) steps a stage, which usually
+    lasts ``usual`` (stages,) s: a phase, or the time in which joints are late.
 
-    Writes outcomes (o, n), the times ``ends`` (phases, n) at which phases end, and status (n,): 0, or -1 if this kernel cannot vouch for
+    Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0, or -1 if this kernel cannot vouch for
     a case. If it was written for histories, also speed and distance of every joint ``every`` so many seconds, into history
     (n, rows, 2 joints). Arrays are contiguous.
     """
