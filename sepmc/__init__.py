@@ -12,7 +12,7 @@ __all__ = ["SceneError", "__version__", "load"]
 
 def __getattr__(name: str):  # the heavy parts are imported when first used
     if name == "load":
-        from sepmc.campaign import load  # noqa: PLC0415
+        from sepmc.campaign.campaign import load  # noqa: PLC0415
 
         return load
     if name == "SceneError":

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
-    from sepmc.campaign import Campaign
-    from sepmc.result import Result
+    from sepmc.campaign.campaign import Campaign, Result
 
 _SETTINGS = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460."
@@ -92,7 +91,7 @@ def campaign(
         if resume and stats_only:
             raise click.UsageError("--stats-only keeps no cases to go on from, so it excludes --resume")
         loaded = _load(file, settings)
-        from sepmc import store
+        from sepmc.campaign import store
         from sepmc.door import check_threads
         from sepmc.scene.redundancy import redundancies
 
@@ -144,7 +143,8 @@ def run(
     say = _speaker(quiet)
     with _plain_errors(quiet):
         loaded = _load(file, settings)
-        from sepmc import schema, store
+        from sepmc import schema
+        from sepmc.campaign import store
         from sepmc.door import check_every, warm_up
 
         check_every(every_s, loaded.scene, "--every-s")
@@ -194,7 +194,7 @@ def run(
 def stats(folder: Path) -> None:
     """Compute and print the statistics of RUN again, from its files alone."""
     with _plain_errors(False):
-        from sepmc import store
+        from sepmc.campaign import store
 
         if store.read_history(folder) is not None:
             raise store.StoreError(f"{folder}: is a single run, which has no statistics")
@@ -215,7 +215,7 @@ def stats(folder: Path) -> None:
 def plot(folder: Path) -> None:
     """Draw the figures of RUN again, from its files alone."""
     with _plain_errors(False):
-        from sepmc import store
+        from sepmc.campaign import store
         from sepmc.report.figures import run_figures
 
         history = store.read_history(folder)
@@ -238,7 +238,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
     """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves out. Flies nothing."""
     with _plain_errors(False):
         loaded = _load(file, settings)
-        from sepmc import cases, pilot
+        from sepmc.campaign import cases, pilot
         from sepmc.compiler.emit import features
         from sepmc.compiler.shape import make_shape
         from sepmc.scene.messages import InputError
@@ -249,7 +249,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
                 raise InputError(f"{loaded.name}: no kernel is written for it, because of {'; '.join(why)}. The general kernel flies it")
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
-        from sepmc.chunks import implausible_note
+        from sepmc.campaign.chunks import implausible_note
         from sepmc.compiler.describe import lines
         from sepmc.scene.redundancy import redundancies
 
@@ -359,8 +359,8 @@ def bench(
         if overwrite and out is None:
             raise click.UsageError("--overwrite needs --out, the folder meant")
         loaded = _load(file, settings)
-        from sepmc import store
         from sepmc.bench.bench import bench as measure
+        from sepmc.campaign import store
 
         folder = out or store.next_folder(f"bench-{loaded.name}")
         measure(
@@ -412,7 +412,7 @@ def list_campaigns() -> None:
 
 def _check_held(file: Path, number: int | None, seed: int | None) -> None:
     """A case replayed from a run folder must be one that the run holds."""
-    from sepmc import store
+    from sepmc.campaign import store
 
     if number is not None and seed is None and (file / store.MANIFEST).is_file():
         held = store.read_manifest(file).get("cases")
@@ -428,7 +428,7 @@ def _load(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign"
     given = dict(parse_setting(text) for text in settings)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
-        from sepmc.campaign import load
+        from sepmc.campaign.campaign import load
 
         loaded = load(file, given)
     for warning in caught if warn else ():
@@ -448,7 +448,7 @@ def _plain_errors(quiet: bool) -> Iterator[None]:
             click.echo(f"error: {line}", err=True)
         sys.exit(2)
     except Exception as error:
-        if type(error).__name__ == "StoreError":  # by name: `sepmc.store` takes a while to import
+        if type(error).__name__ == "StoreError":  # by name: `sepmc.campaign.store` takes a while to import
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise
@@ -502,7 +502,7 @@ def _timing_line(result: "Result") -> str:
 
 def _with_rows(folder: Path) -> dict[str, Any]:
     """The manifest of a run that holds case rows."""
-    from sepmc import store
+    from sepmc.campaign import store
 
     manifest = store.read_manifest(folder)
     if manifest.get("stats_only"):
@@ -512,8 +512,8 @@ def _with_rows(folder: Path) -> dict[str, Any]:
 
 def _summary(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     """Statistics of a run folder, from its case rows."""
-    from sepmc import store
     from sepmc.analysis.rows import summarise
+    from sepmc.campaign import store
 
     return summarise(store.CaseColumns(folder), *loaded.summarised)
 
@@ -521,8 +521,8 @@ def _summary(folder: Path, loaded: "Campaign") -> "Rows | Stream":
 def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Callable[[str], None], plots: bool) -> tuple[int, bool]:
     """Statistics to the screen and to files, and figures if wanted. Returns the number of cases flown to the end, and whether
     their audit passes."""
-    from sepmc import store
     from sepmc.analysis.statistics import audit_text, summary_text
+    from sepmc.campaign import store
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
@@ -576,7 +576,7 @@ _BANDED = 20_000  # cases whose histories are drawn as bands: the first ones of 
 
 
 def _figures(folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None) -> list[Path]:
-    from sepmc import store
+    from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}

@@ -6,20 +6,18 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sepmc import schema
 from sepmc.compiler.pieces import split
 from sepmc.compiler.plan import Plan
+from sepmc.kernels.kernel import Kernel
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
-
-if TYPE_CHECKING:
-    from sepmc.kernels.pieces import Kernel
 
 
 @dataclass
@@ -82,7 +80,7 @@ def _general_guards(plan: Plan) -> int:
 
 
 def fly_specialised(
-    kernel: "Kernel", plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
+    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
 
@@ -172,7 +170,7 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting = before
 
 
-def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> "Kernel":
+def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there what of it is not yet."""
     if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.kernels import interpreted as plain  # noqa: PLC0415

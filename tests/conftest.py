@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 import sepmc
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
 # Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing acts on them.

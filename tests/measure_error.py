@@ -12,10 +12,10 @@ import time
 import numpy as np
 
 import sepmc
-from sepmc import accuracy, cases, pilot
-from sepmc.flight import fly
+from sepmc.campaign import accuracy, cases, pilot
+from sepmc.campaign.flight import fly
+from sepmc.campaign.settle import changes
 from sepmc.scene.read import parse_setting, shipped_campaigns
-from sepmc.settle import changes
 
 QUIET = {"run.history_step_s": 0.0}
 ROUND = {"uniform": [0.0, 360.0]}

@@ -2,7 +2,7 @@
 
 import tomllib
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
 # An arm and a bob hang from the ground in a wind: universal, spherical and revolute joints, aerodynamics with every term, phases that end

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import sepmc
-from sepmc import cases
 from sepmc.analysis.statistics import statistics
+from sepmc.campaign import cases
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 

@@ -16,9 +16,9 @@ from sepmc.bench.folder import open_folder
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
+from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.store import StoreError
 from sepmc.compiler.shape import make_shape
-from sepmc.pilot import plan_flight
-from sepmc.store import StoreError
 
 
 def call(*arguments):

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from sepmc import cases
-from sepmc.campaign import Campaign
+from sepmc.campaign import cases
+from sepmc.campaign.campaign import Campaign
 from sepmc.door import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import sepmc as package
 from sepmc import cli
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 
 CASES = 50
 
@@ -270,7 +270,7 @@ def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
 
 def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
     """A ValueError from within is raised as such, with its traceback; only what was asked for wrongly ends with exit code 2."""
-    from sepmc.campaign import Campaign
+    from sepmc.campaign.campaign import Campaign
 
     def broken(self, *given, **named):
         raise ValueError("operands could not be broadcast together")

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from sepmc.campaign import Case
+from sepmc.campaign.campaign import Case
 from sepmc.scene.messages import SceneError
 
 FIXED, SLIDER, FREE = ({"pins": kind} for kind in ("fixed", "slider", "free"))

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from numpy.testing import assert_array_equal
 
 import sepmc
-from sepmc import pilot
+from sepmc.campaign import pilot
 from sepmc.cli import main
 from sepmc.schema import AUDIT_BOUNDS
 

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sepmc import cases
-from sepmc.campaign import Campaign
+from sepmc.campaign import cases
+from sepmc.campaign.campaign import Campaign
 from sepmc.door import fly_block
 from sepmc.kernels.batch import max_threads
 from sepmc.scene.read import parse_campaign

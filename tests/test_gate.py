@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from sepmc import pilot
-from sepmc.campaign import Campaign
+from sepmc.campaign import pilot
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate import compare, drive

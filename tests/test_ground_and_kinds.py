@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
 G, MASS, ARM = 9.80665, 2.0, 0.5

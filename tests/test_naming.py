@@ -8,8 +8,8 @@ import pytest
 from specialised_scenes import SCENES, scene
 
 import sepmc
-from sepmc import pilot
-from sepmc.campaign import Campaign
+from sepmc.campaign import pilot
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
 HOSTILE = ["a", "b", "A", "p", "q", "p_q", "l", "w", "x", "t", "spin_a", "Stage", "stage", "if", "lambda", "LANES", "vec3", "numbers"]

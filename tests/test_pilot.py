@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
-from sepmc import cases, chunks, cli, flight, pilot, search
-from sepmc.accuracy import SAFETY, decisive, errors, scene_scales
+from sepmc import cli
+from sepmc.campaign import cases, chunks, flight, pilot, search
+from sepmc.campaign.accuracy import SAFETY, decisive, errors, scene_scales
 from sepmc.compiler.plan import make_plan
 from sepmc.door import fly_block
 from sepmc.schema import Status

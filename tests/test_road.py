@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc
-from sepmc import chunks, cli, store
+from sepmc import cli
 from sepmc.analysis import rows
-from sepmc.store import StoreError
+from sepmc.campaign import chunks, store
+from sepmc.campaign.store import StoreError
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
 
@@ -187,6 +188,6 @@ def test_scipy_is_left_alone_where_nothing_needs_it():
     import subprocess
     import sys
 
-    program = "import sys, sepmc; sepmc.load('table2'); import sepmc.store, sepmc.analysis.stream; print('scipy' in sys.modules)"
+    program = "import sys, sepmc; sepmc.load('table2'); import sepmc.campaign.store, sepmc.analysis.stream; print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"

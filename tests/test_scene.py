@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sepmc import cases
-from sepmc.campaign import Campaign
+from sepmc.campaign import cases
+from sepmc.campaign.campaign import Campaign
 from sepmc.compiler.plan import make_plan
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import UnknownPath, find, replace, value

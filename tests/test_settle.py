@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sepmc import settle
+from sepmc.campaign import settle
+from sepmc.campaign.settle import first_step
 from sepmc.schema import Status
-from sepmc.settle import first_step
 from sepmc.trust.independent import fly
 
 ONE = np.ones(2)

@@ -14,9 +14,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from specialised_scenes import SCENES, scene
 
 import sepmc
-from sepmc import cases, pilot, schema
-from sepmc.accuracy import decisive
-from sepmc.campaign import Campaign
+from sepmc import schema
+from sepmc.campaign import cases, pilot
+from sepmc.campaign.accuracy import decisive
+from sepmc.campaign.campaign import Campaign
 from sepmc.door import fly_block, fly_specialised, interpreted, specialised_kernel
 from sepmc.kernels.batch import max_threads
 from sepmc.kernels.lanes import LANES
@@ -568,7 +569,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 
 ASSEMBLY = """
 import json, re
-from sepmc import pilot
+from sepmc.campaign import pilot
 from sepmc.compiler.pieces import split
 from sepmc.kernels import specialised
 import sepmc

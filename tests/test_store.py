@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
-from sepmc import store
+from sepmc.campaign import store
+from sepmc.campaign.store import StoreError
 from sepmc.schema import Column
-from sepmc.store import StoreError
 
 COLUMNS = [Column("case", "1", "number"), Column("status", "", "how it went"), Column("speed_m_s", "m/s", "speed")]
 PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "energy_residual")  # names without a unit of the list below

@@ -11,7 +11,7 @@ import sepmc
 
 PROGRAM = """
 import json, sepmc
-from sepmc import pilot
+from sepmc.campaign import pilot
 pilot.SAMPLE = 8
 result = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25}).run(cases=2, seed=7)
 print(json.dumps(result.to_pandas().drop(columns="status").to_dict("list")))

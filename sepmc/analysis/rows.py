@@ -56,7 +56,7 @@ class Rows:
 
 
 def summarise(cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]) -> Rows | Stream:
-    """Statistics of a stored case table (`sepmc.store.CaseColumns`): exact up to `EXACT` cases, from then on by a `Stream`."""
+    """Statistics of a stored case table (`sepmc.campaign.store.CaseColumns`): exact up to `EXACT` cases, from then on by a `Stream`."""
     if cases.rows <= EXACT:
         return Rows(cases, outcomes, audits, bounds)
     stream = Stream(outcomes, audits, bounds)

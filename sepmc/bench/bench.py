@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc import store
 from sepmc.bench import bits, engines, features, machine, scaling, stages, text, work_precision
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.peers.inputs import check
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Say, Study, drawn
-from sepmc.campaign import Campaign
+from sepmc.campaign import store
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.pilot import plan_flight
 from sepmc.door import check_threads, use_threads, warm_up
 from sepmc.kernels.batch import max_threads
-from sepmc.pilot import plan_flight
 from sepmc.scene.messages import SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000

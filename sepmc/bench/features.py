@@ -14,11 +14,11 @@ from sepmc.bench import flops
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import Study
 from sepmc.bench.work_precision import PER
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.pilot import kernel_text, reasons
 from sepmc.compiler.plan import make_plan
 from sepmc.door import fly_block, fly_specialised, specialised_kernel
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
-from sepmc.pilot import kernel_text, reasons
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 

@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from sepmc import cases
 from sepmc.bench import apart
-from sepmc.campaign import Campaign
+from sepmc.campaign import cases
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.pilot import kernel_text
 from sepmc.compiler.pieces import split
 from sepmc.compiler.shape import make_shape
 from sepmc.door import fly_specialised
 from sepmc.kernels import interpreted, specialised
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.methods import method
-from sepmc.pilot import kernel_text
 from sepmc.scene.read import parse_campaign
 
 _FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sepmc.store import StoreError, make_writable
+from sepmc.campaign.store import StoreError, make_writable
 
 SUMMARY = "bench.json"
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from sepmc import store
 from sepmc.bench.clock import rounds
+from sepmc.campaign import store
 from sepmc.kernels import peak
 from sepmc.kernels.batch import max_threads, use_threads
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc.bench.study import Study, Way
-from sepmc.pilot import plan_flight
+from sepmc.campaign.pilot import plan_flight
 from sepmc.schema import Status
 
 METHOD = "dop853"

@@ -12,7 +12,7 @@ import pandas as pd
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import Study, Way
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.door import use_threads
 from sepmc.scene.read import parse_campaign
 

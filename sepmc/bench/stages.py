@@ -9,11 +9,12 @@ from typing import Any
 
 import pandas as pd
 
-from sepmc import door, pilot, store
+from sepmc import door
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds, seconds
 from sepmc.bench.study import Study, drawn
-from sepmc.campaign import load
+from sepmc.campaign import pilot, store
+from sepmc.campaign.campaign import load
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
@@ -88,5 +89,5 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
 
 def import_seconds() -> float:
     """Seconds to import what a campaign needs, in another fresh process."""
-    program = "import time; t = time.perf_counter(); import sepmc.campaign, sepmc.kernels.batch; print(time.perf_counter() - t)"
+    program = "import time; t = time.perf_counter(); import sepmc.campaign.campaign, sepmc.kernels.batch; print(time.perf_counter() - t)"
     return float(apart.run([sys.executable, "-c", program]))

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from sepmc import cases
-from sepmc.accuracy import scene_scales
 from sepmc.bench.clock import rounds
-from sepmc.campaign import Campaign
+from sepmc.campaign import cases
+from sepmc.campaign.accuracy import scene_scales
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.pilot import Flight, fly, relative_error
 from sepmc.door import Block, warm_up
-from sepmc.pilot import Flight, fly, relative_error
 from sepmc.schema import Status
 
 Say = Callable[[str], None]

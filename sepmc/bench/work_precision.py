@@ -11,9 +11,9 @@ import pandas as pd
 from sepmc.bench.clock import rounds
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import Study, Way
+from sepmc.campaign.pilot import plan_flight
 from sepmc.kernels.methods import METHODS
 from sepmc.kernels.methods import method as make_method
-from sepmc.pilot import plan_flight
 
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # asked of the pilot, to get steps that a user might fly with
 MULTIPLES = (0.5, 2.0, 4.0)  # of the steps the pilot chose by default

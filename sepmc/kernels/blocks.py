@@ -12,9 +12,9 @@ from numba import carray, prange, types
 from numba.extending import intrinsic
 
 from sepmc.kernels._jit import config, door, formula
+from sepmc.kernels.kernel import Kernel
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.layout import STRUCTURE
-from sepmc.kernels.pieces import Kernel
 
 _RECORD = numba.from_dtype(STRUCTURE)
 

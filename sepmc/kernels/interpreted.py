@@ -13,7 +13,7 @@ import numpy as np
 
 import sepmc.kernels
 from sepmc.kernels._jit import config
-from sepmc.kernels.pieces import Kernel
+from sepmc.kernels.kernel import Kernel
 
 _PACKAGE = "sepmc.kernels"
 _plain: dict[str, ModuleType] = {}  # second copies, by name

@@ -3,8 +3,6 @@
 The addresses of a kernel's pieces stand in front of its workspace, so that whoever has the workspace can call them all.
 """
 
-from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -16,19 +14,6 @@ from sepmc.kernels._jit import compiled_piece, formula
 _ENDLESS = 2**40  # numbers of a workspace, for who does not ask where it ends
 _TYPES = {"i": types.int64, "f": types.float64, "a": types.CPointer(types.int64)}
 GRAIN = 8  # addresses come in so many: the workspace behind them stays aligned
-
-
-@dataclass(frozen=True)
-class Kernel:
-    """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last is entered, the size of its
-    workspace, and how many guards and stages it has; or a module of plain Python."""
-
-    address: int = 0
-    size: int = 0
-    calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    guards: int = 0
-    stages: int = 0
-    plain: ModuleType | None = None
 
 
 @formula
@@ -81,4 +66,4 @@ def table(addresses: list[int]) -> np.ndarray:
     return np.array([*room * [0], *reversed(addresses)], dtype=np.int64)
 
 
-__all__ = ["Kernel", "callee", "piece", "table", "workspace"]
+__all__ = ["callee", "piece", "table", "workspace"]

@@ -11,7 +11,8 @@ from typing import Any
 
 from sepmc.kernels._jit import BARE, CACHE_FOLDER, config, is_module_cached, one_at_a_time
 from sepmc.kernels.blocks import compile_blocks
-from sepmc.kernels.pieces import Kernel, table
+from sepmc.kernels.kernel import Kernel
+from sepmc.kernels.pieces import table
 
 _BLOCKS = "from sepmc.kernels.blocks import compile_blocks; compile_blocks()"
 _PIECES = """

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc import pilot, schema
-from sepmc.campaign import Campaign
+from sepmc import schema
+from sepmc.campaign import pilot
+from sepmc.campaign.campaign import Campaign, Result
+from sepmc.campaign.pilot import kernel_text, reasons
 from sepmc.compiler.shape import make_shape
 from sepmc.door import fly_specialised, interpreted, specialised_kernel
-from sepmc.pilot import kernel_text, reasons
-from sepmc.result import Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
 from sepmc.trust.flights import SIZES, Array, Flight

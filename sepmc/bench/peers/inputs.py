@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.bench.peers.vectors import Array, attitude, cross
-from sepmc.cases import draw
+from sepmc.campaign.cases import draw
 from sepmc.scene import parameters
 from sepmc.scene.messages import InputError
 

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from sepmc.bench.peers.inputs import Inputs
 from sepmc.bench.peers.outcomes import Final, outcomes
 from sepmc.bench.peers.vectors import Array
-from sepmc.campaign import Campaign
-from sepmc.cases import draw
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.cases import draw
 from sepmc.kernels import layout as at
 from sepmc.kernels.cfe import separation
 from sepmc.kernels.dynamics import derivative, set_attitudes

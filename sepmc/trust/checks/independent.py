@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import Campaign, load
+from sepmc.campaign.campaign import Campaign, load
+from sepmc.campaign.pilot import relative_error
 from sepmc.door import interpreted
-from sepmc.pilot import relative_error
 from sepmc.trust import independent
 from sepmc.trust.flights import GENERAL, SCENES, SIZES, campaign
 from sepmc.trust.line import CLOSE, Line

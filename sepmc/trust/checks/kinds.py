@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.trust import lagrange
 from sepmc.trust.flights import GENERAL, SIZES, Flight, campaign
 from sepmc.trust.line import CLOSE, Line

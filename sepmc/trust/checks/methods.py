@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.trust import lagrange
 from sepmc.trust import references as ref
 from sepmc.trust.flights import GENERAL, Flight, campaign, tensor

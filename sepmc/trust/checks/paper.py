@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import load
+from sepmc.campaign.campaign import load
 from sepmc.trust import lagrange
 from sepmc.trust.checks.kinds import furthest
 from sepmc.trust.flights import GENERAL

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from sepmc import cases
-from sepmc.accuracy import deviation, scales, scene_scales
-from sepmc.campaign import Campaign
-from sepmc.pilot import reasons
-from sepmc.result import Result
+from sepmc.campaign import cases
+from sepmc.campaign.accuracy import deviation, scales, scene_scales
+from sepmc.campaign.campaign import Campaign, Result
+from sepmc.campaign.pilot import reasons
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
@@ -180,7 +179,7 @@ def _spread(campaign: Campaign) -> np.ndarray:
 
 
 def sizes(expected: np.ndarray, columns: list[Column], scene: Scene) -> np.ndarray:
-    """What differences are shares of, (n, o), in the units of the columns: see `sepmc.accuracy.errors`."""
+    """What differences are shares of, (n, o), in the units of the columns: see `sepmc.campaign.accuracy.errors`."""
     units = [c.unit for c in columns]
     own = scene_scales(scene, units) * np.array([c.scale for c in columns])
     return np.maximum(np.abs(np.nan_to_num(expected)), scales(expected, units, own))

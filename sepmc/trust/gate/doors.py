@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.accuracy import decisive
-from sepmc.campaign import Campaign
-from sepmc.result import Result
+from sepmc.campaign.accuracy import decisive
+from sepmc.campaign.campaign import Campaign, Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
 from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes

@@ -8,8 +8,8 @@ from typing import Any
 
 import tomli_w
 
-from sepmc.campaign import Campaign
-from sepmc.pilot import reasons
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.pilot import reasons
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree

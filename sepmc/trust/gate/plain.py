@@ -9,13 +9,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from sepmc import campaign as campaigns
-from sepmc import cases, pilot
-from sepmc.accuracy import achieved, relative_error, scales, scene_scales
-from sepmc.campaign import Campaign
+from sepmc.campaign import campaign as campaigns
+from sepmc.campaign import cases, pilot
+from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scales
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.pilot import Flight
 from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
 from sepmc.kernels.methods import method
-from sepmc.pilot import Flight
 
 _MOST_STEPS = 64  # of a phase
 _HOPELESS = 16  # steps with which no case is sound: some other kernel has to fly it
@@ -35,7 +35,7 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
         campaigns.plan_flight = usual
 
 
-def _plan(campaign: Campaign, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
+def _plan(campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
     scene = campaign.scene
     draws = campaign.in_si(cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES))
     if why := pilot.reasons(campaign):

@@ -1,8 +1,10 @@
 """Worker processes that judge scenes, one for each core. A process may die over a scene: that is a verdict too."""
 
+import contextlib
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -21,7 +23,12 @@ class Worker:
         environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
         self.limit_s, self.stopped = limit_s, False
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "sepmc.trust.gate.worker"], env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-m", "sepmc.trust.gate.worker"],
+            env=environment,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # it ends with the processes that it started
         )
 
     def judge(self, job: Job) -> dict[str, Any] | None:
@@ -41,10 +48,15 @@ class Worker:
 
     def _stop(self) -> None:
         self.stopped = True
-        self.process.kill()
+        self.kill()
+
+    def kill(self) -> None:
+        """End the process and all that it started, compilers among them."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
 
     def close(self) -> None:
-        self.process.kill()
+        self.kill()
         self.process.communicate()  # closes its pipes
 
 
@@ -52,22 +64,32 @@ def judge_all(jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S) ->
     """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than ``limit_s`` gets none."""
     left: queue.SimpleQueue[Job] = queue.SimpleQueue()
     found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    running: list[Worker] = []
     for job in jobs:
         left.put(job)
     for _ in range(processes):
-        threading.Thread(target=_work, args=(left, found, limit_s), daemon=True).start()
-    for _ in jobs:
-        yield found.get()
+        threading.Thread(target=_work, args=(left, found, limit_s, running), daemon=True).start()
+    try:
+        for _ in jobs:
+            yield found.get()
+    finally:  # interrupted: no worker outlives who asked
+        with contextlib.suppress(queue.Empty):
+            while True:
+                left.get_nowait()
+        for worker in running:
+            worker.kill()
 
 
-def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]], limit_s: float) -> None:
+def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]], limit_s: float, running: list[Worker]) -> None:
     worker = None
     while True:
         try:
             job = left.get_nowait()
         except queue.Empty:
             break
-        worker = worker or Worker(limit_s)
+        if worker is None:
+            worker = Worker(limit_s)
+            running.append(worker)
         verdict = worker.judge(job)
         if verdict is None:
             worker.close()

@@ -117,7 +117,7 @@ def condition(table: Mapping[str, Any], where: str) -> Table:
 
 
 def read(case: Mapping[str, Any]) -> Table:
-    """A case (SI, radians, as `sepmc.campaign.Case.to_dict` gives it) with every default in place."""
+    """A case (SI, radians, as `sepmc.campaign.definition.Case.to_dict` gives it) with every default in place."""
     scene = filled(case, SCENE, "scene")
     scene["environment"] = filled(scene["environment"], ENVIRONMENT, "environment")
     wind = scene["environment"]["wind"] = filled(scene["environment"]["wind"], WIND, "environment.wind")

@@ -69,7 +69,7 @@ def report(say: Say = print, flights=FLIGHTS) -> tuple[str, bool]:
 
     Nothing agrees if no engine is installed.
     """
-    from sepmc.campaign import load  # noqa: PLC0415
+    from sepmc.campaign.campaign import load  # noqa: PLC0415
 
     engines = installed(say)
     tables = []

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
+from sepmc.campaign.settle import fly_general
 from sepmc.schema import AUDIT_BOUNDS
-from sepmc.settle import fly_general
 from sepmc.trust.flights import Flight, tensor, to_ground
 from sepmc.trust.stresses.line import EPS, Bound, Stress, judge, relative
 from sepmc.trust.stresses.scenes import AFT, FORE, OMEGA, Composite, Tree, body, fly, held, joint, make, pair, scene

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import Plan, make_plan
 from sepmc.compiler.shape import make_shape

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import Campaign
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 from sepmc.trust import references as ref
 from sepmc.trust.flights import Flight, arm, tensor

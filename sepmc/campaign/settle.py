@@ -3,20 +3,17 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sepmc import schema
-from sepmc.accuracy import decisive, errors, scales, scene_scales
+from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
+from sepmc.campaign.definition import Definition
 from sepmc.compiler.plan import make_plan
 from sepmc.door import Block, fly_block
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
 
 _FIRST = 8  # steps of a flight that are tried first
 _ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
@@ -32,7 +29,7 @@ _TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLE
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
 
 
-def fly_general(campaign: "Campaign", step: float | None, draws: np.ndarray, room: int = 0) -> Block:
+def fly_general(campaign: Definition, step: float | None, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
     width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
     block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)

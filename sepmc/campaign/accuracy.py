@@ -3,15 +3,12 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sepmc.campaign.definition import Definition
 from sepmc.scene.model import Scene
 from sepmc.schema import Column
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
 
 SMALL = 1e-4  # of the largest outcome of the same unit, and of the scene's own scale of that unit
 SAFETY = 2.0  # errors are told so many times as large as trial cases show them, for the cases that were not tried
@@ -137,7 +134,7 @@ def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
     return name, errors_by_name[name]
 
 
-def achieved(campaign: "Campaign", largest: np.ndarray, cases: int) -> Achieved:
+def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> Achieved:
     """What trial cases tell: the ``largest`` (o,) error of each outcome they show."""
     columns = campaign.outcome_columns
     told = {column.name: float(SAFETY * error) for column, error in zip(columns, largest, strict=True)}

@@ -9,19 +9,18 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
-from sepmc import cases, schema, store
-from sepmc.accuracy import SAFETY, Achieved
-from sepmc.flight import Flight, Say, fly, history_rows
-from sepmc.remarks import unmet, unsettled
+from sepmc import schema
+from sepmc.campaign import cases, store
+from sepmc.campaign.accuracy import SAFETY, Achieved
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.flight import Flight, Say, fly, history_rows
+from sepmc.campaign.remarks import unmet, unsettled
+from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 from sepmc.schema import Status
-from sepmc.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
 
 _FIRST = 256  # cases flown first, to see how long they take
 _CALL_S = 0.5  # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about so long
@@ -34,7 +33,7 @@ class Chunks:
 
     def __init__(
         self,
-        campaign: "Campaign",
+        campaign: Definition,
         flight: Flight,
         seed: int,
         total: int,

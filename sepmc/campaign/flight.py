@@ -2,19 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sepmc.accuracy import SMALL, Achieved, decisive, errors, scene_scales
+from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.settle import Settled, first_step, fly_general, settle
 from sepmc.door import Again, Block, fly_specialised, warm_up
+from sepmc.kernels.kernel import Kernel
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
-from sepmc.settle import Settled, first_step, fly_general, settle
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
-    from sepmc.kernels.pieces import Kernel
 
 SAFE = 0.5  # share of the accuracy asked for that trial cases may use
 
@@ -27,14 +24,14 @@ class Flight:
 
     ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages`` (phases, and
     joints that are late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is that of the general one. ``scale`` (o,)
-    is what errors of small outcomes are taken relative to, see `sepmc.accuracy.errors`. ``limits`` (g,) are what guards of a case may
-    be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their
+    is what errors of small outcomes are taken relative to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case
+    may be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their
     columns: at a right angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases,
     ``achieved`` what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
     """
 
     why: list[str] = field(default_factory=list)
-    kernel: "Kernel | None" = None
+    kernel: Kernel | None = None
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
     stages: list[str] = field(default_factory=list)
@@ -54,7 +51,7 @@ class Flight:
         return replace(self, step=self.step / times) if self.step else self
 
 
-def fly(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
+def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
     """Fly draws (n, d), SI. Cases harder than any trial case are flown again at shorter steps; those that a specialised kernel cannot
     vouch for by the general one; those with a draw that is not finite by none."""
     block = fly_once(campaign, flight, draws, room)
@@ -78,7 +75,7 @@ def history_rows(scene: Scene) -> int:
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
-def fly_once(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
+def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step, draws, room)
@@ -97,7 +94,7 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
 
 
 def _fly_hard(
-    campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray
+    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray
 ) -> tuple[Again, np.ndarray]:
     """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to
     learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
@@ -121,7 +118,7 @@ def _fly_hard(
     return Again(_largest(change[held]), finer=int(np.count_nonzero(held))), hard[~held]
 
 
-def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:
+def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:
     """Fly the cases ``lost`` by the general kernel into their rows of ``block``, each at a step at which it has settled."""
     assert flight.steps is not None
     assert flight.usual is not None
@@ -133,7 +130,7 @@ def _fly_lost(campaign: "Campaign", flight: Flight, draws: np.ndarray, room: int
 
 
 def _settle(
-    campaign: "Campaign", flight: Flight, block: Block, which: np.ndarray, step: float, flown: Callable[[float, np.ndarray], Block]
+    campaign: Definition, flight: Flight, block: Block, which: np.ndarray, step: float, flown: Callable[[float, np.ndarray], Block]
 ) -> Settled:
     """Fly cases into their rows of a block, by ``flown`` (step, cases), at half the step and so on until they have settled."""
     columns = campaign.outcome_columns

@@ -3,19 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
 
-from sepmc import __version__, store
+from sepmc import __version__
 from sepmc.analysis.rows import Rows, summarise
 from sepmc.analysis.stream import Stream
+from sepmc.campaign import store
+from sepmc.campaign.definition import Definition
 from sepmc.door import Block
 from sepmc.schema import Column, Status
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
 
 _LABELS = [status.label for status in Status]
 
@@ -49,7 +48,7 @@ class Sink(Protocol):
 class InMemory:
     """Keeps all rows."""
 
-    campaign: "Campaign"
+    campaign: Definition
     separation: list[Column]
     parts: list[dict[str, np.ndarray]] = field(default_factory=list)
     histories: list[dict[str, np.ndarray]] = field(default_factory=list)
@@ -68,7 +67,7 @@ class InMemory:
 class InFolder:
     """Writes a part of cases, and one of histories, for every list of pieces."""
 
-    campaign: "Campaign"
+    campaign: Definition
     separation: list[Column]
     folder: Path
     seed: int
@@ -95,7 +94,7 @@ class InFolder:
 class InStatistics:
     """Counts cases and lets them go."""
 
-    def __init__(self, campaign: "Campaign"):
+    def __init__(self, campaign: Definition):
         self.campaign = campaign
         self.stream = Stream(*campaign.summarised)
 
@@ -111,7 +110,7 @@ def _codes(pieces: list[Piece]) -> np.ndarray:
     return np.concatenate([piece.block.status for piece in pieces])
 
 
-def _results(campaign: "Campaign", pieces: list[Piece]) -> np.ndarray:
+def _results(campaign: Definition, pieces: list[Piece]) -> np.ndarray:
     """Outcomes and audit columns in their units, shape (columns, cases), each column contiguous."""
     scale = np.array([[column.scale] for column in campaign.result_columns])
     results = np.empty((len(scale), sum(len(piece.drawn) for piece in pieces)))
@@ -123,7 +122,7 @@ def _results(campaign: "Campaign", pieces: list[Piece]) -> np.ndarray:
     return results
 
 
-def _table(campaign: "Campaign", pieces: list[Piece]) -> dict[str, Any]:
+def _table(campaign: Definition, pieces: list[Piece]) -> dict[str, Any]:
     """The case table of pieces, its status still to be put in."""
     first, results = pieces[0].first, _results(campaign, pieces)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}

@@ -1,19 +1,15 @@
 """What a person should know of a campaign that is flown: an accuracy that is not met, a nominal case that goes together, not apart."""
 
-from typing import TYPE_CHECKING
-
-from sepmc.accuracy import Achieved, scene_scales
+from sepmc.campaign.accuracy import Achieved, scene_scales
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.flight import Flight
 from sepmc.scene.model import Scene
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
-    from sepmc.flight import Flight
 
 _NAMED = 3  # outcomes that a sentence names
 _TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each other than that did not separate
 
 
-def remarks(campaign: "Campaign", flight: "Flight") -> list[str]:
+def remarks(campaign: Definition, flight: Flight) -> list[str]:
     """Sentences on the scene of a campaign, from the flight of its nominal case."""
     if flight.nominal is None:
         return []

@@ -1,16 +1,13 @@
 """Search for the fewest steps of a specialised kernel: in every phase, such that some cases come within a goal of a reference."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sepmc.accuracy import errors
+from sepmc.campaign.accuracy import errors
+from sepmc.campaign.definition import Definition
 from sepmc.door import fly_specialised
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
-    from sepmc.kernels.pieces import Kernel
+from sepmc.kernels.kernel import Kernel
 
 _MOST_STEPS = 2048  # of a phase
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
@@ -18,7 +15,7 @@ _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
 
 
-def usual_phases(campaign: "Campaign", kernel: "Kernel", draws: np.ndarray) -> np.ndarray | None:
+def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
     usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2, dtype=np.int64)
     while steps.max() <= _MOST_STEPS:

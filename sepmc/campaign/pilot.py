@@ -5,26 +5,23 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sepmc import cases
-from sepmc.accuracy import SAFETY, SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
+from sepmc.campaign import cases
+from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.flight import SAFE, Flight, Say, fly, fly_once, history_rows
+from sepmc.campaign.remarks import remarks
+from sepmc.campaign.search import Search, usual_phases
+from sepmc.campaign.settle import DEEP, HALVINGS, changes, first_step, fly_general, settle, settled_step
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
-from sepmc.flight import SAFE, Flight, Say, fly, fly_once, history_rows
-from sepmc.remarks import remarks
+from sepmc.kernels.kernel import Kernel
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
-from sepmc.search import Search, usual_phases
-from sepmc.settle import DEEP, HALVINGS, changes, first_step, fly_general, settle, settled_step
-
-if TYPE_CHECKING:
-    from sepmc.campaign import Campaign
-    from sepmc.kernels.pieces import Kernel
 
 CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
 SAMPLE = 512  # trial cases drawn from the laws
@@ -41,23 +38,23 @@ _ALIKE_LOADS = 0.2  # of a guard of joint loads: what turns within a step is see
 _FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
 
-def reasons(campaign: "Campaign") -> list[str]:
+def reasons(campaign: Definition) -> list[str]:
     """Why a campaign is flown by the general kernel; empty if a kernel of its own flies it."""
     return shape.reasons(campaign.plan, campaign.dispersed)
 
 
-def kernel_text(campaign: "Campaign", method: str | None = None, history: bool = False) -> str:
+def kernel_text(campaign: Definition, method: str | None = None, history: bool = False) -> str:
     """The kernel written for a campaign, as a Python module."""
     return emit(shape.make_shape(campaign.plan, campaign.dispersed), method or campaign.scene.solver.method, history)
 
 
-def stage_names(campaign: "Campaign") -> list[str]:
+def stage_names(campaign: Definition) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
     found = shape.make_shape(campaign.plan, campaign.dispersed)
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
 
 
-def corners(campaign: "Campaign") -> np.ndarray:
+def corners(campaign: Definition) -> np.ndarray:
     """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses.
 
     Angles that spread over more than a quarter turn are spaced over all of it instead, and discrete laws take every value they
@@ -80,7 +77,7 @@ def corners(campaign: "Campaign") -> np.ndarray:
     return table * campaign.factors
 
 
-def sample(campaign: "Campaign", count: int) -> np.ndarray:
+def sample(campaign: Definition, count: int) -> np.ndarray:
     """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in random order (a Latin hypercube).
 
     In the second half all values of a discrete law are equally frequent.
@@ -117,7 +114,7 @@ def _is_wide(law: Dispersion) -> bool:
     return bool(high - low > _WIDE)
 
 
-def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | None = None) -> Flight:
+def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
     why = reasons(campaign)
     if not why:
@@ -133,14 +130,14 @@ def plan_flight(campaign: "Campaign", history: bool = False, announce: Say | Non
     return _finished(campaign, found, history)
 
 
-def _finished(campaign: "Campaign", found: Flight, history: bool) -> Flight:
+def _finished(campaign: Definition, found: Flight, history: bool) -> Flight:
     """The flight with what is to be told of its nominal case and of histories."""
     if history and campaign.scene.joint and found.achieved is not None:
         found = replace(found, achieved=replace(found.achieved, history=SAFETY * _history_error(campaign, found)))
     return replace(found, notes=remarks(campaign, found))
 
 
-def _history_error(campaign: "Campaign", found: Flight) -> float:
+def _history_error(campaign: Definition, found: Flight) -> float:
     """Largest error of separation speed and distance between the ends of steps, over corners: a step's interpolation is of a lower
     order than the step. Relative to size or scale as the outcomes are."""
     assert found.scale is not None
@@ -155,7 +152,7 @@ def _history_error(campaign: "Campaign", found: Flight) -> float:
     return float(errors(*there, scale).max(initial=0.0))
 
 
-def _trials(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
+def _trials(campaign: Definition) -> tuple[np.ndarray, np.ndarray]:
     """Corners, and a sample of the laws, that the general kernel flies first."""
     if not campaign.file.dispersions:
         return np.empty((1, 0)), np.empty((0, 0))
@@ -168,7 +165,7 @@ def _tell_trials(announce: Say | None) -> None:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None = None) -> Flight | None:
+def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = None) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
     first, usual = len(tried), usual_phases(campaign, kernel, tried)
@@ -217,7 +214,7 @@ def _choose_steps(campaign: "Campaign", kernel: "Kernel", announce: Say | None =
     return Flight([], kernel, steps, usual, stage_names(campaign), None, scale, limits, angles, error, told, nominal)
 
 
-def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
+def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
     assert trials.guards is not None
     sound = trials.guards[(trials.status == Status.OK) & ~np.isnan(trials.guards).any(axis=1)]
@@ -235,7 +232,7 @@ def _limits(campaign: "Campaign", trials: Block, general: bool) -> np.ndarray:
     return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
 
 
-def _angles(campaign: "Campaign", trials: Block) -> dict[int, float]:
+def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
     """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or pitch and roll, goes with one over the
     cosine."""
     found = {}
@@ -246,7 +243,7 @@ def _angles(campaign: "Campaign", trials: Block) -> dict[int, float]:
     return found
 
 
-def _doubted(campaign: "Campaign", draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _doubted(campaign: Definition, draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against the general kernel, each settled."""
     right, status = np.empty_like(outcomes), np.empty(len(draws), dtype=np.int64)
 
@@ -267,7 +264,7 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
     return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
 
 
-def choose_step(campaign: "Campaign", why: list[str], tried: np.ndarray, drawn: np.ndarray) -> Flight:
+def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: np.ndarray) -> Flight:
     """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given.
 
     tried : draws (n, d), SI, that decide; drawn : draws that the step is then held against, the worst of which join those that decide

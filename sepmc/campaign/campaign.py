@@ -1,35 +1,31 @@
-"""A campaign: a scene, what varies in it and how it is run. The Python interface."""
+"""The Python interface: a campaign is read and flown, what it gave is read, any case of it is flown alone."""
 
-import hashlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pandas as pd
 
-from sepmc import cases, schema, store
-from sepmc.chunks import Chunks
-from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.compiler.shape import reasons
+from sepmc import schema
+from sepmc.campaign import store
+from sepmc.campaign.accuracy import Achieved
+from sepmc.campaign.chunks import Chunks
+from sepmc.campaign.definition import Case, Definition
+from sepmc.campaign.flight import Flight
+from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.remarks import together
+from sepmc.campaign.settle import settle_case
+from sepmc.campaign.sinks import Kept
+from sepmc.compiler.plan import make_plan
 from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
 from sepmc.kernels.layout import FULL_HISTORY
-from sepmc.pilot import plan_flight
-from sepmc.remarks import together
-from sepmc.result import Result
-from sepmc.scene import parameters
-from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.fields import convert
 from sepmc.scene.messages import InputError
-from sepmc.scene.model import Scene
-from sepmc.scene.read import CampaignFile, parse_campaign, read_campaign
-from sepmc.scene.units import unit_text
-from sepmc.schema import Column, Status
-from sepmc.settle import settle_case
+from sepmc.scene.read import parse_campaign, read_campaign
+from sepmc.schema import Status
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
@@ -52,131 +48,89 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
     return Campaign(read_campaign(path, settings))
 
 
-@dataclass(frozen=True)
-class Case:
-    """One case, fully resolved.
+@dataclass(repr=False)
+class Result:
+    """What a campaign gave.
 
-    ``scene`` holds its values in SI; ``inputs`` the dispersed ones, by column, in the units of the campaign file.
+    Rows of a run into a folder are read from there when they are asked for; a run without one keeps them in memory. ``timing`` is in
+    seconds by stage: compile, sample, kernel, write; the last goes on while the kernel flies, so the sum can exceed the time taken.
+    ``flight`` is how it was flown, ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
+    nominal case that goes together instead of apart.
     """
 
-    number: int
-    scene: Scene
-    inputs: dict[str, float]
+    campaign: "Campaign"
+    kept: Kept
+    timing: dict[str, float]
+    seed: int
+    folder: Path | None = None
+    notes: list[str] = field(default_factory=list)
+    flight: Flight | None = None
+    accuracy: Achieved | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """The scene as plain nested dicts and lists, SI and radians; what is not set is left out."""
-        return _set_only(msgspec.to_builtins(self.scene))
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {label}" for label, count in self.status_counts.items() if count)
+        return f"<Result of {self.campaign.name}, seed {self.seed}: {counts}{f', in {self.folder}' if self.folder else ''}>"
+
+    @property
+    def table(self) -> dict[str, np.ndarray]:
+        """The case table by column. Raises ValueError if no rows were kept."""
+        return dict(self._rows())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
+
+        Raises
+        ------
+        ValueError
+            If only statistics were kept, ``stats_only=True``.
+        """
+        return pd.DataFrame(self.table)
+
+    def histories(self) -> pd.DataFrame | None:
+        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s`` is 0."""
+        self._rows()
+        if self.folder:
+            return store.read_histories(self.folder)
+        return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
+
+    def statistics(self) -> pd.DataFrame:
+        """Statistics of every outcome; see `sepmc.analysis.statistics.statistics`."""
+        table = self.kept.summary.statistics(self.campaign.reference)
+        if self.accuracy:
+            table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
+        return table
+
+    def case(self, number: int) -> Case:
+        """Case ``number`` as it was flown here, fully resolved in SI."""
+        return self.campaign.case(number, self.seed)
+
+    @property
+    def outcomes(self) -> list[str]:
+        """Names of the outcome columns."""
+        return [column.name for column in self.campaign.outcome_columns]
+
+    @property
+    def units(self) -> dict[str, str]:
+        return {column.name: column.unit for column in self.campaign.columns}
+
+    @property
+    def status_counts(self) -> dict[str, int]:
+        return {label: count for label, count in self.kept.summary.counts.items() if count}
+
+    def _rows(self) -> Mapping[str, np.ndarray]:
+        if self.kept.rows is None:
+            raise InputError(
+                "this run kept statistics only, so it has no rows; run without stats_only, or fly single cases by case(number)"
+            )
+        return self.kept.rows
 
 
-def _set_only(node: Any) -> Any:
-    if isinstance(node, dict):
-        return {key: _set_only(value) for key, value in node.items() if value is not None}
-    return [_set_only(item) for item in node] if isinstance(node, list | tuple) else node
-
-
-class Campaign:
+class Campaign(Definition):
     """A scene, its dispersions and its run settings, ready to fly."""
-
-    def __init__(self, file: CampaignFile):
-        self.file = file
-
-    @property
-    def name(self) -> str:
-        return self.file.name
-
-    @property
-    def scene(self) -> Scene:
-        return self.file.scene
-
-    @cached_property
-    def plan(self) -> Plan:
-        plan = make_plan(self.scene, dispersed=self.dispersed)
-        return replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
-
-    @cached_property
-    def dispersed(self) -> frozenset[str]:
-        """Paths of the parameters that vary."""
-        return frozenset(d.parameter.path for d in self.file.dispersions)
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""
         return Campaign(parse_campaign(self.file.tree, self.name, settings, self.name))
-
-    @property
-    def reference(self) -> dict[str, dict[str, float]] | None:
-        """Statistics to compare with, by outcome: those given of mean, sigma, min, max."""
-        if self.file.reference is None:
-            return None
-        outcome = msgspec.to_builtins(self.file.reference.outcome)
-        return {name: {k: v for k, v in row.items() if v is not None} for name, row in outcome.items()}
-
-    @cached_property
-    def input_columns(self) -> list[Column]:
-        return [Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence) for d in self.file.dispersions]
-
-    @cached_property
-    def outcome_columns(self) -> list[Column]:
-        return schema.outcome_columns(self.plan.contents)
-
-    @cached_property
-    def result_columns(self) -> list[Column]:
-        """All that the kernel writes of a case, in its order."""
-        return schema.result_columns(self.plan.contents)
-
-    @cached_property
-    def columns(self) -> list[Column]:
-        """Columns of the case table."""
-        head = [Column("case", "1", "number of the case"), Column("status", "", "ok, or why the case failed")]
-        return [*head, *self.input_columns, *self.result_columns]
-
-    @property
-    def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
-        """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
-        audits = schema.audit_columns(self.plan.contents.specialised)
-        return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
-
-    @cached_property
-    def slots(self) -> np.ndarray:
-        """Places of the dispersed parameters in the kernel's vector."""
-        return np.array([self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64)
-
-    @cached_property
-    def factors(self) -> np.ndarray:
-        return np.array([d.parameter.factor for d in self.file.dispersions])
-
-    def in_si(self, drawn: np.ndarray) -> np.ndarray:
-        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where a law's tail reaches what may not be."""
-        draws = drawn * self.factors
-        for i, dispersion in enumerate(self.file.dispersions):
-            if dispersion.has_tails:
-                draws[~dispersion.allowed(drawn[:, i]), i] = np.nan
-        return draws
-
-    @property
-    def digest(self) -> str:
-        """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal rows."""
-        tree = {k: v for k, v in self.file.tree.items() if k not in ("title", "reference", "name")}
-        tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")}
-        return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
-
-    def case(self, number: int, seed: int | None = None) -> Case:
-        """Case ``number`` of the campaign, fully resolved in SI, drawn without the others."""
-        number = whole("case", number, 0)
-        drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
-        values = {d.parameter.path: float(x) for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)}
-        return Case(
-            number,
-            parameters.replace(self.nominal().scene, values),
-            {c.name: float(x) for c, x in zip(self.input_columns, drawn, strict=True)},
-        )
-
-    def nominal(self) -> Case:
-        """The case without dispersion, number -1. What all cases share is pinned: the zero of ``alpha_ref``, the sign of apart."""
-        initial = self.scene.initial
-        if initial.path_reference is None:
-            initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
-        joints = {name: msgspec.structs.replace(joint, apart=apart(self.scene, name)) for name, joint in self.scene.joint.items()}
-        return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def simulate(self, case: Case | None = None, step_s: float = 0.001) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
@@ -226,25 +180,6 @@ class Campaign:
                 why = convert(value * parameter.factor, field.type)[1]
                 found += [f"{parameter.key} = {value:g}: {why}"] if why else []
         return found
-
-    def _seed(self, seed: int | None) -> int:
-        return self.scene.run.seed if seed is None else whole("seed", seed, 0)
-
-    def implausible_inertias(self, drawn: np.ndarray) -> int:
-        """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle inequality."""
-        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
-        broken = np.zeros(len(drawn), dtype=bool)
-        for name in self.scene.body:
-            prefixes = (f"body.{name}.inertia.", f"body.{name}.inertia_products.")
-            if any(path.startswith(prefixes) for path in place):
-                values = {
-                    path: drawn[:, place[path]] * self.factors[place[path]] if path in place else parameters.value(self.scene, path)
-                    for path in (prefix + part for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True) for part in parts)
-                }
-                tensors = np.moveaxis(tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
-                principal = np.linalg.eigvalsh(tensors)
-                broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
-        return int(np.count_nonzero(broken))
 
     def run(
         self,
@@ -341,6 +276,3 @@ class Campaign:
         if len(done) and done[-1] >= total:
             raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")
         return done
-
-
-_TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))

@@ -1,0 +1,165 @@
+"""What a campaign is: a scene, what varies in it, and what follows from both, columns and draws among them. It knows no flight."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from sepmc import schema
+from sepmc.campaign import cases
+from sepmc.compiler.plan import Plan, apart, make_plan
+from sepmc.compiler.shape import reasons
+from sepmc.door import whole
+from sepmc.scene import parameters
+from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.model import Scene
+from sepmc.scene.read import CampaignFile
+from sepmc.scene.units import unit_text
+from sepmc.schema import Column
+
+_TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case, fully resolved.
+
+    ``scene`` holds its values in SI; ``inputs`` the dispersed ones, by column, in the units of the campaign file.
+    """
+
+    number: int
+    scene: Scene
+    inputs: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scene as plain nested dicts and lists, SI and radians; what is not set is left out."""
+        return _set_only(msgspec.to_builtins(self.scene))
+
+
+def _set_only(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {key: _set_only(value) for key, value in node.items() if value is not None}
+    return [_set_only(item) for item in node] if isinstance(node, list | tuple) else node
+
+
+class Definition:
+    """A scene, its dispersions and its run settings, as a file gives them."""
+
+    def __init__(self, file: CampaignFile):
+        self.file = file
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    @property
+    def scene(self) -> Scene:
+        return self.file.scene
+
+    @cached_property
+    def plan(self) -> Plan:
+        plan = make_plan(self.scene, dispersed=self.dispersed)
+        return replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
+
+    @cached_property
+    def dispersed(self) -> frozenset[str]:
+        """Paths of the parameters that vary."""
+        return frozenset(d.parameter.path for d in self.file.dispersions)
+
+    @property
+    def reference(self) -> dict[str, dict[str, float]] | None:
+        """Statistics to compare with, by outcome: those given of mean, sigma, min, max."""
+        if self.file.reference is None:
+            return None
+        outcome = msgspec.to_builtins(self.file.reference.outcome)
+        return {name: {k: v for k, v in row.items() if v is not None} for name, row in outcome.items()}
+
+    @cached_property
+    def input_columns(self) -> list[Column]:
+        return [Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence) for d in self.file.dispersions]
+
+    @cached_property
+    def outcome_columns(self) -> list[Column]:
+        return schema.outcome_columns(self.plan.contents)
+
+    @cached_property
+    def result_columns(self) -> list[Column]:
+        """All that the kernel writes of a case, in its order."""
+        return schema.result_columns(self.plan.contents)
+
+    @cached_property
+    def columns(self) -> list[Column]:
+        """Columns of the case table."""
+        head = [Column("case", "1", "number of the case"), Column("status", "", "ok, or why the case failed")]
+        return [*head, *self.input_columns, *self.result_columns]
+
+    @property
+    def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
+        """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
+        audits = schema.audit_columns(self.plan.contents.specialised)
+        return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
+
+    @cached_property
+    def slots(self) -> np.ndarray:
+        """Places of the dispersed parameters in the kernel's vector."""
+        return np.array([self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64)
+
+    @cached_property
+    def factors(self) -> np.ndarray:
+        return np.array([d.parameter.factor for d in self.file.dispersions])
+
+    def in_si(self, drawn: np.ndarray) -> np.ndarray:
+        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where a law's tail reaches what may not be."""
+        draws = drawn * self.factors
+        for i, dispersion in enumerate(self.file.dispersions):
+            if dispersion.has_tails:
+                draws[~dispersion.allowed(drawn[:, i]), i] = np.nan
+        return draws
+
+    @property
+    def digest(self) -> str:
+        """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal rows."""
+        tree = {k: v for k, v in self.file.tree.items() if k not in ("title", "reference", "name")}
+        tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")}
+        return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
+
+    def case(self, number: int, seed: int | None = None) -> Case:
+        """Case ``number`` of the campaign, fully resolved in SI, drawn without the others."""
+        number = whole("case", number, 0)
+        drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
+        values = {d.parameter.path: float(x) for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)}
+        return Case(
+            number,
+            parameters.replace(self.nominal().scene, values),
+            {c.name: float(x) for c, x in zip(self.input_columns, drawn, strict=True)},
+        )
+
+    def nominal(self) -> Case:
+        """The case without dispersion, number -1. What all cases share is pinned: the zero of ``alpha_ref``, the sign of apart."""
+        initial = self.scene.initial
+        if initial.path_reference is None:
+            initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
+        joints = {name: msgspec.structs.replace(joint, apart=apart(self.scene, name)) for name, joint in self.scene.joint.items()}
+        return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
+
+    def _seed(self, seed: int | None) -> int:
+        return self.scene.run.seed if seed is None else whole("seed", seed, 0)
+
+    def implausible_inertias(self, drawn: np.ndarray) -> int:
+        """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle inequality."""
+        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
+        broken = np.zeros(len(drawn), dtype=bool)
+        for name in self.scene.body:
+            prefixes = (f"body.{name}.inertia.", f"body.{name}.inertia_products.")
+            if any(path.startswith(prefixes) for path in place):
+                values = {
+                    path: drawn[:, place[path]] * self.factors[place[path]] if path in place else parameters.value(self.scene, path)
+                    for path in (prefix + part for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True) for part in parts)
+                }
+                tensors = np.moveaxis(tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
+                principal = np.linalg.eigvalsh(tensors)
+                broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
+        return int(np.count_nonzero(broken))

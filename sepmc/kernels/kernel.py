@@ -1,0 +1,19 @@
+"""A written kernel as Python holds it; knows no compiler."""
+
+from dataclasses import dataclass, field
+from types import ModuleType
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last is entered, the size of its
+    workspace, and how many guards and stages it has; or a module of plain Python."""
+
+    address: int = 0
+    size: int = 0
+    calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    guards: int = 0
+    stages: int = 0
+    plain: ModuleType | None = None
