@@ -115,7 +115,7 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     forbidden = _forbidden(result.campaign, count)
     expected = np.array([[f.outcomes.get(c.name, math.nan) for c in columns] for f in flown])
     found = np.array([table[c.name] for c in columns]).T
-    spread = cache(partial(_spread, result.campaign))
+    spread = cache(partial(spread_of, result.campaign))
     found, scale = settled(found, expected, columns), sizes(expected, columns, result.campaign.scene)
     accuracy = result.accuracy
     reported = np.array([accuracy.errors.get(c.name, 0.0) if accuracy else 0.0 for c in columns])
@@ -171,7 +171,7 @@ def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
     )
 
 
-def _spread(campaign: Campaign) -> np.ndarray:
+def spread_of(campaign: Campaign) -> np.ndarray:
     """Standard deviations (o,) of outcomes over more rows than are compared: errors are reported as shares of what a campaign has."""
     table = campaign.run(cases=_OF_SPREAD).table
     rows = np.array([table[c.name] for c in campaign.outcome_columns]).T[table["status"] == "ok"]

@@ -10,7 +10,7 @@ from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign, Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
-from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes
+from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes, spread_of
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.spellings import SPELLINGS, spelt
@@ -79,10 +79,14 @@ def _off(found: Any, expected: Any, columns: list[Column], result: Result, share
     """A line if outcomes differ by more than the run reports and was asked for. Times and places of extremes, which a flat one leaves
     open, are left to the comparison of rows."""
     asked = result.accuracy.asked if result.accuracy else 0.0
+    allowed = max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more))
     off = differences(settled(found[None], expected[None], columns)[0], expected, columns)
-    off /= sizes(expected[None], columns, result.campaign.scene)[0]
+    scale = sizes(expected[None], columns, result.campaign.scene)[0]
+    if (off > allowed * scale).any() and result.campaign.file.dispersions:
+        scale = np.maximum(scale, spread_of(result.campaign))  # errors are told as shares of it too
+    off /= scale
     off[~decisive(columns)] = 0.0
     at = int(np.argmax(off))
-    if off[at] <= max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more)):
+    if off[at] <= allowed:
         return []
     return [f"{what}: {columns[at].name} = {found[at]:.9g}, not {expected[at]:.9g}, off by {off[at]:.1e}"]
