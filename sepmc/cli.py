@@ -145,17 +145,16 @@ def run(
         loaded = _load(file, settings)
         from sepmc import schema
         from sepmc.campaign import store
-        from sepmc.door import check_every, warm_up
+        from sepmc.door import check_every
 
         check_every(every_s, loaded.scene, "--every-s")
         _check_held(Path(file), number, seed)
         case = loaded.nominal() if number is None else loaded.case(number, seed)
         folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
         store.open_folder(folder, overwrite, resumable=False)
-        seconds = warm_up(say)
         start = time.perf_counter()
-        history = loaded.simulate(case, every_s)
-        seconds_flown = time.perf_counter() - start
+        history = loaded.simulate(case, every_s, say)
+        seconds = time.perf_counter() - start
         meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
         store.write_history(folder, history, meanings)
         store.write_text(folder / store.CAMPAIGN, loaded.file.toml)
@@ -166,6 +165,7 @@ def run(
             "seed": None if number is None else loaded.scene.run.seed if seed is None else seed,
             "inputs": case.inputs,
             "status": history.attrs["status"],
+            "kernel": history.attrs["kernel"],
             "outcomes": history.attrs["outcomes"],
             "notes": history.attrs["notes"],
             "bodies": loaded.plan.bodies,
@@ -181,7 +181,8 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for note in history.attrs["notes"]:
             click.echo(f"warning: {note}", err=True)
-        say(f"compile {seconds:.2f} s, flight {seconds_flown:.3f} s, {len(history)} rows")
+        how = "by the kernel written for it, in plain Python" if history.attrs["kernel"] == "written" else "by the general kernel"
+        say(f"flown {how}, in {seconds:.2f} s; {len(history)} rows")
         if not no_plots:
             from sepmc.report.figures import run_figures
 

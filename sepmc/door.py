@@ -92,17 +92,33 @@ def fly_specialised(
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
-    every = plan.tableau.history_step
+    _call(kernel, plan, steps, usual, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
+    times = np.broadcast_to(np.arange(room) * plan.tableau.history_step, (n, room))
+    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
+    block = Block(outcomes[: len(columns)].T, status, times, phases, history, np.full(n, room), outcomes[len(columns) :].T)
+    return block, ends
+
+
+def fly_everything(
+    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
+) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
+    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI, whether the kernel vouches for
+    them, the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
+    columns, none = len(schema.result_columns(replace(plan.contents, specialised=True))), np.empty(0, dtype=np.int64)
+    outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
+    history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
+    _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
+    return outcomes[:columns, 0], bool(status[0] == 0), ends[:, 0], history[0]
+
+
+def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
+    """One call of the door of written kernels."""
     from sepmc.kernels.blocks import fly  # noqa: PLC0415
 
     model, nominal, drawn = plan.model, np.ascontiguousarray(plan.nominal), np.ascontiguousarray(draws.T)
     fly(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, usual, every, outcomes, ends, history, status,
     )  # fmt: skip
-    times = np.broadcast_to(np.arange(room) * every, (n, room))
-    phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
-    block = Block(outcomes[: len(columns)].T, status, times, phases, history, np.full(n, room), outcomes[len(columns) :].T)
-    return block, ends
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:

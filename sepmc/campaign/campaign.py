@@ -17,11 +17,9 @@ from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
-from sepmc.campaign.settle import settle_case
+from sepmc.campaign.single import fly_single, fly_single_generally
 from sepmc.campaign.sinks import Kept
-from sepmc.compiler.plan import make_plan
-from sepmc.door import check_every, check_threads, fly_block, use_threads, warm_up, whole
-from sepmc.kernels.layout import FULL_HISTORY
+from sepmc.door import check_every, check_threads, use_threads, warm_up, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.messages import InputError
 from sepmc.scene.read import parse_campaign, read_campaign
@@ -132,41 +130,38 @@ class Campaign(Definition):
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""
         return Campaign(parse_campaign(self.file.tree, self.name, settings, self.name))
 
-    def simulate(self, case: Case | None = None, step_s: float = 0.001) -> pd.DataFrame:
+    def simulate(self, case: Case | None = None, step_s: float = 0.001, announce: Callable[[str], None] | None = None) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
 
-        Flown by the general kernel: at ``solver.step_s``, or else at a step at which two halvings in a row changed no outcome by more
-        than ``solver.accuracy``. Its outcomes are then those of the campaign's row to that accuracy.
+        Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no outcome by more than ``solver.accuracy``:
+        by the kernel written for the scene, as plain Python, or by the general one, whose compiling ``announce`` is told of. Its
+        outcomes are those of the campaign's row to that accuracy.
 
         Returns
         -------
         history : DataFrame
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
-            the case, its ``status`` and ``notes``, sentences on what deserves a look.
+            the case, its ``status``, the ``kernel`` that flew it, and ``notes``, sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
-        warm_up()
-        scene = (case or self.nominal()).scene
-        unfit = self._unfit(case)
-        step, notes = (scene.solver.step, []) if scene.solver.step or unfit else settle_case(scene, self.outcome_columns)
-        plan = make_plan(scene, history_step=step_s, step=step)
-        columns = schema.history_columns(plan.contents)
-        counts = plan.model.scene[0]
-        changes = counts.n_events + counts.n_joints * (counts.n_phases + counts.n_releases)  # each with a row before and one after
-        room = int(plan.scene.run.end_time / step_s) + 2 * int(changes) + 4
-        block = fly_block(plan, self.slots[: len(unfit)], np.full((1, len(unfit)), np.nan), room, len(columns), FULL_HISTORY)
-        rows = int(block.rows[0])
-        data: dict[str, Any] = {"time_s": block.times[0, :rows], "phase": [plan.phases[p] for p in block.phases[0, :rows]]}
-        data |= {c.name: block.history[0, :rows, i] * c.scale for i, c in enumerate(columns)}
+        scene, unfit = (case or self.nominal()).scene, self._unfit(case)
+        found = None if scene.solver.step or unfit else fly_single(scene, self.outcome_columns, step_s)
+        if found is None:
+            warm_up(announce)
+            found = fly_single_generally(scene, self.outcome_columns, step_s, self.slots[: len(unfit)])
+        columns = schema.history_columns(found.plan.contents)
+        data: dict[str, Any] = {"time_s": found.times, "phase": [found.plan.phases[p] for p in found.phases]}
+        data |= {c.name: found.rows[:, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
-        found = schema.result_columns(plan.contents)
-        outcomes = {c.name: float(x * c.scale) for c, x in zip(found, block.outcomes[0], strict=True)}
+        results = schema.result_columns(found.plan.contents)
+        outcomes = {c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)}
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": outcomes,
-            "status": Status(int(block.status[0])).label,
-            "notes": unfit + notes + together(scene, outcomes, which),
+            "status": found.status.label,
+            "kernel": found.kernel,
+            "notes": unfit + found.notes + together(scene, outcomes, which),
         }
         return frame
 

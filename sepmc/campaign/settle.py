@@ -100,25 +100,34 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
 
 
 def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
-    """Step, s, at which the outcomes of one case, as ``scene`` has it, have settled to its accuracy; and what is to be told of that."""
-    units, decides = [c.unit for c in columns], decisive(columns)
+    """Step, s, of the general kernel at which the outcomes of one case, as ``scene`` has it, have settled to its accuracy; and what is
+    to be told of that."""
     none = np.empty(0, dtype=np.int64)
 
     def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         block = fly_block(make_plan(scene, step=step), none, np.empty((len(which), 0)), 0, 0, NO_HISTORY)
-        return block.outcomes[:, : len(units)], block.status
+        return block.outcomes[:, : len(columns)], block.status
 
-    step, one, goal = first_step(scene), np.zeros(1, dtype=np.int64), scene.solver.accuracy
+    return settle_one(flown, first_step(scene), scene, columns, DEEP)
+
+
+def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column], deep: int = 1) -> tuple[float, list[str]]:
+    """The longest of ``step``, half of it, ... at which one case has settled, and also against one ``deep`` times as short; what is to be
+    told of that. ``fly`` takes a step and the case, number 0."""
+    units, decides = [c.unit for c in columns], decisive(columns)
+    one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
-    scale = scales(flown(step, one)[0], units, scene_scales(scene, units))
+    scale = scales(fly(step, one)[0], units, scene_scales(scene, units))
     while True:
-        found = settle(flown, 1, step, goal, scale, decides)
+        found = settle(fly, 1, step, goal, scale, decides)
         step = float(found.step[0])
-        deep = changes(*flown(step, one), *flown(step / DEEP, one), scale, decides)[0]
-        change = np.where(decides, np.maximum(deep, found.change[0]), 0.0)
+        change = np.where(decides, found.change[0], 0.0)
+        if deep > 1:
+            finer = changes(*fly(step, one), *fly(step / deep, one), scale, decides)[0]
+            change = np.where(decides, np.maximum(change, finer), 0.0)
         if found.settled[0] and change.max() <= goal:
             return step, []
-        step /= DEEP if found.settled[0] else 2.0
+        step /= deep if found.settled[0] and deep > 1 else 2.0
         if step < least:
             break
     worst = int(change.argmax())

@@ -20,7 +20,7 @@ class Context:
 
     shape: Shape
     method: Method
-    history: bool
+    history: int  # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of `sepmc.kernels.layout`
     slabs: Slabs = field(default_factory=Slabs)
 
     def __post_init__(self):
@@ -52,7 +52,7 @@ class Context:
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""
-        return self.history or self.watches(stage) or bool(self.counted(stage)) or stage.breaks is not None
+        return bool(self.history) or self.watches(stage) or bool(self.counted(stage)) or stage.breaks is not None
 
     @property
     def extends(self) -> bool:

@@ -19,6 +19,7 @@ from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit
 from sepmc.compiler.tables import looks_up
 from sepmc.compiler.text import Text
 from sepmc.compiler.watch import emit_watch
+from sepmc.kernels.layout import FULL_HISTORY, NO_HISTORY
 from sepmc.kernels.methods import method
 
 _HEADER = '''"""{title}
@@ -40,6 +41,7 @@ from sepmc.kernels.elementary import arctan2
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
 from sepmc.kernels.layout import Model
+from sepmc.kernels.layout import FULL_HISTORY, NO_HISTORY
 from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
 from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
@@ -50,9 +52,10 @@ from sepmc.kernels.wind import wind
 '''
 
 
-def emit(shape: Shape, method_name: str, history: bool = False) -> str:
-    """Text of the module that flies scenes of a shape with a Runge-Kutta method; with ``history``, it also writes separations over time."""
-    context = Context(shape, method(method_name), history and bool(shape.scene.joint))
+def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
+    """Text of the module that flies scenes of a shape with a Runge-Kutta method; ``history`` is what it also writes over time: nothing,
+    separations (`SEPARATION_HISTORY`), or all there is to know (`FULL_HISTORY`)."""
+    context = Context(shape, method(method_name), history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY)
     body = _body(context)  # first: the head names all slabs that its parts add
     return "\n".join(_head(context).lines + body.lines) + "\n"
 

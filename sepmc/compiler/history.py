@@ -1,17 +1,31 @@
-"""Lines of a specialised kernel that write separations over time."""
+"""Lines of a written kernel that write what is so over time: separations, or all there is to know."""
+
+from typing import Any
 
 from sepmc.compiler.context import Context, part
+from sepmc.compiler.formulas import ZERO, loads, quat, scalar, vec3
 from sepmc.compiler.geometry import State
+from sepmc.compiler.motion import make_motion
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
+from sepmc.compiler.tables import call_look_up
 from sepmc.compiler.text import Text
+from sepmc.compiler.wrenches import force_of, moment_of
+from sepmc.kernels import layout as at
+from sepmc.scene.model import GROUND
 
 
 def emit_history(out: Text, c: Context) -> None:
-    """Functions for the separations at the instants of a history."""
+    """Functions for the rows of a history."""
     for stage in c.shape.stages:
-        _separation(out, c, stage)
-    _keep(out, c)
+        if c.history == at.FULL_HISTORY:
+            _everything(out, c, stage)
+        else:
+            _separation(out, c, stage)
+    if c.history == at.FULL_HISTORY:
+        _keep_everything(out, c)
+    else:
+        _keep(out, c)
 
 
 def _separation(out: Text, c: Context, stage: Stage) -> None:
@@ -47,3 +61,62 @@ def _keep(out: Text, c: Context) -> None:
     inner("t, last = row * every, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
     inner = inner.block("if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > 0.0:")
     inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")("history[first + l, row, k] = w[APART + k * LANES + l]")
+
+
+def _everything(out: Text, c: Context, stage: Stage) -> None:
+    """A function for a row of a full history, in the order of `sepmc.schema.history_columns`."""
+    says = f"All there is to know of the state S of phase {stage.name} at the times CLOCK, into ROW."
+    text = out.function(f"row_{stage.name}(w)", says)
+    call_look_up(text, c, stage)
+    s = State(c, c.scope(), stage, "S")
+    motion, joints = make_motion(s), c.shape.scene.joint
+    row = [x for body in c.shape.bodies for x in _of_body(s, body)]
+    row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
+    origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
+    for body in c.shape.bodies:
+        row.extend(vec3.add(s.place(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity))))
+        row.extend(vec3.add(s.speed(body), s.case.velocity))
+        row.append(vec3.unrotate(s.attitude(body), motion.acceleration[body])[0])
+    for joint, held in joints.items():
+        force, moment, gap = force_of(motion, joint), moment_of(s, motion, joint), s.joint(joint).d
+        levered = moment if force is ZERO else vec3.add(moment, vec3.cross(gap, force))
+        for sign, vector in ((-1.0, force), (-1.0, levered), (1.0, force), (1.0, moment), (1.0, gap)):
+            row.extend(ZERO if vector is ZERO else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector)))
+    c.slabs.add("ROW", len(row))
+    for k, value in enumerate(row):
+        s.scope.store(part("ROW", k), value)
+    s.scope.write(text)
+
+
+def _of_body(s: State, body: str) -> list[Any]:
+    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body, as `sepmc.compiler.outcomes` reports them."""
+    leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
+    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
+    pitch, roll = case.number(at.PITCH), case.number(at.ROLL)
+    if leader != GROUND:
+        pitch = scalar.nearest_turn(quat.pitch(attitude), s.scope.load(f"ANGLES_{leader}"))
+        roll = scalar.nearest_turn(quat.roll(attitude), s.scope.load(part(f"ANGLES_{leader}", 1)))
+    rates = ZERO if leader == GROUND else s.rate(leader)
+    return [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *rates, roll, quat.yaw(attitude), pitch]
+
+
+def _keep_everything(out: Text, c: Context) -> None:
+    """A function that writes the rows of a full history whose stage and instant are those of the step just made, all lanes alike."""
+    says = "Rows at those of the instants (time, stage) that fall within the step just made."
+    text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
+    text("instants, history = table(a, 5), block(a, 8)")
+    text = text.block("for row in range(instants.shape[0]):")
+    text("there = 0.0")
+    inner = text.lanes()
+    inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
+    inner("within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > 0.0 and instants[row, 1] == phase")
+    inner("w[WITHIN + l] = 1.0 if within else 0.0", "there += w[WITHIN + l]")
+    inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
+    c.slabs.add("WITHIN", 1)
+    text = text.block("if there > 0.0:")
+    emit_spread(text, c, "THETA")
+    text("sample(w, phase)")
+    for number, stage in enumerate(c.shape.stages):
+        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{stage.name}(w)")
+    inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block("if w[WITHIN + l] > 0.0:")
+    inner.block("for k in range(history.shape[2]):")("history[first + l, row, k] = w[ROW + k * LANES + l]")

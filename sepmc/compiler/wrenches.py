@@ -23,18 +23,18 @@ def emit_wrenches(out: Text, c: Context, stage: Stage) -> None:
     motion = make_motion(s)
     for i, joint in enumerate(c.followed):
         r = s.attitude(c.shape.scene.joint[joint].bodies[0])
-        for k, vector in enumerate((_force(motion, joint), _moment(s, motion, joint))):
+        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
     s.scope.write(text)
 
 
-def _force(motion: Motion, joint: str) -> Any:
+def force_of(motion: Motion, joint: str) -> Any:
     """Force on the second body of a joint, ground axes."""
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return add_all([vec3.scale(m, one.e) for m, one in rows if one.row.joint == joint and not one.row.turns])
 
 
-def _moment(s: State, motion: Motion, joint: str) -> Any:
+def moment_of(s: State, motion: Motion, joint: str) -> Any:
     """Moment on the second body of a joint, ground axes: what its rows of rotation do, or else what its bodies need to turn as one."""
     if joint in s.stage.welds:
         return _moment_of_weld(s, motion, joint)
@@ -48,7 +48,7 @@ def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
     if GROUND in side:  # nothing is known of what else the ground feels
-        force, gap = _force(motion, joint), s.joint(joint).d
+        force, gap = force_of(motion, joint), s.joint(joint).d
         on_first = _left_to(s, motion, joint, _side(s, joint, first))
         return vec3.scale(-1.0, add_all([on_first, ZERO if force is ZERO else vec3.cross(gap, force)]))
     return _left_to(s, motion, joint, side)

@@ -124,10 +124,24 @@ def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, usu
     lasts ``usual`` (stages,) s: a phase, or the time in which joints are late.
 
     Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0, or -1 if this kernel cannot vouch for
-    a case. If it was written for histories, also speed and distance of every joint ``every`` so many seconds, into history
-    (n, rows, 2 joints). Arrays are contiguous.
+    a case. If it was written for separations over time, also speed and distance of every joint ``every`` so many seconds, into history
+    (n, rows, 2 joints); if for full histories, ``every`` (rows, 2) holds the time and the stage of every row. Arrays are contiguous.
     """
-    arrays = (nominal, slots, draws, steps, usual, np.array([every]), outcomes, ends, history, status, scene, whole, numbers)
+    arrays = (
+        nominal,
+        slots,
+        draws,
+        steps,
+        usual,
+        np.atleast_1d(np.asarray(every, dtype=np.float64)),
+        outcomes,
+        ends,
+        history,
+        status,
+        scene,
+        whole,
+        numbers,
+    )
     if kernel.plain is not None:
         with np.errstate(all="ignore"):  # as compiled code is
             for first in range(0, draws.shape[1], kernel.plain.LANES):
@@ -135,9 +149,9 @@ def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, usu
         return
     for array in arrays:
         assert array.flags.c_contiguous
-    rows = [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays]
+    sizes = [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays]
     blocks = (draws.shape[1] + LANES - 1) // LANES
-    _fly_blocks(kernel.address, blocks, kernel.size, kernel.calls, np.array(rows, dtype=np.int64).ravel())
+    _fly_blocks(kernel.address, blocks, kernel.size, kernel.calls, np.array(sizes, dtype=np.int64).ravel())
 
 
 def compile_blocks() -> None:

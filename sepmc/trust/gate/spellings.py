@@ -1,15 +1,19 @@
 """One scene written in another way, that must fly the same: other units, names, order; joints and springs the other way round."""
 
 import copy
+import math
 from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
+from sepmc.campaign.campaign import Campaign
 from sepmc.scene.fields import fields_of
 from sepmc.scene.model import Scene
+from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
+from sepmc.trust.independent.flight import fly
 
 _TURNED = {"fixed", "slider", "revolute", "cylindrical", "spherical", "planar", "rod", "free"}
 _MAY_BE_ABSENT = "s"  # the unit of times, whose zero is written in any unit
@@ -147,12 +151,21 @@ def halved(tree: Tree, dice: Dice) -> Tree:
     return {**tree, "motor": motors}
 
 
+def _first_end(tree: Tree) -> float:
+    """When the first phase ends, s, by the independent flight."""
+    try:
+        events = fly(Campaign(parse_campaign(tree, "nominal")).nominal().to_dict(), rtol=1e-8).events
+    except ValueError:  # what it does not know
+        return math.inf
+    return min((time for time, what in events if what.startswith("phase ")), default=math.inf)
+
+
 def interrupted(tree: Tree, dice: Dice) -> Tree:
     """A boundary soon after the start at which nothing changes."""
     first, ends = tree["phase"][0], [phase.get("until", {}) for phase in tree["phase"]]
     times = [until.get("time_s", 1.0) for until in ends]
     times += [part.get("time_s", 1.0) for key in ("any", "all") for part in ends[0].get(key, [])]
-    soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"])
+    soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"], _first_end(tree))
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
 

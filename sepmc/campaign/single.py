@@ -1,0 +1,108 @@
+"""One case by itself, with all there is to know of it over time: by the kernel written for its scene, as plain Python, or by the general
+one."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sepmc import schema
+from sepmc.campaign.settle import settle_case, settle_one
+from sepmc.compiler.emit import emit
+from sepmc.compiler.plan import Plan, make_plan
+from sepmc.compiler.shape import Shape, make_shape, reasons
+from sepmc.door import fly_block, fly_everything, interpreted, specialised_kernel
+from sepmc.kernels.layout import FULL_HISTORY
+from sepmc.scene.model import Scene
+from sepmc.schema import Column, Status
+
+_FEWEST = 2  # steps of a stage that are tried first
+_HOPELESS = 16  # with so many, a case that the kernel does not vouch for is none of its cases
+_SAME_TIME = 1e-12  # s
+
+
+@dataclass
+class Single:
+    """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times`` (n,) and in ``phases`` (n,), by
+    number, and what is to be told of it."""
+
+    kernel: str
+    plan: Plan
+    status: Status
+    outcomes: np.ndarray
+    times: np.ndarray
+    phases: np.ndarray
+    rows: np.ndarray
+    notes: list[str]
+
+
+class _LostError(Exception):
+    """The kernel does not vouch for the case."""
+
+
+def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | None:
+    """A case, as ``scene`` has it, in steps at which its outcomes (``columns``) have settled to the accuracy asked: a row every so many
+    seconds, and two at each end of a phase. None if no kernel is written for the scene, or the kernel does not vouch for the case."""
+    plan = make_plan(scene)
+    if reasons(plan, frozenset()):
+        return None
+    plan = replace(plan, contents=replace(plan.contents, specialised=True))
+    shape = make_shape(plan)
+    with interpreted():
+        kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))
+    usual, last, none = np.full(kernel.stages, np.inf), np.zeros(kernel.stages), np.empty((0, 2))
+
+    def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        steps = round(_FEWEST / share)
+        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
+        if not sound and steps >= _HOPELESS:
+            raise _LostError
+        if sound and np.isinf(usual).all():
+            usual[:] = np.diff(ends, prepend=0.0)
+        last[:] = ends
+        return found[None, : len(columns)], np.array([Status.OK if sound else Status.UNRESOLVED])
+
+    try:
+        share, notes = settle_one(flown, 1.0, scene, columns)
+    except _LostError:
+        return None
+    steps = np.full(kernel.stages, round(_FEWEST / share))
+    instants, phases = _instants(shape, last, every_s)
+    found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
+    return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)
+
+
+def _instants(shape: Shape, ends: np.ndarray, every_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and stages (n, 2) of the rows of a history, and their phases (n,), by number: every so many seconds, and both sides of the
+    end of a phase. A joint that is late is late in the phase after."""
+    grid = np.arange(int(ends[-1] / every_s + 1e-9) + 1) * every_s
+    found: list[tuple[float, int]] = []
+    phases: list[int] = []
+    begin = 0.0
+    for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
+        late = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
+        for until, phase in ((max(begin, end - late), _phase(shape, number)), (end, _phase(shape, number + (stage.delay is not None)))):
+            if until - begin > _SAME_TIME:
+                within = grid[(grid > begin + _SAME_TIME) & (grid < until - _SAME_TIME)]
+                found += [(t, number) for t in (begin, *within, until)]
+                phases += (len(within) + 2) * [phase]
+                begin = until
+    return np.array(found), np.array(phases)
+
+
+def _phase(shape: Shape, number: int) -> int:
+    """The phase of a stage; that in which joints are late is part of the next."""
+    following = next(stage for stage in shape.stages[number:] if not stage.late)
+    return [phase.name for phase in shape.scene.phase].index(following.phase)
+
+
+def fly_single_generally(scene: Scene, columns: list[Column], every_s: float, unfit: np.ndarray) -> Single:
+    """The same by the general kernel, at the step that is given if there is one; ``unfit`` (k,) are places of parameters that are none."""
+    given = scene.solver.step or len(unfit)
+    step, notes = (scene.solver.step, []) if given else settle_case(scene, columns)
+    plan = make_plan(scene, history_step=every_s, step=step)
+    counts = plan.model.scene[0]
+    changes = counts.n_events + counts.n_joints * (counts.n_phases + counts.n_releases)  # each with a row before and one after
+    room, width = int(scene.run.end_time / every_s) + 2 * int(changes) + 4, len(schema.history_columns(plan.contents))
+    block = fly_block(plan, unfit, np.full((1, len(unfit)), np.nan), room, width, FULL_HISTORY)
+    n, status = int(block.rows[0]), Status(int(block.status[0]))
+    return Single("general", plan, status, block.outcomes[0], block.times[0, :n], block.phases[0, :n], block.history[0, :n], notes)
