@@ -264,12 +264,12 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             shape = make_shape(loaded.plan, loaded.dispersed)
             inside, outside = features(shape)
             click.echo("  kernel       specialised (print it with --code)")
-            for stage in shape.stages:
-                called = shape.names.back
+            called = shape.names.back
+            for stage, stage_name in zip(shape.stages, pilot.stage_names(loaded), strict=True):
                 groups = [" and ".join(called.get(body, body) for body in group) for group in stage.groups if len(group) > 1]
                 together = "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
                 rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
-                click.echo(f"    {called[stage.name]:14s} {together}{rows}")
+                click.echo(f"    {stage_name:14s} {together}{rows}")
             click.echo(f"    compiled in    {', '.join(inside)}")
             click.echo(f"    left out       {', '.join(outside)}")
         click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
@@ -561,6 +561,8 @@ def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     steps = ", ".join(f"{phase} {n}" for phase, n in zip(stages, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
+    if not accuracy["cases"]:
+        return f"numerical error not known, no trial case came to its end; {how}"
     said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"
     asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
     place = accuracy.get("worst_place")

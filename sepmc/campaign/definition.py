@@ -1,6 +1,7 @@
 """What a campaign is: a scene, what varies in it, and what follows from both, columns and draws among them. It knows no flight."""
 
 import hashlib
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +16,7 @@ from sepmc.compiler.shape import reasons
 from sepmc.door import whole
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
@@ -46,10 +48,19 @@ def _set_only(node: Any) -> Any:
 
 
 class Definition:
-    """A scene, its dispersions and its run settings, as a file gives them."""
+    """A scene, its dispersions and its run settings, as a file gives them.
+
+    Raises
+    ------
+    SceneError
+        If two columns of the case table would have one name.
+    """
 
     def __init__(self, file: CampaignFile):
         self.file = file
+        twice = [name for name, count in Counter(column.name for column in self.columns).items() if count > 1]
+        if twice:
+            raise SceneError([f"{file.name}: names of bodies and joints make two columns {name!r}; rename one" for name in twice])
 
     @property
     def name(self) -> str:

@@ -14,7 +14,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import SAFE, Flight, Say, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import Search, usual_phases
-from sepmc.campaign.settle import DEEP, HALVINGS, changes, first_step, fly_general, settle, settled_step
+from sepmc.campaign.settle import DEEP, HALVINGS, brief_transient, changes, first_step, fly_general, longest_step, settle, settled_step
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
@@ -171,6 +171,8 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     first, usual = len(tried), usual_phases(campaign, kernel, tried)
     if usual is None:
         return None
+    longest = longest_step(campaign.scene, campaign.file.dispersions, brief_transient(campaign.scene))
+    least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
@@ -189,7 +191,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides)
-        fewest = search.fewest(len(usual))
+        fewest = search.fewest(least)
         if fewest is None:
             return None
         steps = fewest
@@ -277,7 +279,7 @@ def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: 
         block = fly_general(campaign, step, draws)
         return block.outcomes[:, : len(units)].copy(), block.status
 
-    step = given or first_step(campaign.scene)
+    step = given or first_step(campaign.scene, campaign.file.dispersions)
     least = step / 2.0**HALVINGS
     spread = own if given else _spread(*flown(step, np.vstack([tried[:1], drawn])))
     for number in range(_ROUNDS):

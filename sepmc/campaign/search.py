@@ -10,6 +10,7 @@ from sepmc.door import fly_specialised
 from sepmc.kernels.kernel import Kernel
 
 _MOST_STEPS = 2048  # of a phase
+_AT_ONCE = 1e-9  # of a flight
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 
 Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
@@ -22,9 +23,19 @@ def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
         if sound.any():
-            return np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
+            return usual_lengths(ends, sound)
         steps *= 2
     return None
+
+
+def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
+    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages, n), of which some are ``sound`` (n,).
+    One that usually is over as it begins lasts as long as in the cases, sound or not, in which it is not."""
+    usual, lengths = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0), np.diff(ends, axis=0, prepend=0.0)
+    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
+        lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
+        usual[k] = np.median(lasting) if len(lasting) else 0.0
+    return usual
 
 
 class Search:
@@ -39,12 +50,13 @@ class Search:
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
-    def fewest(self, phases: int) -> np.ndarray | None:
-        """Fewest steps (phases,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
+    def fewest(self, first: np.ndarray) -> np.ndarray | None:
+        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
 
-        If the reference itself does not settle within twice the goal, what it settled to becomes the goal.
+        The reference has at least as many as ``first`` (stages,). If it does not settle within twice the goal, what it settled to
+        becomes the goal.
         """
-        steps = self._refer(phases)
+        steps = self._refer(first)
         if np.isinf(self.settled) or not self.fair.mean() > 0.5:
             return None
         if self.settled > 2.0 * self.goal:
@@ -57,9 +69,9 @@ class Search:
         both = sound & self.fair
         return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
 
-    def _refer(self, phases: int) -> np.ndarray:
+    def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
-        steps = np.full(phases, 2, dtype=np.int64)
+        steps = first
         self.reference, self.fair = self.flown(steps, self.draws)
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
             coarse, steps = steps, 2 * steps

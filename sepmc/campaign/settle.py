@@ -1,22 +1,28 @@
 """Steps of the general kernel: how short they have to be for outcomes to settle, of each case by itself or of many together."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
+from sepmc.campaign.cases import quantile
 from sepmc.campaign.definition import Definition
 from sepmc.compiler.plan import make_plan
 from sepmc.door import Block, fly_block
-from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.kernels.layout import BRIEF, NO_HISTORY, SEPARATION_HISTORY, TRANSIENT
+from sepmc.kernels.methods import method
+from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
 _FIRST = 8  # steps of a flight that are tried first
 _ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
+_TRANSIENTS = ("build_up", "tail_off")
+_SEEN = 4.0  # time constants after an ignition or a burn-out: there 2 % of the change are still to come
+_RARE = 0.001  # of the cases may have shorter ones than are looked for
 _MOST_FIRST = 2**15  # steps that are tried first, however close the rows
 HALVINGS = 9  # at most
 _AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
@@ -37,15 +43,31 @@ def fly_general(campaign: Definition, step: float | None, draws: np.ndarray, roo
     return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
 
 
-def first_step(scene: Scene) -> float:
-    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height."""
+def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
+    """Step, s, beyond which no stage of the method sees a thrust build up or tail off: where thrusts cancel otherwise, halving such a
+    step tells nothing. Infinite if all thrusts are sudden or steady, or have time constants shorter than ``brief``, s."""
+    constants = [getattr(motor, key) for motor in scene.motor for key in _TRANSIENTS]
+    constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
+    nodes = method(scene.solver.method).c
+    return _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
+
+
+def brief_transient(scene: Scene) -> float:
+    """Time constant, s, below which a transient is a stretch of its own, in which a written kernel takes all steps of its phase."""
+    return BRIEF / TRANSIENT * scene.run.end_time
+
+
+def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:
+    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height, or over
+    the transients of motors."""
     end, start = scene.run.end_time, scene.initial
     climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
     tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
     low, high = start.altitude - climb * end, start.altitude + climb * end
     passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
     closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
-    return min(end / _FIRST, max(_ROWS * closest / climb if climb > 0.0 else math.inf, end / _MOST_FIRST))
+    rows = _ROWS * closest / climb if climb > 0.0 else math.inf
+    return min(end / _FIRST, max(min(rows, longest_step(scene, laws)), end / _MOST_FIRST))
 
 
 @dataclass

@@ -1,12 +1,14 @@
 """One case by itself, with all there is to know of it over time: by the kernel written for its scene, as plain Python, or by the general
 one."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sepmc import schema
-from sepmc.campaign.settle import settle_case, settle_one
+from sepmc.campaign.search import usual_lengths
+from sepmc.campaign.settle import brief_transient, longest_step, settle_case, settle_one
 from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import Plan, make_plan
 from sepmc.compiler.shape import Shape, make_shape, reasons
@@ -49,15 +51,16 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     shape = make_shape(plan)
     with interpreted():
         kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))
+    fewest = max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
     usual, last, none = np.full(kernel.stages, np.inf), np.zeros(kernel.stages), np.empty((0, 2))
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        steps = round(_FEWEST / share)
+        steps = round(fewest / share)
         found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
-        if not sound and steps >= _HOPELESS:
+        if not sound and steps >= max(_HOPELESS, 2 * fewest):
             raise _LostError
         if sound and np.isinf(usual).all():
-            usual[:] = np.diff(ends, prepend=0.0)
+            usual[:] = usual_lengths(ends[:, None], np.ones(1, dtype=bool))
         last[:] = ends
         return found[None, : len(columns)], np.array([Status.OK if sound else Status.UNRESOLVED])
 
@@ -65,7 +68,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         share, notes = settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
-    steps = np.full(kernel.stages, round(_FEWEST / share))
+    steps = np.full(kernel.stages, round(fewest / share))
     instants, phases = _instants(shape, last, every_s)
     found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
     return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)

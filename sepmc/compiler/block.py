@@ -15,6 +15,7 @@ from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
 _SAME_TIME = 1e-12  # s
+_LEAST_PACE = 2.0**-16  # of the time left: a step where a load usually ends a phase at once, for the cases in which it does not
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _ARGUMENTS = (
     ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
@@ -60,6 +61,8 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     if stage.late:
         _begin_late(text, c, stage)
     _note_sides(text, c, stage)
+    if stage.awaited:
+        text(f"await_{stage.name}(w, 1.0)")
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
         _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
@@ -101,7 +104,7 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     """A time that is past as its phase begins ends it at once; a joint that lets go late is late from then on."""
     scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
     now = scope.load("T")
-    if stage.after_late is not None:  # its end came while a late joint held on
+    if stage.after_late:  # its end came while a late joint held on
         lose(scope, time >= now - _SAME_TIME)
     until = scalar.larger(time, now)
     scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
@@ -119,8 +122,7 @@ def _begin_late(text: Text, c: Context, stage: Stage) -> None:
             c.slabs.add(f"HELD_{joint}", 1), c.slabs.add(f"LETS_GO_{joint}", 1)
             scope.store(f"HELD_{joint}", 1.0)
             scope.store(f"LETS_GO_{joint}", now + delay)
-    c.slabs.add(f"LATE_{stage.name}", 1), c.slabs.add(f"UNTIL_{stage.name}", 1)
-    scope.store(f"LATE_{stage.name}", last)
+    c.slabs.add(f"UNTIL_{stage.name}", 1)
     scope.store(f"UNTIL_{stage.name}", now + last)
     scope.write(text)
 
@@ -158,6 +160,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         return
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])")
+    awaited = [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
+    inner(*awaited)
     noted = _noted(c, number)
     if not stage.events:
         inner(*noted)
@@ -165,7 +169,9 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     else:
         if noted:
             inner.block("if left > 1:")(*noted)
-        text(f"approach(w, {number}, {size})", *noted, f"meet(w, {number})")  # of the last step only what comes before the event counts
+        text(
+            f"approach(w, {number}, {size})", *awaited, *noted, f"meet(w, {number})"
+        )  # of the last step only what comes before the event counts
     if stage.masked:
         _let_go(text, c, stage)
 
@@ -177,6 +183,9 @@ def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: st
     text.lanes()("w[FROZEN + l] = 0.0 if w[T + l] < w[END + l] else 1.0")
     emit_spread(text, c, "FROZEN")
     text(f"pace, going = usual[{number}] / steps[{number}], True", f"left = steps[{number}] if math.isinf(pace) else 1")
+    text("longest = 0.0")
+    text.lanes()("longest = max(longest, w[END + l] - w[T + l])")
+    text(f"pace = max(pace, {_LEAST_PACE} * longest)")
     inner = text.block("while going:")
     inner(f"advance(w, {number}, {size}, left, pace)", f"break_{stage.name}(w)", *_noted(c, number))
     inner("left, going = max(left - 1, 1), False")

@@ -7,7 +7,7 @@ shape share it. `sepmc check --code` prints it.
 from sepmc.compiler.block import emit_block
 from sepmc.compiler.clearances import emit_clearances
 from sepmc.compiler.context import Context
-from sepmc.compiler.events import emit_aim, emit_meet
+from sepmc.compiler.events import emit_aim, emit_await, emit_meet
 from sepmc.compiler.extension import emit_extension
 from sepmc.compiler.history import emit_history
 from sepmc.compiler.loads import emit_centre
@@ -70,6 +70,8 @@ def _body(c: Context) -> Text:
             emit_correct(body, c, stage)
         if stage.events:
             emit_aim(body, c, stage)
+        if stage.awaited:
+            emit_await(body, c, stage)
     emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)

@@ -43,30 +43,56 @@ def _wait(s: State, event: Event) -> Any:
     first = earlier.equals(math.inf)
     jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
     at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called("at_once")
-    if not event.ends_phase:
-        _note_graze(scope, event, name, value, rate)
+    _note_graze(scope, event, name, value, rate)
     for place, now in ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once)):
         scope.store(place, now)
     scope.store(part(f"LAST_{name}", 1), acceleration)
     wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
-    if event.ends_phase and s.stage.after_late is not None:  # met in the meantime, or it recedes and may have been
-        since = s.stage.after_late
-        late = scope.load(f"LATE_{since}") if isinstance(since, str) else s.case.number(since)
-        early = first & ((value >= _MET) | (value - 2.0 * rate * late >= 0.0))
-        scope.store("LOST", where(early & scope.load("DONE").equals(0.0), 1.0, scope.load("LOST")))
     if event.ends_phase:
         return where(first & (wait > usual), usual, wait)
     return where(scope.load(f"SPENT_{event.which}") > 0.0, math.inf, wait)
 
 
 def _note_graze(scope: Scope, event: Event, name: str, value: Value, rate: Value) -> None:
-    """A condition may be met and left again within a step: then the tangents at its ends cross beyond."""
+    """A condition may be met and left again within a step: then the case is on its own."""
     earlier, past, slope = scope.load(f"LAST_{name}"), scope.load(f"VALUE_{name}"), scope.load(f"RATE_{name}")
-    turns = (earlier < math.inf) & (slope > 0.0) & (rate < 0.0) & (past < 0.0)
-    length = scope.load("T") - earlier
-    top = past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0)
-    grazes = turns & (top >= 0.0) & scope.load(f"SPENT_{event.which}").equals(0.0)
-    scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
+    grazes = _may_rise(past, slope, value, rate, scope.load("T") - earlier) & (earlier < math.inf) & (past < 0.0)
+    left = scope.load("DONE" if event.ends_phase else f"SPENT_{event.which}").equals(0.0)
+    scope.store("UNEVEN", where(grazes & left, 1.0, scope.load("UNEVEN")))
+
+
+def _may_rise(past: Value, slope: Value, value: Value, rate: Value, length: Value) -> Any:
+    """Whether a value may be zero or more between two times: it rises at the first, falls at the second, and its tangents there cross
+    beyond zero."""
+    turns = (slope > 0.0) & (rate < 0.0)
+    return turns & (past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0) >= 0.0)
+
+
+def emit_await(out: Text, c: Context, stage: Stage) -> None:
+    """A function by which a case is lost if the condition that ends the next phase may be met while joints are late."""
+    event = stage.awaited
+    assert event is not None
+    says = "Note the condition that ends the next phase; a case is lost if it may have been met while joints were late, since the last note"
+    text = out.function(f"await_{stage.name}(w, first: float)", says + " unless it is the ``first``.")
+    name = f"AWAITED_{stage.name}"
+    c.slabs.add(name, 3)
+    s = State(c, c.scope(), stage, "Y")
+    scope, time = s.scope, s.time
+    if event.what == at.AT_ALTITUDE:
+        value, rate = _climb(s, event.which, s.case.number(event.threshold))
+    else:
+        value, rate, _ = _condition(s, event)
+    past, slope, earlier = (scope.load(part(name, k)) for k in range(3))
+    length = time - earlier
+    met = (value >= _MET) | _may_rise(past, slope, value, rate, length)
+    if event.what == at.AT_ALTITUDE:  # from below or from above
+        met = (value * past <= 0.0) | _may_rise(past, slope, value, rate, length) | _may_rise(-past, -slope, -value, -rate, length)
+    late = time >= scope.load(f"UNTIL_{stage.name}") - (s.case.number(stage.delay) if stage.delay is not None else math.inf)
+    counts = scope.named("first").equals(0.0) & late & met
+    scope.store("LOST", where(counts, 1.0, scope.load("LOST")))
+    for k, now in enumerate((value, rate, time)):
+        scope.store(part(name, k), now)
+    scope.write(text)
 
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
@@ -94,8 +120,13 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 def _height(s: State, body: str, threshold: Value) -> tuple[Any, Any, Any]:
     """A height that is reached from the side on which the body is as the phase begins."""
     side = s.scope.load(f"SIDE_{s.stage.name}")
-    climb = s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
-    return side * (height(s.scope, body) - threshold), side * climb, side * s.scope.load(f"K1 + V_{body}", 3)[1]
+    value, rate = _climb(s, body, threshold)
+    return side * value, side * rate, side * s.scope.load(f"K1 + V_{body}", 3)[1]
+
+
+def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
+    """Height of a body above a threshold, and its rate."""
+    return height(s.scope, body) - threshold, s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
 def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:

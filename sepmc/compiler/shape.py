@@ -60,7 +60,8 @@ class Stage:
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
     late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
-    after_late: int | str | None = None  # place in w of the delay, or the late stage, for which its end was waited for before it began
+    after_late: bool = False  # whether its end was waited for before it began, while joints were late
+    awaited: Event | None = None  # the condition that ends the phase after it and is waited for while joints are late
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     set_free: list[str] = field(default_factory=list)  # joints that become free within it
     stops: int = 1
@@ -134,8 +135,11 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     found = fixed + _obstacles(plan.scene)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
     loaded = any(until.force is not None or until.moment is not None for until in ends)
-    if not found and loaded and any(stage.breaks and stage.events for stage in make_shape(plan, dispersed).stages):
+    stages = make_shape(plan, dispersed).stages if loaded and not found else []
+    if any(stage.breaks and stage.events for stage in stages):
         found.append("a spring whose stroke may end while a joint's load is waited for")
+    if any(stage.breaks and stage.after_late for stage in stages):
+        found.append("a joint's load that ends a phase and is waited for while another joint is late")
     return found
 
 
@@ -231,7 +235,8 @@ def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, ph
     if not late:
         return
     if len(changed) == 1 and stages[-1].end_time:
-        stages[-1].delay = stage.after_late = late[changed[0]]
+        stages[-1].delay, stage.after_late = late[changed[0]], True
+        stages[-1].awaited = next((event for event in stage.events if event.ends_phase), None)
         return
     kinds = _kinds(scene, phase) | {name: _kinds(scene, before)[name] for name in late}
     between = _stage(scene, f"{phase.name}_late", phase.name, kinds, plan.bodies, late, _kinds(scene, phase))
@@ -241,7 +246,8 @@ def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, ph
         [joint for joint in free if joint in between.masked],
     )
     stage.released = [joint for joint in free if joint in late and joint not in between.masked]
-    stage.after_late = between.name
+    stage.after_late = True
+    between.awaited = next((event for event in stage.events if event.ends_phase), None)
     stages.append(between)
 
 
@@ -287,6 +293,9 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
         count += motor.ignition > 0.0 or motor.delay > 0.0 or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
         count += math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
         count += len(motor.profile.time) if motor.profile else 0
+        for key in ("build_up", "tail_off"):  # only a brief one is a stretch of its own
+            constant = getattr(motor, key)
+            count += at.TRANSIENT * constant < at.BRIEF * scene.run.end_time and (constant > 0.0 or f"{path}.{key}" in dispersed)
     for load in scene.load:
         path = f"load.{load.name}"
         count += load.start > 0.0 or f"{path}.start" in dispersed

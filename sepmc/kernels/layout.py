@@ -35,6 +35,8 @@ REDUCED, FULL = 0, 1
 NO_STABILISATION, BAUMGARTE, PROJECTION = 0, 1, 2
 AXIAL, NORMAL, SIDE, ROLLING, YAWING, PITCHING = 0, 1, 2, 3, 4, 5
 BODY_FRAME, GROUND_FRAME = 0, 1
+TRANSIENT = 30.0  # time constants after which a thrust has built up or tailed off, to 1e-13
+BRIEF = 0.05  # of a flight: a step ends with a transient that is shorter
 NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
 
 # Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis k of A" is ROTATION + 3 i + k.

@@ -23,13 +23,21 @@ def _later(earliest, time, t):
 
 @stage
 def next_break(t, m, w):
-    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads."""
+    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads; and the
+    end of a brief transient, whose steps are then as short as it is."""
     keep_apart()
+    brief = at.BRIEF / at.TRANSIENT * w[at.END_TIME]
     earliest = math.inf
     for i in range(m.scene.n_motors):
         start = _starts(i, m, w)
         earliest = _later(earliest, start, t)
-        earliest = _later(earliest, start + w[motor_params(i, m) + at.BURN], t)
+        p = motor_params(i, m)
+        end, build_up, tail_off = start + w[p + at.BURN], w[p + at.BUILD_UP], w[p + at.TAIL_OFF]
+        earliest = _later(earliest, end, t)
+        if 0.0 < build_up < brief:
+            earliest = _later(earliest, start + at.TRANSIENT * build_up, t)
+        if 0.0 < tail_off < brief:
+            earliest = _later(earliest, end + at.TRANSIENT * tail_off, t)
         first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
         for k in range(rows):
             earliest = _later(earliest, start + m.numbers[first + 2 * k], t)

@@ -121,6 +121,8 @@ def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, pro
             name, (nominal, width)
         )
     if name == "normal":
+        if law.relative and isinstance(raw, tuple):
+            numbers = (numbers[0], float(raw[1]) * abs(nominal))
         if numbers[1] < 0.0:
             problems.add(place, "sigma must be >= 0", raw)
         numbers = (*numbers, law.truncate_sigma or math.inf)

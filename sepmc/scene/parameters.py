@@ -46,6 +46,7 @@ def find(scene: Scene, key: str) -> Parameter:
             name, unit, factor, last = _field(node, part)
             node = getattr(node, name)
         else:
+            last = None if isinstance(node, dict) else last  # what bounds a table bounds none of its entries
             name, node = _item(node, part, last)
         path.append(name)
     if isinstance(node, bool) or not isinstance(node, int | float):

@@ -4,6 +4,7 @@ The campaign's pilot would take most of the time there. What steps it finds is n
 reports the error it was flown with, and rows are held to that.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -14,6 +15,8 @@ from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.pilot import Flight
+from sepmc.campaign.search import usual_lengths
+from sepmc.campaign.settle import brief_transient, longest_step
 from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
 from sepmc.kernels.methods import method
 
@@ -45,13 +48,14 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
     usual = np.full(kernel.stages, np.inf)
-    steps, before = np.full(kernel.stages, 2, dtype=np.int64), None
+    longest = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
+    steps, before = np.full(kernel.stages, min(_MOST_STEPS, max(2, math.ceil(scene.run.end_time / longest))), dtype=np.int64), None
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
         if before is None and sound.any():
-            usual[:] = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0)
+            usual[:] = usual_lengths(ends, sound)
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
