@@ -234,3 +234,18 @@ def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
     assert json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["notes"] == [note]
     assert campaign.simulate().attrs["notes"] == [note]
     assert "case 2" in campaign.simulate(campaign.case(2)).attrs["notes"][0]
+
+
+@pytest.mark.parametrize("law", [{"normal": 0.3}, {"uniform": [0.5, 0.9]}])
+def test_a_coefficient_of_a_polynomial_varies(law):
+    """What bounds a polynomial bounds none of its coefficients: a case replays, and a law with ends is taken."""
+    campaign = sepmc.load("table2.toml", {"dispersion": {"body.upper.aerodynamics.normal.alpha": law}})
+    found = campaign.simulate(campaign.case(3), step_s=0.25).attrs
+    assert (found["status"], found["notes"]) == ("ok", [])
+
+
+def test_a_spread_relative_to_a_negative_nominal():
+    """Sigma is a share of its size."""
+    law = {"body.lower.cg_mm.y": {"normal": [1.0, 0.05], "relative": True}}
+    campaign = sepmc.load("table2.toml", {"body.lower.cg_mm": [3000.0, -2.0, 0.0], "dispersion": law})
+    assert campaign.file.dispersions[0].numbers[:2] == pytest.approx((-2.0, 0.1))

@@ -279,3 +279,10 @@ def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
     found = CliRunner().invoke(cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")])
     assert isinstance(found.exception, ValueError)
     assert found.exit_code != 2
+
+
+def test_check_names_the_time_in_which_joints_are_late():
+    """A stage of the kernel that no phase of the file is."""
+    result = call("check", "table2.toml", "--set", "joint.pins.delay_s=0.01")
+    assert result.exit_code == 0, result.output
+    assert "free (late joints)" in result.output

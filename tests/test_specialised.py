@@ -471,6 +471,21 @@ def test_an_event_touched_but_not_crossed(quiet):
     assert difference(campaign, outcomes(campaign, found, ok), outcomes(campaign, expected, ok)) <= 1e-8
 
 
+@pytest.mark.parametrize(("stroke", "release", "missed"), [(4.26, 0.8521001, False), (4.26478, 0.8766800, True), (4.2652, 2.8127990, True)])
+def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
+    """A slide that turns back 4.264980 m out and is pushed on later. Long steps may jump over a stroke just short of that: such a case,
+    and one whose stroke is just beyond, is on its own, however it ends; short steps find it."""
+    campaign = sepmc.load(Path(__file__).parent / "grazed.toml")
+    with interpreted():
+        kernel = specialised_kernel(pilot.kernel_text(campaign))
+    drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
+    column = [c.name for c in campaign.outcome_columns].index("release_time_s")
+    long = fly_specialised(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
+    short = fly_specialised(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
+    assert np.isnan(long.guards).any() == missed
+    assert_allclose(short.outcomes[0, column], release, atol=1e-6)
+
+
 # -- histories --------------------------------------------------------------------------------------------------------------------
 
 
