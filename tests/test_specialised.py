@@ -185,12 +185,16 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, step, most):
     assert difference(campaign, outcomes(campaign, fast), outcomes(campaign, slow)) <= most
 
 
+def with_all_loads(campaign):
+    """The campaign with the loads of all joints."""
+    return campaign.with_settings({"output.loads": list(campaign.scene.joint)})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_small_scenes_agree(name):
     """Every joint, load and end of a phase that a specialised kernel covers, see `specialised_scenes`: 1e-11."""
-    campaign = scene(name)
-    campaign = campaign.with_settings({"output.loads": list(campaign.scene.joint)})
+    campaign = with_all_loads(scene(name))
     lost = agree(campaign, 0.005)
     assert 3 <= lost <= 5 if name == "hanging" else lost == 0  # three were drawn to fail; an event that grazes is the general kernel's
 
@@ -199,7 +203,7 @@ def test_small_scenes_agree(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_small_scenes_are_flown_whole(name):
     """Through `run`: what the specialised kernel left is there too, with the status of the general one, and the audit is small."""
-    campaign = scene(name)
+    campaign = with_all_loads(scene(name))
     table = campaign.run(cases=COUNT, seed=campaign.scene.run.seed).to_pandas()
     slow = campaign.with_settings({"solver.step_s": 0.01}).run(cases=COUNT).to_pandas()
     assert_array_equal(table["status"], slow["status"])
