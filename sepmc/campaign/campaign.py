@@ -130,12 +130,18 @@ class Campaign(Definition):
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""
         return Campaign(parse_campaign(self.file.tree, self.name, settings, self.name))
 
-    def simulate(self, case: Case | None = None, step_s: float = 0.001, announce: Callable[[str], None] | None = None) -> pd.DataFrame:
+    def simulate(
+        self,
+        case: Case | None = None,
+        step_s: float = 0.001,
+        announce: Callable[[str], None] | None = None,
+        kernel: str | None = None,
+    ) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
 
         Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no outcome by more than ``solver.accuracy``:
-        by the kernel written for the scene, as plain Python, or by the general one, whose compiling ``announce`` is told of. Its
-        outcomes are those of the campaign's row to that accuracy.
+        by the kernel written for the scene, as plain Python, or by the general one, whose compiling ``announce`` is told of and
+        which flies all if ``kernel`` is "general". Its outcomes are those of the campaign's row to that accuracy.
 
         Returns
         -------
@@ -145,7 +151,7 @@ class Campaign(Definition):
         """
         check_every(step_s, self.scene)
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
-        found = None if scene.solver.step or unfit else fly_single(scene, self.outcome_columns, step_s)
+        found = None if kernel == "general" or scene.solver.step or unfit else fly_single(scene, self.outcome_columns, step_s)
         if found is None:
             warm_up(announce)
             found = fly_single_generally(scene, self.outcome_columns, step_s, self.slots[: len(unfit)])

@@ -39,7 +39,7 @@ class Flight:
 
     def __init__(self, flown: Campaign, every: float = 0.01):
         self.scene = flown.scene
-        self.history = flown.simulate(step_s=every)
+        self.history = flown.simulate(step_s=every, kernel=GENERAL)
         self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
         self.t, self.phase = self.history["time_s"].to_numpy(), self.history["phase"].to_numpy(dtype=str)
 
