@@ -446,4 +446,4 @@ def test_two_columns_of_one_name(pair):
     """A body called as an input, and one called as what a joint writes."""
     renamed = {"body.in_initial": {"mass_kg": 1.0, "inertia_kg_m2": [1.0, 2.0, 2.0], "cg_m": [5.0, 0.0, 0.0]}}
     with pytest.raises(ValueError, match="two columns 'in_initial_alpha_deg'; rename one"):
-        pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}})
+        _ = pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}}).plan

@@ -48,19 +48,10 @@ def _set_only(node: Any) -> Any:
 
 
 class Definition:
-    """A scene, its dispersions and its run settings, as a file gives them.
-
-    Raises
-    ------
-    SceneError
-        If two columns of the case table would have one name.
-    """
+    """A scene, its dispersions and its run settings, as a file gives them."""
 
     def __init__(self, file: CampaignFile):
         self.file = file
-        twice = [name for name, count in Counter(column.name for column in self.columns).items() if count > 1]
-        if twice:
-            raise SceneError([f"{file.name}: names of bodies and joints make two columns {name!r}; rename one" for name in twice])
 
     @property
     def name(self) -> str:
@@ -72,8 +63,14 @@ class Definition:
 
     @cached_property
     def plan(self) -> Plan:
+        """What the scene needs of a kernel. Raises SceneError if two columns of the case table would have one name."""
         plan = make_plan(self.scene, dispersed=self.dispersed)
-        return replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
+        plan = replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
+        names = Counter(column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)])
+        if twice := [name for name, count in names.items() if count > 1]:
+            said = "names of bodies and joints make two columns {!r}; rename one"
+            raise SceneError([f"{self.name}: {said.format(name)}" for name in twice])
+        return plan
 
     @cached_property
     def dispersed(self) -> frozenset[str]:
