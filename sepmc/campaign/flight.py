@@ -123,7 +123,7 @@ def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int
     assert flight.steps is not None
     assert flight.usual is not None
     lasts = flight.usual > 0.0
-    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=first_step(campaign.scene)))
+    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=first_step(campaign.scene, campaign.file.dispersions)))
     found = _settle(campaign, flight, block, lost, step, lambda step, which: fly_general(campaign, step, draws[which], room))
     ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
     return Again(_largest(found.change[ok]), left=lost, unsettled=int(np.count_nonzero(ok & ~found.settled)))

@@ -14,7 +14,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import SAFE, Flight, Say, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import Search, usual_phases
-from sepmc.campaign.settle import DEEP, HALVINGS, brief_transient, changes, first_step, fly_general, longest_step, settle, settled_step
+from sepmc.campaign.settle import DEEP, HALVINGS, changes, first_step, fly_general, longest_step, settle, settled_step
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
@@ -171,7 +171,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     first, usual = len(tried), usual_phases(campaign, kernel, tried)
     if usual is None:
         return None
-    longest = longest_step(campaign.scene, campaign.file.dispersions, brief_transient(campaign.scene))
+    longest = longest_step(campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene))
     least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
@@ -255,7 +255,7 @@ def _doubted(campaign: Definition, draws: np.ndarray, outcomes: np.ndarray, scal
         return right[which], status[which]
 
     goal, decides = SAFE * campaign.scene.solver.accuracy, decisive(campaign.outcome_columns)
-    settle(flown, len(draws), first_step(campaign.scene), goal, scale, decides)
+    settle(flown, len(draws), first_step(campaign.scene, campaign.file.dispersions), goal, scale, decides)
     found = errors(outcomes, right, scale)
     found[status != Status.OK] = np.inf
     return found.max(axis=0)

@@ -12,7 +12,7 @@ from sepmc.campaign.cases import quantile
 from sepmc.campaign.definition import Definition
 from sepmc.compiler.plan import make_plan
 from sepmc.door import Block, fly_block
-from sepmc.kernels.layout import BRIEF, NO_HISTORY, SEPARATION_HISTORY, TRANSIENT
+from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.kernels.methods import method
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import Scene
@@ -50,11 +50,6 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
     constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
     nodes = method(scene.solver.method).c
     return _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
-
-
-def brief_transient(scene: Scene) -> float:
-    """Time constant, s, below which a transient is a stretch of its own, in which a written kernel takes all steps of its phase."""
-    return BRIEF / TRANSIENT * scene.run.end_time
 
 
 def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:

@@ -8,10 +8,10 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.search import usual_lengths
-from sepmc.campaign.settle import brief_transient, longest_step, settle_case, settle_one
+from sepmc.campaign.settle import longest_step, settle_case, settle_one
 from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import Plan, make_plan
-from sepmc.compiler.shape import Shape, make_shape, reasons
+from sepmc.compiler.shape import Shape, brief_transient, make_shape, reasons
 from sepmc.door import fly_block, fly_everything, interpreted, specialised_kernel
 from sepmc.kernels.layout import FULL_HISTORY
 from sepmc.scene.model import Scene

@@ -3,29 +3,24 @@
 from typing import Any
 
 from sepmc.compiler.context import Context, part
-from sepmc.compiler.formulas import ZERO, loads, quat, scalar, vec3
+from sepmc.compiler.formulas import ZERO, quat, scalar, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.motion import make_motion
+from sepmc.compiler.outcomes import of_body
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.tables import call_look_up
 from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import force_of, moment_of
 from sepmc.kernels import layout as at
-from sepmc.scene.model import GROUND
 
 
 def emit_history(out: Text, c: Context) -> None:
     """Functions for the rows of a history."""
+    row, keep = (_everything, _keep_everything) if c.history == at.FULL_HISTORY else (_separation, _keep)
     for stage in c.shape.stages:
-        if c.history == at.FULL_HISTORY:
-            _everything(out, c, stage)
-        else:
-            _separation(out, c, stage)
-    if c.history == at.FULL_HISTORY:
-        _keep_everything(out, c)
-    else:
-        _keep(out, c)
+        row(out, c, stage)
+    keep(out, c)
 
 
 def _separation(out: Text, c: Context, stage: Stage) -> None:
@@ -70,7 +65,7 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     call_look_up(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion, joints = make_motion(s), c.shape.scene.joint
-    row = [x for body in c.shape.bodies for x in _of_body(s, body)]
+    row = [x for body in c.shape.bodies for x in of_body(s, body, _angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
     for body in c.shape.bodies:
@@ -88,16 +83,11 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
 
 
-def _of_body(s: State, body: str) -> list[Any]:
-    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body, as `sepmc.compiler.outcomes` reports them."""
-    leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
-    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
-    pitch, roll = case.number(at.PITCH), case.number(at.ROLL)
-    if leader != GROUND:
-        pitch = scalar.nearest_turn(quat.pitch(attitude), s.scope.load(f"ANGLES_{leader}"))
-        roll = scalar.nearest_turn(quat.roll(attitude), s.scope.load(part(f"ANGLES_{leader}", 1)))
-    rates = ZERO if leader == GROUND else s.rate(leader)
-    return [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *rates, roll, quat.yaw(attitude), pitch]
+def _angles(s: State, leader: str) -> tuple[Any, Any]:
+    """Pitch and roll of a group within a step, the nearest turn to those at its end."""
+    attitude = s.attitude(leader)
+    pitch, roll = (part(f"ANGLES_{leader}", k) for k in range(2))
+    return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(quat.roll(attitude), s.scope.load(roll))
 
 
 def _keep_everything(out: Text, c: Context) -> None:

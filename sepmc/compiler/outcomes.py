@@ -1,6 +1,8 @@
 """The outcomes of a flight: from the final state into slabs, from slabs into the columns of results."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, loads, quat, vec3
@@ -12,17 +14,13 @@ from sepmc.scene.model import GROUND
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
-    shape, stage, case = c.shape, c.shape.stages[-1], c.case
+    shape, stage = c.shape, c.shape.stages[-1]
     text = out.function("report(w)", "Outcomes of the final state, in the order of the columns, into OUT.")
     c.slabs.add("OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES)
     s = State(c, c.scope(), stage, "Y")
     o = 0
     for body in shape.bodies:
-        leader, attitude = stage.leader(body), s.attitude(body)
-        alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
-        pitch, roll = angles(s, leader)
-        found = [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *(ZERO if leader == GROUND else s.rate(leader))]
-        for k, value in enumerate([*found, roll, quat.yaw(attitude), pitch]):
+        for k, value in enumerate(of_body(s, body, angles)):
             s.scope.store(part("OUT", o + k), value)
         o += at.BODY_OUTCOMES
     for joint in shape.scene.joint:
@@ -34,10 +32,19 @@ def emit_report(out: Text, c: Context) -> None:
     s.scope.write(text)
 
 
-def angles(s: State, leader: str):
-    """Pitch and roll of a group, followed through turns; those of the start if it is held to the ground."""
-    if leader == GROUND:
-        return s.case.number(at.PITCH), s.case.number(at.ROLL)
+def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:
+    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body; ``followed`` gives the pitch and the roll of a
+    group that turns, carried through turns."""
+    leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
+    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
+    held = leader == GROUND
+    pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
+    found = [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *(ZERO if held else s.rate(leader))]
+    return [*found, roll, quat.yaw(attitude), pitch]
+
+
+def angles(s: State, leader: str) -> tuple[Any, Any]:
+    """Pitch and roll of a group at the end of a step."""
     return s.scope.load(f"ANGLES_{leader}"), s.scope.load(part(f"ANGLES_{leader}", 1))
 
 

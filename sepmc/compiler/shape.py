@@ -285,6 +285,11 @@ def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
 
 
+def brief_transient(scene: Scene) -> float:
+    """Time constant, s, below which a transient is a stretch of its own, in which a kernel takes all steps of its phase."""
+    return at.BRIEF / at.TRANSIENT * scene.run.end_time
+
+
 def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     """Number of times within a flight at which a load switches, at most."""
     count = 0
@@ -295,7 +300,7 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
         count += len(motor.profile.time) if motor.profile else 0
         for key in ("build_up", "tail_off"):  # only a brief one is a stretch of its own
             constant = getattr(motor, key)
-            count += at.TRANSIENT * constant < at.BRIEF * scene.run.end_time and (constant > 0.0 or f"{path}.{key}" in dispersed)
+            count += constant < brief_transient(scene) and (constant > 0.0 or f"{path}.{key}" in dispersed)
     for load in scene.load:
         path = f"load.{load.name}"
         count += load.start > 0.0 or f"{path}.start" in dispersed

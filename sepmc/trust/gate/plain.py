@@ -16,7 +16,8 @@ from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scal
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.pilot import Flight
 from sepmc.campaign.search import usual_lengths
-from sepmc.campaign.settle import brief_transient, longest_step
+from sepmc.campaign.settle import longest_step
+from sepmc.compiler.shape import brief_transient
 from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
 from sepmc.kernels.methods import method
 
