@@ -446,7 +446,7 @@ def test_no_release_time_after_an_inconsistent_start(pair):
 def test_a_load_that_comes_while_another_joint_is_late():
     """A pulse of 3,000 N at 1.05 s on a body of 50 kg that a steady load decelerates breaks the joint then, as its hand-made sum says,
     though the joint ahead of it lets go only at 1.12 s or later."""
-    campaign = sepmc.load(Path(__file__).parent / "awaited_load.toml")
+    campaign = sepmc.load(Path(__file__).parent / "scenes" / "awaited_load.toml")
     table = campaign.run(cases=4).table
     assert list(table["status"]) == 4 * ["ok"]
     assert_allclose(table["bc_release_time_s"], 1.05, atol=1e-9)

@@ -20,6 +20,7 @@ _QUADRATURE, _HALVINGS = (
     1e-11,
     20,
 )  # of an impulse so far, by which whole and halves may differ; most halvings
+_ROUND_OFF = 1e-14  # of the largest load of a step, and of the vehicle's mass at 1 m/s2: what a load that is zero may show
 
 
 class Watch:
@@ -69,11 +70,14 @@ class Watch:
 
         times = np.linspace(start, end, _SAMPLES + 1)
         table = np.array([all_at(float(t)) for t in times])
+        noise = _ROUND_OFF * (float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) + float(self.motion.vehicle.mass.sum()))
         for i, what in enumerate(wanted):
             one = partial(_item, all_at, i)
             kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
-                self.integrals[what] += sum(_integral(one, *ends, self.integrals[what]) for ends in pairwise([start, *kinks, end]))
+                self.integrals[what] += sum(
+                    _integral(one, *ends, self.integrals[what], noise * (end - start)) for ends in pairwise([start, *kinks, end])
+                )
 
     def _extremes(self, what: Any, value: Callable[[float], float], times: Array, found: Array) -> list[float]:
         """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a vector may have a kink."""
@@ -129,17 +133,19 @@ def _integral(
     low: float,
     high: float,
     so_far: float,
+    noise: float,
     whole: float | None = None,
     depth: int = 0,
 ) -> float:
-    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size near zero are sharp."""
+    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size near zero are sharp.
+    What is ``noise`` in it, of a load that is zero but for round-off, is not refined."""
     middle = 0.5 * (low + high)
     whole = _gauss(value, low, high) if whole is None else whole
     halves = _gauss(value, low, middle), _gauss(value, middle, high)
-    if depth == _HALVINGS or abs(sum(halves) - whole) <= _QUADRATURE * (so_far + whole):
+    if depth == _HALVINGS or abs(sum(halves) - whole) <= _QUADRATURE * (so_far + whole) + noise:
         return sum(halves)
-    first = _integral(value, low, middle, so_far, halves[0], depth + 1)
-    return first + _integral(value, middle, high, so_far + first, halves[1], depth + 1)
+    first = _integral(value, low, middle, so_far, noise, halves[0], depth + 1)
+    return first + _integral(value, middle, high, so_far + first, noise, halves[1], depth + 1)
 
 
 def _gauss(value: Callable[[float], float], low: float, high: float) -> float:
