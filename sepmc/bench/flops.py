@@ -55,7 +55,7 @@ class Flops:
 
 
 def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
-    """Operations of a case flown by the scene's own kernel in ``steps`` a phase; None if the compiled code does not show them."""
+    """Operations of a case flown by the scene's own kernel in ``steps`` a stretch; None if the compiled code does not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
     found = _each(kernel_text(campaign), list(called.values()))
@@ -67,7 +67,8 @@ def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
     rk = method(campaign.scene.solver.method)
     stages = len(rk.b)
     per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
-    sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, shape.stages, strict=True))
+    each_stretch = [stage for stage in shape.stages for _ in range(stage.stops)]
+    sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, each_stretch, strict=True))
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
@@ -130,5 +131,5 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.full(len(steps), np.inf), campaign.slots, drawn)
+    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.full(kernel.stages, np.inf), campaign.slots, drawn)
     return {phase: seen[phase] for phase in called}

@@ -192,7 +192,7 @@ class Chunks:
         flight, told = self.flight, self.accuracy
         said: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised"}
         said["method"] = self.campaign.scene.solver.method
-        said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist(), "stages": flight.stages}
+        said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist(), "stretches": flight.stretches}
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
         if told.history is not None:

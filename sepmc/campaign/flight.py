@@ -22,19 +22,20 @@ Say = Callable[[str], None]
 class Flight:
     """How a campaign is flown.
 
-    ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages`` (phases, and
-    joints that are late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is that of the general one. ``scale`` (o,)
-    is what errors of small outcomes are taken relative to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case
-    may be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their
-    columns: at a right angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases,
-    ``achieved`` what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
+    ``why`` says why the general kernel flies it; ``steps`` (stretches,) are those of the specialised kernel, for
+    the ``stretches`` of stages (phases, and joints that are late in letting go) that usually last ``usual`` (stages,)
+    s; ``step`` (s) is that of the general one. ``scale`` (o,) is what errors of small outcomes are taken relative to,
+    see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
+    error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
+    angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases, ``achieved``
+    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
     """
 
     why: list[str] = field(default_factory=list)
     kernel: Kernel | None = None
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
-    stages: list[str] = field(default_factory=list)
+    stretches: list[str] = field(default_factory=list)
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
@@ -120,10 +121,13 @@ def _fly_hard(
 
 def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:
     """Fly the cases ``lost`` by the general kernel into their rows of ``block``, each at a step at which it has settled."""
+    assert flight.kernel is not None
     assert flight.steps is not None
     assert flight.usual is not None
     lasts = flight.usual > 0.0
-    step = float(np.min(flight.usual[lasts] / flight.steps[lasts], initial=first_step(campaign.scene, campaign.file.dispersions)))
+    step = float(
+        np.min(flight.usual[lasts] / flight.kernel.most(flight.steps)[lasts], initial=first_step(campaign.scene, campaign.file.dispersions))
+    )
     found = _settle(campaign, flight, block, lost, step, lambda step, which: fly_general(campaign, step, draws[which], room))
     ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
     return Again(_largest(found.change[ok]), left=lost, unsettled=int(np.count_nonzero(ok & ~found.settled)))

@@ -54,6 +54,12 @@ def stage_names(campaign: Definition) -> list[str]:
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
 
 
+def stretch_names(campaign: Definition, kernel: Kernel) -> list[str]:
+    """What the stretches of a campaign's kernel are: its stages, or their parts between switches and events."""
+    named = zip(stage_names(campaign), kernel.stretches, strict=True)
+    return [name if count == 1 else f"{name}, part {k + 1}" for name, count in named for k in range(count)]
+
+
 def corners(campaign: Definition) -> np.ndarray:
     """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses.
 
@@ -172,7 +178,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     if usual is None:
         return None
     longest = longest_step(campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene))
-    least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
+    least = kernel.steps(np.maximum(2, np.ceil(usual / longest)).astype(np.int64))
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
@@ -183,10 +189,10 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
     spread, some = _SPREAD_STEPS, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
-    few, sound = flown(np.full(len(usual), spread), some)
+    few, sound = flown(np.full(len(least), spread), some)
     while not sound.mean() > 0.5 and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
         spread *= 2
-        few, sound = flown(np.full(len(usual), spread), some)
+        few, sound = flown(np.full(len(least), spread), some)
     scale = scales(few[sound], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
@@ -213,7 +219,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stage_names(campaign), None, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stretch_names(campaign, kernel), None, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:

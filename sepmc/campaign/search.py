@@ -1,4 +1,4 @@
-"""Search for the fewest steps of a specialised kernel: in every phase, such that some cases come within a goal of a reference."""
+"""Search for the fewest steps of a specialised kernel: in every stretch, such that some cases come within a goal of a reference."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.door import fly_specialised
 from sepmc.kernels.kernel import Kernel
 
-_MOST_STEPS = 2048  # of a phase
+_MOST_STEPS = 2048  # of a stretch
 _AT_ONCE = 1e-9  # of a flight
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 
@@ -18,7 +18,7 @@ Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps
 
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
-    usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2, dtype=np.int64)
+    usual, steps = np.full(kernel.stages, np.inf), kernel.steps(np.full(kernel.stages, 2))
     while steps.max() <= _MOST_STEPS:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
@@ -51,9 +51,9 @@ class Search:
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
     def fewest(self, first: np.ndarray) -> np.ndarray | None:
-        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
+        """Fewest steps (stretches,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
 
-        The reference has at least as many as ``first`` (stages,). If it does not settle within twice the goal, what it settled to
+        The reference has at least as many as ``first`` (stretches,). If it does not settle within twice the goal, what it settled to
         becomes the goal.
         """
         steps = self._refer(first)
@@ -97,19 +97,19 @@ class Search:
         return float(self._errors(steps)[self.decides].max(initial=0.0))
 
     def _alone(self, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of every phase by itself, the others as fine as the reference."""
+        """Fewest steps of every stretch by itself, the others as fine as the reference."""
         chosen = steps.copy()
-        for phase in range(len(chosen)):
-            low, high = 0, int(steps[phase])
+        for stretch in range(len(chosen)):
+            low, high = 0, int(steps[stretch])
             while high - low > 1:
                 trial = steps.copy()
-                trial[phase] = middle = (low + high) // 2
+                trial[stretch] = middle = (low + high) // 2
                 low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
-            chosen[phase] = high
+            chosen[stretch] = high
         return chosen
 
     def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """One more step, or a sixteenth, where it helps most, until all phases together come within the goal."""
+        """One more step, or a sixteenth, where it helps most, until all stretches together come within the goal."""
         error = self.error(chosen)
         while error > self.goal and (chosen < most).any():
             more = np.diag(np.maximum(1, chosen // 16))

@@ -56,7 +56,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = round(fewest / share)
-        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
+        found, sound, ends, _ = fly_everything(kernel, plan, np.full(sum(kernel.stretches), steps), usual, none)
         if not sound and steps >= max(_HOPELESS, 2 * fewest):
             raise _LostError
         if sound and np.isinf(usual).all():
@@ -68,7 +68,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         share, notes = settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
-    steps = np.full(kernel.stages, round(fewest / share))
+    steps = np.full(sum(kernel.stretches), round(fewest / share))
     instants, phases = _instants(shape, last, every_s)
     found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
     return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)

@@ -9,7 +9,6 @@ from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, total, where
 from sepmc.compiler.shape import Stage
-from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -65,7 +64,8 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(f"await_{stage.name}(w, 1.0)")
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
-        _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
+        first = c.shape.stretch(number)
+        _stretch(text.block(f"for stretch in range({first}, {first + stage.stops}):"), c, number, stage)
     else:
         _stretch(text, c, number, stage)
     if stage.rows:
@@ -154,11 +154,17 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.write(text)
     if c.shape.switches:
         _switches(text, c)
+    steps = f"steps[{c.shape.stretch(number)}]"
+    if stage.stops > 1:
+        steps = "steps[stretch]"
+        text("going = False")
+        text.lanes()("going = going or w[T + l] < w[END + l]")
+        text.block("if not going:")("break")
     size = f"{c.shape.active(stage)} * LANES"
     if stage.breaks:
-        _until_it_breaks(text, c, number, stage, size)
+        _until_it_breaks(text, c, number, stage, size, steps)
         return
-    inner = text.block(f"for left in range(steps[{number}], 0, -1):")
+    inner = text.block(f"for left in range({steps}, 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])")
     awaited = [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
     inner(*awaited)
@@ -176,13 +182,9 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         _let_go(text, c, stage)
 
 
-def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: str) -> None:
-    """Steps of even length until all lanes are through: when a load will end the phase is not known. Lanes that are through stay as they
-    are, whatever the others do."""
-    text.block("for e in range(SIZE_Y):")("w[KEPT + e] = w[Y + e]")
-    text.lanes()("w[FROZEN + l] = 0.0 if w[T + l] < w[END + l] else 1.0")
-    emit_spread(text, c, "FROZEN")
-    text(f"pace, going = usual[{number}] / steps[{number}], True", f"left = steps[{number}] if math.isinf(pace) else 1")
+def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: str, steps: str) -> None:
+    """Steps of even length until all lanes are through: when a load will end the phase is not known."""
+    text(f"pace, going = usual[{number}] / {steps}, True", f"left = {steps} if math.isinf(pace) else 1")
     text("longest = 0.0")
     text.lanes()("longest = max(longest, w[END + l] - w[T + l])")
     text(f"pace = max(pace, {_LEAST_PACE} * longest)")
@@ -190,7 +192,6 @@ def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: st
     inner(f"advance(w, {number}, {size}, left, pace)", f"break_{stage.name}(w)", *_noted(c, number))
     inner("left, going = max(left - 1, 1), False")
     inner.lanes()("going = going or w[T + l] < w[END + l]")
-    text.block("for e in range(SIZE_Y):")("w[Y + e] = w[KEPT + e]")
 
 
 def _let_go(text: Text, c: Context, stage: Stage) -> None:

@@ -37,6 +37,11 @@ class Context:
         return any(stage.breaks for stage in self.shape.stages)
 
     @property
+    def idles(self) -> bool:
+        """Whether lanes may be through with a stage before others: steps of no length then leave a case as it is, to the last bit."""
+        return any(stage.stops > 1 or stage.breaks for stage in self.shape.stages)
+
+    @property
     def watched(self) -> tuple[str, ...]:
         """Joints whose loads are followed over the flight."""
         return self.shape.scene.output.loads

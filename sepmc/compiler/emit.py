@@ -106,6 +106,8 @@ def _first_slabs(c: Context) -> None:
         c.slabs.add(name, 1)
     c.slabs.add("DOUBT", c.size), c.slabs.add("GUARD", len(c.guards))
     c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
+    if c.idles:
+        c.slabs.add("BEFORE", c.size)
 
 
 def _head(c: Context) -> Text:
@@ -120,7 +122,12 @@ def _head(c: Context) -> Text:
         head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
         head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
-    head(*c.slabs.lines(), f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}", f"STAGES = {len(c.shape.stages)}", *_places(c.shape))
+    head(
+        *c.slabs.lines(),
+        f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}",
+        f"STRETCHES = {tuple(stage.stops for stage in c.shape.stages)}",
+        *_places(c.shape),
+    )
     return head
 
 

@@ -119,6 +119,10 @@ class Shape:
         """Whether some case may have what the nominal one has if ``nominally``, since a parameter says so that may be dispersed."""
         return nominally or path in self.dispersed
 
+    def stretch(self, number: int) -> int:
+        """The number of the first stretch of a stage, among those of all."""
+        return sum(stage.stops for stage in self.stages[:number])
+
     def active(self, stage: Stage) -> int:
         """Numbers of the state that are integrated in a phase."""
         return 6 * len(self.bodies) + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))

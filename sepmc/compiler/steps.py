@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.loads import feels_air
-from sepmc.compiler.recorder import Scope, total, where
+from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
 
@@ -65,7 +66,7 @@ def emit_advance(out: Text, c: Context) -> None:
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
     if c.extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
-    _begin(text, "left, usual", c.extends)
+    _begin(text, c, "left, usual", c.extends)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
     inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0")
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
@@ -84,7 +85,7 @@ def emit_approach(out: Text, c: Context) -> None:
     rk = method("rk4")
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
     text = out.function("approach(w, phase: int, size: int)", says)
-    _begin(text, "1, math.inf", False)
+    _begin(text, c, "1, math.inf", False)
     text.lanes()(f"w[LOST + l] = w[LOST + l] if abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l] else 1.0")
     _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
     text("settle(w, phase)", "set_step(w, phase, 1, math.inf)")
@@ -96,8 +97,10 @@ def emit_approach(out: Text, c: Context) -> None:
         inner("w[REACH + l] = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
 
 
-def _begin(text: Text, length: str, keeps: bool) -> None:
+def _begin(text: Text, c: Context, length: str, keeps: bool) -> None:
     """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time it starts from."""
+    if c.idles:
+        text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
     inner = text.block("for e in range(size):")
     inner("w[S + e] = w[Y + e]")
     if keeps:
@@ -160,7 +163,7 @@ def emit_settle(out: Text, c: Context) -> None:
             _settle_height(scope, c, body)
         lose(scope, scope.load("FAR") <= scope.named("NEAR"))
     steps = scope.load("STEPS")
-    scope.store("STEPS", where(scope.load("STEP").equals(0.0), steps, steps + 1.0) if c.breaks else steps + 1.0)
+    scope.store("STEPS", _unless_idle(scope, c, steps + 1.0, steps))
     scope.write(text)
     if in_air:
         text("farthest = 0.0")
@@ -169,6 +172,8 @@ def emit_settle(out: Text, c: Context) -> None:
     for number, stage in enumerate(shape.stages):
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
+    if c.idles:
+        text.block("for e in range(SIZE_Y):")("w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]")
 
 
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:
@@ -187,8 +192,8 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     q, last = scope.load(f"Y + Q_{body}", 4).called("q"), (f"ANGLES_{body}", part(f"ANGLES_{body}", 1))
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
-    drift = scalar.abs(length - 1.0)
-    scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), where(scope.load("STEP").equals(0.0), 0.0, drift) if c.breaks else drift))
+    drift = _unless_idle(scope, c, scalar.abs(length - 1.0), 0.0)
+    scope.store("DRIFT", scalar.larger(scope.load("DRIFT"), drift))
     unit = tuple(q[i] * inverse for i in range(4))
     scope.store(f"Y + Q_{body}", unit)
     r = quat.matrix(unit).called("r")
@@ -202,7 +207,12 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
     scope.store("LOST", where(turned > _MOST_TURNED, 1.0, scope.load("LOST")))
     for angle, place in zip(now, last, strict=True):
-        scope.store(place, angle)
+        scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
+
+
+def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:
+    """What holds after a step, if it had any length, and before."""
+    return where(scope.load("STEP").equals(0.0), before, now) if c.idles else now
 
 
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
@@ -214,8 +224,8 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     turns = (rate * climb < 0.0).called("turns")
     further = _BEYOND * rate * scalar.abs(rate) * scalar.abs(scope.load("STEP")) / scalar.abs(where(turns, climb - rate, 1.0))
     top = where(turns, before + further, now).called("top")
-    scope.store(f"CLIMB_{body}", now)
-    scope.store(part(f"CLIMB_{body}", 1), climb)
+    scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
+    scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
     scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}"))))
     for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))

@@ -62,11 +62,8 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     """A function that ends a phase where its load is reached within the step just made: by the continuous extension."""
     assert stage.breaks is not None
     numbers, first = 6 * len(c.followed), 6 * c.followed.index(stage.breaks.which) + (3 if stage.breaks.what == at.AT_MOMENT else 0)
-    for name, count in (("MET", c.size), ("KEPT", c.size), ("FROZEN", c.size)):
-        c.slabs.add(name, count)
-    says = (
-        f"End phase {stage.name} in the step just made where the load that ends it is reached; keep the states of lanes that are through."
-    )
+    c.slabs.add("MET", c.size)
+    says = f"End phase {stage.name} in the step just made where the load that ends it is reached."
     text = out.function(f"break_{stage.name}(w)", says)
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
@@ -85,6 +82,3 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     emit_spread(inner, c, "MET")
     inner(f"sample(w, {number})")
     inner.block(f"for e in range({c.shape.active(stage)} * LANES):")("w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]")
-    text.block("for e in range(SIZE_Y):")("w[KEPT + e] = w[KEPT + e] if w[FROZEN + e] > 0.0 else w[Y + e]")
-    text.lanes()("w[FROZEN + l] = 0.0 if w[T + l] < w[END + l] else 1.0")
-    emit_spread(text, c, "FROZEN")

@@ -120,8 +120,9 @@ def _fly_blocks(address, blocks, size, calls, arguments):
 
 
 def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, usual, every, outcomes, ends, history, status) -> None:
-    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (stages,) steps a stage, which usually
-    lasts ``usual`` (stages,) s: a phase, or the time in which joints are late.
+    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (stretches,) steps a stretch. A stage, that
+    is a phase, or the time in which joints are late, usually lasts ``usual`` (stages,) s, and has a stretch between any two of the switches
+    and events within it, in the order in which a case comes to them.
 
     Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0, or -1 if this kernel cannot vouch for
     a case. If it was written for separations over time, also speed and distance of every joint ``every`` so many seconds, into history

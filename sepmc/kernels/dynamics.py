@@ -29,7 +29,7 @@ from sepmc.kernels.splines import curve, grid6
 from sepmc.kernels.springs import push
 
 _FRICTION_ROUNDS = 60
-_FRICTION = 1e-12  # of the load: friction and the joint wrench it depends on have settled
+_FRICTION = 1e-12  # of the friction, or of all loads, whose round-off it has: then it and the joint wrench it depends on have settled
 
 
 @stage
@@ -279,6 +279,25 @@ def _next_friction(trial, size, off, work, w):
 
 
 @stage
+def _size(w, k, length):
+    """Size of a force, and of the moment behind it over a length, N."""
+    force, moment = vec3.get(w, k), vec3.get(w, k + 3)
+    return math.sqrt(vec3.dot(force, force)) + math.sqrt(vec3.dot(moment, moment)) / length
+
+
+@stage
+def _size_of_loads(length, m, w):
+    """Sum of the sizes of all loads and joint forces, N, moments over a length, m."""
+    keep_apart()
+    total = 0.0
+    for b in range(m.scene.n_bodies):
+        total += _size(w, body_work(b, m) + at.LOAD, length)
+    for j in range(m.scene.n_joints):
+        total += _size(w, joint_work(j, m) + at.FORCE_B, length)
+    return total
+
+
+@stage
 def _solve_with_friction(y, m, w):
     """Accelerations with guide friction. Friction follows from the joint wrench and the wrench from friction: both, by trial.
 
@@ -300,7 +319,7 @@ def _solve_with_friction(y, m, w):
             wanted = guides.friction_force(w[p + at.FRICTION], total, speed, w[p + at.SLIP_SPEED])
             now = w[work + at.FRICTION_FORCE]
             off = abs(wanted) - abs(now)
-            if abs(off) <= _FRICTION * max(abs(now), 1.0):
+            if abs(off) <= _FRICTION * max(abs(now), _size_of_loads(w[p + at.ENGAGED], m, w)):
                 continue
             settled = False
             force = math.copysign(_next_friction(trial, abs(now), off, work, w), wanted)
