@@ -44,25 +44,32 @@ def fly_general(campaign: Definition, step: float | None, draws: np.ndarray, roo
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
-    """Step, s, beyond which no stage of the method sees a thrust build up or tail off: where thrusts cancel otherwise, halving such a
-    step tells nothing. Infinite if all thrusts are sudden or steady, or have time constants shorter than ``brief``, s."""
+    """Step, s, beyond which no stage of the method sees a thrust build up or tail off, or what stands between rows of a table over height:
+    where that cancels otherwise, halving such a step tells nothing. Infinite if all thrusts are sudden or steady, or have time constants
+    shorter than ``brief``, s, and no table is passed."""
     constants = [getattr(motor, key) for motor in scene.motor for key in _TRANSIENTS]
     constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
     nodes = method(scene.solver.method).c
-    return _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
+    transients = _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
+    return min(transients, max(_rows_step(scene), scene.run.end_time / _MOST_FIRST))
 
 
-def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:
-    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height, or over
-    the transients of motors."""
+def _rows_step(scene: Scene) -> float:
+    """Step, s, that passes no more rows of a table over height than its stages see."""
     end, start = scene.run.end_time, scene.initial
     climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
     tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
     low, high = start.altitude - climb * end, start.altitude + climb * end
     passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
     closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
-    rows = _ROWS * closest / climb if climb > 0.0 else math.inf
-    return min(end / _FIRST, max(min(rows, longest_step(scene, laws)), end / _MOST_FIRST))
+    return _ROWS * closest / climb if climb > 0.0 else math.inf
+
+
+def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:
+    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height, or over
+    the transients of motors."""
+    end = scene.run.end_time
+    return min(end / _FIRST, max(longest_step(scene, laws), end / _MOST_FIRST))
 
 
 @dataclass

@@ -74,7 +74,8 @@ class Case:
 
     @property
     def stream(self) -> Value:
-        """What the flow around a body has besides the body's own speed: that of the start, less the wind."""
+        """What the flow around a body has besides the body's own speed: that of the start, less the wind that is the same
+        at all heights."""
         moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
         return vec3.sub(self.velocity, moving).called("stream")
 

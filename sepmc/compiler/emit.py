@@ -37,7 +37,7 @@ from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer, sound_speed
 from sepmc.kernels.clearances import search_clearance
-from sepmc.kernels.elementary import arctan2
+from sepmc.kernels.elementary import arctan2, exponential
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
 from sepmc.kernels.layout import Model
@@ -46,7 +46,7 @@ from sepmc.kernels.methods import method
 from sepmc.kernels.observe import SINE_SINGULAR
 from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
 from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
-from sepmc.kernels.splines import add_curves6, put6_zero, put_grid6
+from sepmc.kernels.splines import hold_cell, is_held, put_cell
 from sepmc.kernels.stretches import next_break, set_stretch
 from sepmc.kernels.wind import wind
 '''

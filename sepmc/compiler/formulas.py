@@ -37,7 +37,7 @@ loads: Any = Formulas(
 air: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed"), NUMBER),
+        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed", "exponential"), NUMBER),
         "density_series": 9,
         "layer": (4, NUMBER),
     },

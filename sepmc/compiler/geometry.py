@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sepmc.compiler.context import Context
+from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, joints, quat, square_root, vec3
 from sepmc.compiler.recorder import Scope, Value
 from sepmc.compiler.shape import Stage
@@ -57,6 +57,13 @@ class State:
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
         return self.scope.load(f"{self.slab} + V_{body}", 3).called(f"v_{body}")
+
+    def stream(self, body: str) -> Any:
+        """What the flow around a body has besides its own speed: that of the start, less the wind."""
+        if self.shape.scene.environment.wind.profile is None:
+            return self.case.stream
+        along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
+        return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Value:
         return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")

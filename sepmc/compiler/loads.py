@@ -9,7 +9,6 @@ from sepmc.compiler.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.compiler.geometry import State
 from sepmc.compiler.packing import aero_terms
 from sepmc.compiler.recorder import Value, total, where
-from sepmc.compiler.shape import Shape
 from sepmc.compiler.tables import looks_up
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
@@ -31,7 +30,7 @@ def body_loads(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
     """Force and moment on every body."""
     scene, found = s.shape.scene, {body: _Loads() for body in s.shape.bodies}
     for body, acting in found.items():
-        if feels_air(s.shape, body):
+        if s.shape.feels_air(body):
             s.scope.comment(f"air on {body}")
             _air(s, body, acting)
         for i, motor in enumerate(scene.motor):
@@ -68,11 +67,6 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     return (force[0], force[1] - weight if terms else -weight, force[2]) if weight is not None else force
 
 
-def feels_air(shape: Shape, body: str) -> bool:
-    """Whether a body has aerodynamics, and air to fly in."""
-    return shape.scene.environment.atmosphere != "none" and shape.scene.body[body].aerodynamics is not None
-
-
 def _rise(s: State, body: str) -> tuple[Value, Value]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the distance there from the earth's centre."""
     rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called("rise")
@@ -81,7 +75,7 @@ def _rise(s: State, body: str) -> tuple[Value, Value]:
 
 def emit_centre(out: Text, c: Context) -> None:
     """A function that expands density and gravity anew for bodies that have left the height about which they were expanded."""
-    bodies = [body for body in c.shape.bodies if feels_air(c.shape, body)]
+    bodies = [body for body in c.shape.bodies if c.shape.in_layers(body)]
     if not bodies:
         return
     says = "Expand density and gravity about the height of every body that is further than ``far`` metres from where they were last."
@@ -110,12 +104,9 @@ def emit_centre(out: Text, c: Context) -> None:
 def _air(s: State, body: str, acting: _Loads) -> None:
     """Aerodynamic force and moment at the angles of the flow."""
     case, p = s.case, s.case.body(body)
-    flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), case.stream)).called("flow")
+    flow = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.flow_angles(flow).called("angles")
-    rise, share = _rise(s, body)
-    higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
-    density = air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
-    pressure = (density * vec3.dot(flow, flow)).called("pressure")
+    pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     named = _coefficients(s, body, alpha, beta)
     if looks_up(s.shape, body):
         named = [value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)]
@@ -130,6 +121,15 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     if aero is not None and aero.moment_point is not None:
         arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called("air_arm")
         acting.moments.append(vec3.cross(arm, force))
+
+
+def _density(s: State, body: str) -> Value:
+    """Density of the air around a body."""
+    if not s.shape.in_layers(body):
+        return air.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
+    rise, share = _rise(s, body)
+    higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
+    return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
 def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
@@ -207,7 +207,7 @@ def _weight(s: State, body: str) -> Any:
     surface = case.number(at.SURFACE_GRAVITY)
     if kind != "inverse-square":
         return (case.mass(body) * surface).called("weight")
-    if feels_air(s.shape, body):
+    if s.shape.in_layers(body):
         return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
     return case.mass(body) * loads.inverse_square(surface, s.place(body)[1] + level(s.scope, s.time))
 

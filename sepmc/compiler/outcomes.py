@@ -7,6 +7,7 @@ from typing import Any
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, loads, quat, vec3
 from sepmc.compiler.geometry import State
+from sepmc.compiler.tables import call_look_up, has_wind_profile
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -17,6 +18,10 @@ def emit_report(out: Text, c: Context) -> None:
     shape, stage = c.shape, c.shape.stages[-1]
     text = out.function("report(w)", "Outcomes of the final state, in the order of the columns, into OUT.")
     c.slabs.add("OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES)
+    if has_wind_profile(shape):
+        text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+        text.lanes()("w[CLOCK + l] = w[T + l]")
+        call_look_up(text, c, stage)
     s = State(c, c.scope(), stage, "Y")
     o = 0
     for body in shape.bodies:
@@ -36,7 +41,7 @@ def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any
     """Angles of the flow, the pitch above the nominal path, rates and attitude of a body; ``followed`` gives the pitch and the roll of a
     group that turns, carried through turns."""
     leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
-    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), case.stream))).called("angles")
+    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body)))).called("angles")
     held = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
     found = [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *(ZERO if held else s.rate(leader))]

@@ -119,6 +119,14 @@ class Shape:
         """Whether some case may have what the nominal one has if ``nominally``, since a parameter says so that may be dispersed."""
         return nominally or path in self.dispersed
 
+    def feels_air(self, body: str) -> bool:
+        """Whether a body has aerodynamics, and air to fly in."""
+        return self.scene.environment.atmosphere != "none" and self.scene.body[body].aerodynamics is not None
+
+    def in_layers(self, body: str) -> bool:
+        """Whether a body flies in the layers of the standard atmosphere, whose density is expanded about its height."""
+        return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
+
     def stretch(self, number: int) -> int:
         """The number of the first stretch of a stage, among those of all."""
         return sum(stage.stops for stage in self.stages[:number])
@@ -150,16 +158,7 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
 def _obstacles(scene: Scene) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     found = []
-    aero = [body.aerodynamics for body in scene.body.values() if body.aerodynamics is not None]
     joints = scene.joint.values()
-    if any(a.table is not None for a in aero):  # written, but no faster than the general kernel, and slow to find steps for
-        found.append("aerodynamic tables")
-    if scene.proximity:
-        found.append("proximity increments")
-    if scene.environment.atmosphere == "table":
-        found.append("a table of the air")
-    if scene.environment.wind.profile is not None:
-        found.append("a wind profile")
     if scene.output.guide:
         found.append("outputs of pin loads")
     if any(j.guide is not None and j.guide.friction > 0.0 for j in joints):

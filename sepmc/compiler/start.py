@@ -5,7 +5,7 @@ from typing import Any
 from sepmc.compiler.context import Context, lose, part
 from sepmc.compiler.formulas import quat, vec3, vehicle
 from sepmc.compiler.recorder import total, where
-from sepmc.compiler.tables import looks_up
+from sepmc.compiler.tables import has_tables
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -16,7 +16,7 @@ _ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN")
 def shared_size(c: Context) -> int:
     """Numbers that all cases share: axes of joints and what makes their separation positive, axes of springs; outlines and
     tables."""
-    if c.shape.scene.clearance or any(looks_up(c.shape, body) for body in c.shape.bodies):
+    if c.shape.scene.clearance or has_tables(c.shape):
         return len(c.shape.plan.model.numbers)
     return int(c.model.springs_x) + 3 * len(c.shape.scene.spring)
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
-from sepmc.compiler.loads import feels_air
 from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.text import Text
 from sepmc.kernels.methods import Method, method
@@ -155,7 +154,7 @@ def emit_settle(out: Text, c: Context) -> None:
             _settle_attitude(scope, c, body)
         scope.write(text if first == 0 else text.block(f"if phase >= {first}:"))
     scope = c.scope()
-    in_air = [body for body in shape.bodies if feels_air(shape, body)]
+    in_air = [body for body in shape.bodies if shape.in_layers(body)]
     if in_air:
         c.slabs.add("FAR", 1)
         scope.store("FAR", 0.0)

@@ -62,26 +62,91 @@ def grid6(numbers, at, x, y, z):
     return s0, s1, s2, s3, s4, s5
 
 
-@stage
-def put_grid6(w, k, at, x, y, z):
-    """`grid6` of a pack in a workspace of lanes, into the six numbers from w[k] on."""
-    found = grid6(w, at, x, y, z)
-    for i in range(6):
-        w[k + i * LANES] = found[i]
+# What a lane holds of the pack it looks up, a cell, so that no lane is looked up twice in the same one and all are
+# summed side by side: low and high end of the cell and what distances count from, for each axis; basis functions
+# there, as in the pack, and their values; coefficients, the last axis slowest but for the functions.
+_ENDS, _BASIS, _VALUES, _WEIGHT, _COEFFICIENTS = 0, 9, 57, 69, 70
+
+
+def cell_size(functions, counts):
+    """Numbers of a cell with so many basis functions along each axis, (3,): one or four."""
+    return _COEFFICIENTS + functions * math.prod(counts)
 
 
 @stage
-def put6_zero(w, k):
-    """Zero into the six numbers from w[k] on."""
-    for i in range(6):
-        w[k + i * LANES] = 0.0
+def is_held(w, cell, x, y, z):
+    """Whether the cell that a lane holds is that of a place."""
+    return (
+        w[cell] <= x < w[cell + LANES] and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES] and w[cell + 6 * LANES] <= z < w[cell + 7 * LANES]
+    )
 
 
 @stage
-def add_curves6(w, k, at, x, factor):
-    """Add to the six numbers from w[k] on, times a factor, the six functions of a pack in a workspace of lanes."""
-    for i in range(6):
-        w[k + i * LANES] += factor * curve(w, at, i, x)
+def hold_cell(w, cell, at, x, y, z):
+    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside.
+
+    A place on the edge is inside. An axis of one point has no edge.
+    """
+    keep_apart()
+    functions, inside = int(w[at]), True
+    x_axis = at + 1
+    y_axis = _after(w, x_axis)
+    z_axis = _after(w, y_axis)
+    z_stride = functions
+    y_stride = z_stride * _coefficients(w, z_axis)
+    x_stride = y_stride * _coefficients(w, y_axis)
+    corner = _after(w, z_axis)
+    for n, axis, place, stride in ((0, x_axis, x, x_stride), (1, y_axis, y, y_stride), (2, z_axis, z, z_stride)):
+        ends, basis, spans = cell + (_ENDS + 3 * n) * LANES, cell + (_BASIS + 16 * n) * LANES, int(w[axis])
+        if spans == 0:
+            w[ends], w[ends + LANES], w[ends + 2 * LANES] = -math.inf, math.inf, 0.0
+            for i in range(16):
+                w[basis + i * LANES] = 1.0 if i == 0 else 0.0
+            inside = inside and not math.isnan(place)
+            continue
+        inside = inside and w[axis + 1] <= place <= w[axis + 1 + spans]
+        low = _span(w, axis, place)
+        start = w[axis + 1 + low]
+        w[ends], w[ends + LANES], w[ends + 2 * LANES] = start, w[axis + 2 + low], start
+        for i in range(16):
+            w[basis + i * LANES] = w[axis + spans + 2 + 16 * low + i]
+        corner += low * stride
+    k = cell + _COEFFICIENTS * LANES
+    for i in range(4 if w[x_axis] > 0.0 else 1):
+        for j in range(4 if w[y_axis] > 0.0 else 1):
+            for n in range(4 if w[z_axis] > 0.0 else 1):
+                for f in range(functions):
+                    w[k] = w[corner + i * x_stride + j * y_stride + n * z_stride + f] if inside else math.nan
+                    k += LANES
+    if not inside:
+        w[cell] = math.inf  # holds no place
+
+
+@stage
+def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
+    """Values of the functions of the cells that lanes hold, of so many basis functions along each axis, at the places
+    (three numbers) from w[place] on, into w[found] and so on: `grid6` of all lanes side by side."""
+    keep_apart()
+    for n, count in ((0, x_count), (1, y_count), (2, z_count)):
+        for i in range(count):
+            k = cell + (_BASIS + 16 * n + 4 * i) * LANES
+            for l in range(LANES):
+                s = w[place + n * LANES + l] - w[cell + (_ENDS + 3 * n + 2) * LANES + l]
+                value = w[k + l] + s * (w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l]))
+                w[cell + (_VALUES + 4 * n + i) * LANES + l] = value
+    for e in range(functions * LANES):
+        w[found + e] = 0.0
+    weight, k = cell + _WEIGHT * LANES, cell + _COEFFICIENTS * LANES
+    for i in range(x_count):
+        for j in range(y_count):
+            for n in range(z_count):
+                u, v, z = cell + (_VALUES + i) * LANES, cell + (_VALUES + 4 + j) * LANES, cell + (_VALUES + 8 + n) * LANES
+                for l in range(LANES):
+                    w[weight + l] = w[u + l] * w[v + l] * w[z + l]
+                for f in range(functions):
+                    for l in range(LANES):
+                        w[found + f * LANES + l] += w[weight + l] * w[k + f * LANES + l]
+                k += functions * LANES
 
 
 @stage
@@ -93,16 +158,23 @@ def _basis(numbers, axis, x):
     breaks = axis + 1
     if not numbers[breaks] <= x <= numbers[breaks + spans]:
         return 0, 4, (math.nan, math.nan, math.nan, math.nan)
-    low, high = 0, spans
-    while high - low > 1:
-        middle = (low + high) // 2
-        if x < numbers[breaks + middle]:
-            high = middle
-        else:
-            low = middle
+    low = _span(numbers, axis, x)
     s = x - numbers[breaks + low]
     p = breaks + spans + 1 + 16 * low
     return low, 4, (_cubic(numbers, p, s), _cubic(numbers, p + 4, s), _cubic(numbers, p + 8, s), _cubic(numbers, p + 12, s))
+
+
+@stage
+def _span(numbers, axis, x):
+    """Number of the span of an axis that holds x; the first or the last if none does."""
+    low, high = 0, int(numbers[axis])
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x < numbers[axis + 1 + middle]:
+            high = middle
+        else:
+            low = middle
+    return low
 
 
 @stage
