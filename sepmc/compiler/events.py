@@ -132,6 +132,8 @@ def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
 def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
     """The angle by which the second body of a joint has turned from the first; at 0 its axis is that of the motion to come."""
     first, second = s.shape.scene.joint[joint].bodies
+    if s.stage.leader(first) == s.stage.leader(second) == GROUND:
+        return -threshold, 0.0 * threshold, 0.0 * threshold
     spin_a, spin_b = s.spin(first), s.spin(second)
     change = vec3.sub(spin_b, spin_a).called("relative_rate")
     faster = vec3.sub(_spin_rate(s, second), _spin_rate(s, first)).called("relative_acceleration")
