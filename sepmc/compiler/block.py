@@ -8,7 +8,7 @@ from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, total, where
-from sepmc.compiler.shape import Stage
+from sepmc.compiler.shape import Stage, met
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -64,6 +64,8 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(f"await_{stage.name}(w, 1.0)")
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
+        if stage.clauses:
+            _begin_clauses(text, c, stage)
         first = c.shape.stretch(number)
         _stretch(text.block(f"for stretch in range({first}, {first + stage.stops}):"), c, number, stage)
     else:
@@ -86,10 +88,39 @@ def _note_sides(text: Text, c: Context, stage: Stage) -> None:
     for event in stage.events:
         if event.what == at.AT_ALTITUDE:
             scope = c.scope()
-            c.slabs.add(f"SIDE_{stage.name}", 1)
+            c.slabs.add(f"SIDE_{stage.name}_{event.name}", 1)
             above = height(scope, event.which) > c.case.number(event.threshold)
-            scope.store(f"SIDE_{stage.name}", where(above, -1.0, 1.0))
+            scope.store(f"SIDE_{stage.name}_{event.name}", where(above, -1.0, 1.0))
             scope.write(text)
+
+
+def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
+    """None of several conditions is met, but for times that are past."""
+    scope = c.scope()
+    for number in {number for clause in stage.clauses for number in clause}:
+        c.slabs.add(met(stage.name, number), 1)
+        scope.store(met(stage.name, number), 0.0)
+    scope.write(text)
+    _note_clauses(text, c, stage)
+
+
+def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
+    """Which of several conditions are times that have come, and whether a phase is at its end."""
+    scope = c.scope()
+    now, flags = scope.load("T"), {}
+    for number in {number for clause in stage.clauses for number in clause}:
+        flags[number] = scope.load(met(stage.name, number)) > 0.0
+    for number, places in stage.times.items():
+        flags[number] = flags[number] | (now >= total([c.case.number(place) for place in places]) - _SAME_TIME)
+        scope.store(met(stage.name, number), where(flags[number], 1.0, 0.0))
+    done = scope.load("DONE") > 0.0
+    for clause in stage.clauses:
+        together = flags[clause[0]]
+        for number in clause[1:]:
+            together = together & flags[number]
+        done = done | together
+    scope.store("DONE", where(done, 1.0, 0.0))
+    scope.write(text)
 
 
 def _check_start(text: Text, c: Context) -> None:
@@ -147,10 +178,13 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     for joint in stage.masked:
         lets_go = scope.load(f"LETS_GO_{joint}")
         end = where((scope.load(f"HELD_{joint}") > 0.0) & (lets_go < end), scalar.larger(lets_go, now), end)
+    for condition, places in stage.times.items():
+        comes, waits = total([c.case.number(place) for place in places]), scope.load(met(stage.name, condition)).equals(0.0)
+        end = where(waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end)
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
     for event in stage.events:
-        scope.store(f"LAST_{stage.name}_{event.which}", math.inf)
+        scope.store(f"LAST_{stage.name}_{event.name}", math.inf)
     scope.write(text)
     if c.shape.switches:
         _switches(text, c)
@@ -178,6 +212,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         text(
             f"approach(w, {number}, {size})", *awaited, *noted, f"meet(w, {number})"
         )  # of the last step only what comes before the event counts
+    if stage.clauses:
+        _note_clauses(text, c, stage)
     if stage.masked:
         _let_go(text, c, stage)
 

@@ -75,7 +75,7 @@ class Context:
         OMEGA; of every event, how long its condition takes for a metre or a radian: the error of its time."""
         doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
         events = [(stage, event) for stage in self.shape.stages for event in (*stage.events, *([stage.breaks] if stage.breaks else []))]
-        return [*doubts, *(f"{stage.name}_{event.which}" for stage, event in events), *self.load_guards]
+        return [*doubts, *(f"{stage.name}_{event.name}" for stage, event in events), *self.load_guards]
 
     @property
     def load_guards(self) -> list[str]:

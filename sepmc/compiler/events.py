@@ -31,7 +31,7 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
 
 def _wait(s: State, event: Event) -> Any:
     """Time to an event."""
-    scope, name = s.scope, f"{s.stage.name}_{event.which}"
+    scope, name = s.scope, f"{s.stage.name}_{event.name}"
     for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
         s.c.slabs.add(f"{slab}_{name}", count)
     scope.comment(f"{event.which}")
@@ -43,21 +43,22 @@ def _wait(s: State, event: Event) -> Any:
     first = earlier.equals(math.inf)
     jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
     at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called("at_once")
-    _note_graze(scope, event, name, value, rate)
+    _note_graze(scope, event, s.stage.name, value, rate)
     for place, now in ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once)):
         scope.store(place, now)
     scope.store(part(f"LAST_{name}", 1), acceleration)
     wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
-    if event.ends_phase:
-        return where(first & (wait > usual), usual, wait)
-    return where(scope.load(f"SPENT_{event.which}") > 0.0, math.inf, wait)
+    if event.ends_phase or event.number >= 0:
+        wait = where(first & (wait > usual), usual, wait)
+    return wait if event.ends_phase else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
 
 
-def _note_graze(scope: Scope, event: Event, name: str, value: Value, rate: Value) -> None:
+def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Value) -> None:
     """A condition may be met and left again within a step: then the case is on its own."""
+    name = f"{stage}_{event.name}"
     earlier, past, slope = scope.load(f"LAST_{name}"), scope.load(f"VALUE_{name}"), scope.load(f"RATE_{name}")
     grazes = _may_rise(past, slope, value, rate, scope.load("T") - earlier) & (earlier < math.inf) & (past < 0.0)
-    left = scope.load("DONE" if event.ends_phase else f"SPENT_{event.which}").equals(0.0)
+    left = scope.load(event.flag(stage)).equals(0.0)
     scope.store("UNEVEN", where(grazes & left, 1.0, scope.load("UNEVEN")))
 
 
@@ -104,7 +105,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         value, rate = line.length - s.spring_start(spring) - threshold, line.rate
         return value, rate, _acceleration(s, spring.bodies, line)
     if event.what == at.AT_ALTITUDE:
-        return _height(s, event.which, threshold)
+        return _height(s, event, threshold)
     bodies = scene.joint[event.which].bodies
     if event.what == at.AT_ANGLE:
         return _angle(s, event.which, threshold)
@@ -117,11 +118,11 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     return line.length - threshold, line.rate, s.case.apart(event.which) * _acceleration(s, bodies, line)
 
 
-def _height(s: State, body: str, threshold: Value) -> tuple[Any, Any, Any]:
+def _height(s: State, event: Event, threshold: Value) -> tuple[Any, Any, Any]:
     """A height that is reached from the side on which the body is as the phase begins."""
-    side = s.scope.load(f"SIDE_{s.stage.name}")
-    value, rate = _climb(s, body, threshold)
-    return side * value, side * rate, side * s.scope.load(f"K1 + V_{body}", 3)[1]
+    side = s.scope.load(f"SIDE_{s.stage.name}_{event.name}")
+    value, rate = _climb(s, event.which, threshold)
+    return side * value, side * rate, side * s.scope.load(f"K1 + V_{event.which}", 3)[1]
 
 
 def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
@@ -190,9 +191,8 @@ def emit_meet(out: Text, c: Context) -> None:
 
 def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     """Whether a condition is met, and how slowly: an error of its value is so much of an error of its time."""
-    name = f"{stage.name}_{event.which}"
-    flag = "DONE" if event.ends_phase else f"SPENT_{event.which}"
-    if not event.ends_phase:
+    name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
+    if not event.ends_phase and event.number < 0:
         c.start(flag, 0.0)
     met, before, rate = scope.load(f"VALUE_{name}") >= _MET, scope.load(flag), scope.load(f"RATE_{name}")
     slow = where(rate > 0.0, 1.0 / rate, math.inf)

@@ -37,12 +37,30 @@ class Row:
 
 @dataclass(frozen=True)
 class Event:
-    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where its threshold stands in w."""
+    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where its threshold stands in w; whether it
+    ends its phase by itself, or else its number among the conditions that do so together."""
 
     what: int
     which: str
     threshold: int
     ends_phase: bool
+    number: int = -1
+
+    @property
+    def name(self) -> str:
+        """What it is called within its stage."""
+        return self.which if self.number < 0 else f"{self.which}_{self.number}"
+
+    def flag(self, stage: str) -> str:
+        """Where it is noted that it is met."""
+        if self.ends_phase:
+            return "DONE"
+        return f"SPENT_{self.which}" if self.number < 0 else met(stage, self.number)
+
+
+def met(stage: str, number: int) -> str:
+    """Where it is noted that one of several conditions is met."""
+    return f"MET_{stage}_{number}"
 
 
 @dataclass
@@ -62,6 +80,8 @@ class Stage:
     late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
     after_late: bool = False  # whether its end was waited for before it began, while joints were late
     awaited: Event | None = None  # the condition that ends the phase after it and is waited for while joints are late
+    clauses: list[tuple[int, ...]] = field(default_factory=list)  # of several conditions: any of these ends it, each all of its numbers
+    times: dict[int, tuple[int, ...]] = field(default_factory=dict)  # which of them are times: places of what adds up to them
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     set_free: list[str] = field(default_factory=list)  # joints that become free within it
     stops: int = 1
@@ -92,7 +112,7 @@ class Stage:
     @property
     def ends_by_state(self) -> bool:
         """Whether a condition on the state ends it, and not a time."""
-        return self.breaks is not None or any(event.ends_phase for event in self.events)
+        return self.breaks is not None or bool(self.clauses) or any(event.ends_phase for event in self.events)
 
 
 @dataclass
@@ -146,12 +166,14 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
     found = fixed + _obstacles(plan.scene)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
-    loaded = any(until.force is not None or until.moment is not None for until in ends)
-    stages = make_shape(plan, dispersed).stages if loaded and not found else []
+    asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
+    stages = make_shape(plan, dispersed).stages if asked and not found else []
     if any(stage.breaks and stage.events for stage in stages):
         found.append("a spring whose stroke may end while a joint's load is waited for")
     if any(stage.breaks and stage.after_late for stage in stages):
         found.append("a joint's load that ends a phase and is waited for while another joint is late")
+    if any(stage.clauses and stage.after_late for stage in stages):
+        found.append("several conditions that end a phase and are waited for while a joint is late")
     return found
 
 
@@ -168,8 +190,8 @@ def _obstacles(scene: Scene) -> list[str]:
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
     for phase in scene.phase:
-        if phase.until is not None and _is_manifold(phase.until):
-            found.append(f"the end of phase {phase.name} by several conditions")
+        if phase.until is not None and _is_manifold(phase.until) and _has_load(phase.until):
+            found.append(f"a joint's load among the conditions that end phase {phase.name}")
     found += [f"redundant rows in phase {item.phase}" for item in redundancies(scene)]
     return found
 
@@ -178,6 +200,11 @@ def _is_manifold(until: Until) -> bool:
     """Whether a phase ends by several conditions."""
     keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
     return bool(until.any or until.all) or sum(getattr(until, key) is not None for key in keys) != 1
+
+
+def _has_load(until: Until) -> bool:
+    """Whether a condition, or a part of it, is on what a joint carries."""
+    return until.force is not None or until.moment is not None or any(map(_has_load, (*until.any, *until.all)))
 
 
 def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
@@ -206,7 +233,10 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     switches = _breaks(scene, dispersed)
     for number, phase in enumerate(scene.phase):
         stage = _stage(scene, phase.name, phase.name, _kinds(scene, phase), plan.bodies)
-        _add_end(stage, phase, plan, dispersed)
+        if phase.until is not None and _is_manifold(phase.until):
+            _add_clauses(stage, number, plan, dispersed)
+        else:
+            _add_end(stage, phase, plan, dispersed)
         if number:
             before = scene.phase[number - 1]
             stage.released = _released(scene, before, phase)
@@ -218,7 +248,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             for name, bodies in spent.items()
             if not _still(scene, stage, bodies)
         ]
-        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + switches + len(stage.masked)
+        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + len(stage.times) + switches + len(stage.masked)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
@@ -263,7 +293,7 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
     if until.time is not None:
         stage.end_time = (leaves[f"{path}.time"],)
     elif until.burn_out is not None:
-        stage.end_time = tuple(plan.slots[f"motor.{until.burn_out}.{key}"] for key in ("ignition", "delay", "burn"))
+        stage.end_time = _burn_out(plan, until.burn_out)
     elif key := next((key for key in _ON_LOAD if getattr(until, key) is not None), None):
         assert until.joint is not None
         stage.breaks = Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True)
@@ -272,6 +302,29 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         which = until.body if what == at.AT_ALTITUDE else until.joint
         assert which is not None
         stage.events.append(Event(what, which, leaves[f"{path}.{key}"], True))
+
+
+def _burn_out(plan: Plan, motor: str) -> tuple[int, ...]:
+    """Places in w of what adds up to the time of a burn-out."""
+    return tuple(plan.slots[f"motor.{motor}.{key}"] for key in ("ignition", "delay", "burn"))
+
+
+def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
+    """Several conditions that end phase ``number``: any of clauses, each all of conditions."""
+    conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
+    start, count = conditions.events[2 * number : 2 * number + 2]
+    for clause in range(start, start + count):
+        begin, size = conditions.clauses[2 * clause : 2 * clause + 2]
+        stage.clauses.append(tuple(conditions.clause_leaves[begin : begin + size]))
+    for k, leaf in enumerate(conditions.leaves):
+        if leaf.event != number:
+            continue
+        if leaf.what == at.AT_TIME:
+            stage.times[k] = (first + k,)
+        elif leaf.what == at.AT_BURN_OUT:
+            stage.times[k] = _burn_out(plan, leaf.which)
+        else:
+            stage.events.append(Event(leaf.what, leaf.which, first + k, False, k))
 
 
 def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:

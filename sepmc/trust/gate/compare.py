@@ -30,7 +30,15 @@ _ROUGH = 1e-10  # tolerance of the second independent flight, which says how wel
 # What joints may drift by while their row passes its audit: an outcome that is zero but for round-off may differ by as much.
 _DRIFT = {"mm": 1e-6, "m/s": 1e-8, "deg": 6e-8, "deg/s": 6e-7, "s": 1e-9}
 _NUDGE = 1e-9  # relative change of thresholds, times and masses that must not matter
-REFUSED = ("unresolved", "no-root", "too-many-events", "singular-joint", "not-finite", "no-clearance", "jammed")  # what only the engine may say
+REFUSED = (
+    "unresolved",
+    "no-root",
+    "too-many-events",
+    "singular-joint",
+    "not-finite",
+    "no-clearance",
+    "jammed",
+)  # what only the engine may say
 FAULTS = ("silent", "wrong", "status", "door")
 Fly = Callable[..., Any]
 
