@@ -87,10 +87,12 @@ class Names:
         return change(phase, name=self.of["phase"][phase.name], joints=joints, until=phase.until and self._until(phase.until))
 
     def _until(self, until: Until) -> Until:
-        """A condition of a phase; a kernel is written only for those without ``any`` and ``all``."""
+        """A condition of a phase, and its parts."""
         return change(
             until,
             joint=until.joint and self.of["joint"][until.joint],
             burn_out=until.burn_out and self.of["motor"][until.burn_out],
             body=until.body and self._body(until.body),
+            any=tuple(map(self._until, until.any)),
+            all=tuple(map(self._until, until.all)),
         )

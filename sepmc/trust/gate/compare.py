@@ -132,7 +132,8 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
     for number in range(count):
         status = str(table["status"][number])
         verdict.statuses[status] = verdict.statuses.get(status, 0) + 1
-        if unflyable[number] or (status in REFUSED and flown[number].status != status):
+        broken = flown[number].status == "not-finite" and status not in ("ok", "never-released")  # neither came to the end of a blow-up
+        if unflyable[number] or broken or (status in REFUSED and flown[number].status != status):
             verdict.count("refused")
             continue
         if status == Status.INVALID_INPUT.label and forbidden[number]:
