@@ -75,6 +75,8 @@ def _over_height(text: Text, c: Context, stage: Stage) -> None:
     """Lines for what depends on the height of a body: logarithm of the density and speed of sound, and what the wind has there more."""
     in_air = [body for body in c.shape.bodies if _has_air(c.shape, body)]
     windy = c.shape.bodies if has_wind_profile(c.shape) else []
+    if not (in_air or windy):
+        return
     s = State(c, c.scope(), stage, "S")
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
