@@ -61,7 +61,8 @@ class Search:
             return None
         if self.settled > 2.0 * self.goal:
             self.goal = 2.0 * self.settled
-        return self._together(self._alone(steps), steps)
+        enough = self._enough(first, steps)
+        return self._together(self._alone(enough), enough)
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
         """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
@@ -84,6 +85,14 @@ class Search:
                 self._of_reference = self._errors(coarse)
             self.settled = min(self.settled, now)
         return steps
+
+    def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """Twice ``first``, four times, ..., but not more than ``most``: the fewest with half of which the cases come within the goal. What
+        one stretch needs is then not hidden by the others, and flying them is cheaper than at the reference."""
+        steps = first
+        while (steps < most).any() and self.error(steps) > self.goal:
+            steps = np.minimum(2 * steps, most)
+        return np.minimum(2 * steps, most)
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest error of each outcome, (o,); infinite if more cases are lost than may be: the general kernel would fly them."""

@@ -48,7 +48,7 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         share = share * reach
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
-    counts = "w[REACH + l] * w[LENGTH + l] > 0.0"
+    counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}"
     if entry.after in stage.set_free:
         counts += f" and w[HELD_{entry.after} + l] == 0.0"
     text = text.lanes().block(f"if {counts}:")

@@ -54,7 +54,7 @@ def _keep(out: Text, c: Context) -> None:
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"separation_{stage.name}(w)")
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):")
     inner("t, last = row * every, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
-    inner = inner.block("if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > 0.0:")
+    inner = inner.block(f"if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}:")
     inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")("history[first + l, row, k] = w[APART + k * LANES + l]")
 
 
@@ -99,7 +99,7 @@ def _keep_everything(out: Text, c: Context) -> None:
     text("there = 0.0")
     inner = text.lanes()
     inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
-    inner("within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > 0.0 and instants[row, 1] == phase")
+    inner(f"within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN} and instants[row, 1] == phase")
     inner("w[WITHIN + l] = 1.0 if within else 0.0", "there += w[WITHIN + l]")
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.slabs.add("WITHIN", 1)

@@ -45,7 +45,7 @@ def _watch(out: Text, c: Context) -> None:
     numbers = 6 * len(c.followed)
     text = out.function("watch(w, phase: int)", "Peaks and integrals of the loads of joints over the step just made, into PEAKS.")
     text("load_joints(w, phase)")
-    inner = text.lanes().block("if w[REACH + l] * w[LENGTH + l] > 0.0:")
+    inner = text.lanes().block(f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all")
     inner("h = w[REACH + l] * w[LENGTH + l]")
     for k in range(0, 6 * len(c.watched), 3):
         places = part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k)), c.guard(c.load_guards[k // 3])
@@ -68,7 +68,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
-    reached = inner.block("if w[DONE + l] == 0.0 and w[LENGTH + l] > 0.0:")
+    reached = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
     where = f"{part('WRENCHES', first)} + l"
     threshold = f"w[P + {stage.breaks.threshold} * LANES + l]"
     reached(f"theta, rate = peaks.first_reached(w, {where}, {numbers} * LANES, SCRATCH, {threshold})")

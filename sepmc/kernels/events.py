@@ -118,13 +118,16 @@ def solve_if_waited(t, y, phase, m, w):
 
 
 @stage
-def meet(t, y, phase, m, w):
-    """Mark the armed conditions that are met at a state. Returns whether any was."""
+def meet(t, y, phase, loads, m, w):
+    """Mark the armed conditions that are met at a state, those on joint forces only if ``loads``. Returns whether any was."""
     keep_apart()
-    solve_if_waited(t, y, phase, m, w)
+    if loads:
+        solve_if_waited(t, y, phase, m, w)
+    else:
+        set_attitudes(y, m, w)
     found = False
     for i in range(m.scene.n_leaves):
-        if not is_armed(i, phase, m, w):
+        if not is_armed(i, phase, m, w) or (on_load(i, m) and not loads):
             continue
         if on_time(i, m):
             met = t >= known_time(i, m, w) - GRAIN
@@ -206,12 +209,13 @@ def _let_go(t, m, w):
 def settle(t, y, phase, m, w):
     """Everything that happens at an instant: conditions met, phases ended, joints let go, springs spent; until nothing more does.
 
-    Returns the phase then on, and whether anything changed.
+    What joints carry is judged last: a joint that lets go at this instant carries nothing on. Returns the phase then on, and whether
+    anything changed.
     """
     keep_apart()
-    changed = False
-    for _ in range(4 * (m.scene.n_events + m.scene.n_joints) + 4):
-        again = meet(t, y, phase, m, w)
+    changed, loads = False, False
+    for _ in range(8 * (m.scene.n_events + m.scene.n_joints) + 8):
+        again = meet(t, y, phase, loads, m, w)
         if phase < m.scene.n_phases - 1 and is_due(phase, m, w):
             w[m.scene.events_w + phase] = t
             phase += 1
@@ -229,8 +233,9 @@ def settle(t, y, phase, m, w):
         if _let_go(t, m, w):
             again = True
             changed = True
-        if not again:
+        if loads and not again:
             break
+        loads = not again
     return phase, changed
 
 

@@ -25,6 +25,10 @@ class Leaf:
     def on_time(self) -> bool:
         return self.what in ("time", "burn_out")
 
+    @property
+    def on_load(self) -> bool:
+        return self.what in ("force", "moment")
+
 
 @dataclass
 class Event:

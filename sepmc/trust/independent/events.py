@@ -45,9 +45,10 @@ class Sequence:
         self.set_sides(height, [self.phases[0], *self.releases])
 
     def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:
-        """Everything that happens at time t, until nothing more does."""
+        """Everything that happens at time t, until nothing more does; what joints carry is judged when all else has happened."""
+        loads = False
         for _ in range(1000):
-            again = self._meet(t, value)
+            again = self._meet(t, value, loads)
             if self.phase < len(self.phases) - 1 and self.phases[self.phase].satisfied():
                 self._happened(self.phases[self.phase], t)
                 self.phase += 1
@@ -59,17 +60,21 @@ class Sequence:
                     again = True
             for spring in self.loads.springs:
                 spring.spent = any(e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs)
-            if not (self._let_go(t) or again):
+            again = self._let_go(t) or again
+            if loads and not again:
                 return
+            loads = not again
         raise RuntimeError("events followed each other without time passing")
 
     def _happened(self, event: Event, t: float) -> None:
         event.time = t
         self.log.append((t, event.name))
 
-    def _meet(self, t: float, value: Value) -> bool:
+    def _meet(self, t: float, value: Value, loads: bool) -> bool:
         found = False
         for leaf in self.armed():
+            if leaf.on_load and not loads:
+                continue
             if leaf.on_time:
                 leaf.met = t >= leaf.threshold - GRAIN
             else:
