@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from sepmc.compiler.splines import pack
 from sepmc.kernels.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.kernels.rims import rim_gap
-from sepmc.kernels.splines import curve, grid6
+from sepmc.kernels.lanes import LANES
+from sepmc.kernels.splines import cell_size, curve, grid6, hold_cell, is_held, put_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
@@ -58,6 +59,35 @@ def test_three_axes_agree_with_scipy_one_after_the_other():
     for x, y, z in inside([X, Y, Z], 30):
         expected = CubicSpline(Z, CubicSpline(Y, CubicSpline(X, values, axis=1)(x), axis=1)(y), axis=1)(z)
         assert_allclose(grid6(numbers, 0, x, y, z), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("counts", [(1, 1, 1), (3, 1, 1), (1, 5, 1), (4, 5, 1), (2, 4, 6)])
+def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
+    """Lanes that wander through a table, each in a cell of its own, stay in it or leave it; on edges too, and NaN outside."""
+    axes = [axis[:n] for axis, n in zip((X, Y, Z), counts, strict=True)]
+    pack_of = pack(axes, table(axes))
+    seen = [4 if n > 1 else 1 for n in counts]
+    at, cell, place = 0, len(pack_of), len(pack_of) + LANES * cell_size(6, seen)
+    found = place + 3 * LANES
+    w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
+    w[cell : cell + LANES] = math.inf
+    random, held = np.random.default_rng(4), 0
+    lanes = inside(axes, LANES)
+    for turn in range(60):
+        lanes = np.clip(lanes + random.normal(0.0, 0.05, lanes.shape), [a[0] for a in axes], [a[-1] for a in axes])
+        if turn == 30:  # a place outside, and back
+            lanes[0, int(np.argmax(seen))] += 1e3
+        w[place : place + 3 * LANES] = lanes.T.ravel()
+        for lane in range(LANES):
+            if is_held(w, cell + lane, *lanes[lane]):
+                held += 1
+            else:
+                hold_cell(w, cell + lane, at, *lanes[lane])
+        put_cell(w, found, cell, place, 6, *seen)
+        expected = np.array([grid6(pack_of, 0, *lanes[lane]) for lane in range(LANES)])
+        assert_allclose(w[found:].reshape(6, LANES).T, expected, rtol=0, atol=1e-13)
+        assert np.isnan(expected[0]).all() == (turn == 30 and max(counts) > 1)
+    assert held > 20 * LANES
 
 
 def test_few_points_give_the_line_and_the_parabola():
