@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from sepmc.compiler.splines import pack
+from sepmc.kernels.lanes import LANES
 from sepmc.kernels.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.kernels.rims import rim_gap
-from sepmc.kernels.lanes import LANES
 from sepmc.kernels.splines import cell_size, curve, grid6, hold_cell, is_held, put_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
