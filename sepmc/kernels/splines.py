@@ -73,7 +73,7 @@ def cell_size(functions, counts):
     return _COEFFICIENTS + functions * math.prod(counts)
 
 
-@stage
+@routine
 def is_held(w, cell, x, y, z):
     """Whether the cell that a lane holds is that of a place."""
     return (
@@ -81,7 +81,7 @@ def is_held(w, cell, x, y, z):
     )
 
 
-@stage
+@routine
 def hold_cell(w, cell, at, x, y, z):
     """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside.
 
@@ -122,7 +122,7 @@ def hold_cell(w, cell, at, x, y, z):
         w[cell] = math.inf  # holds no place
 
 
-@stage
+@routine
 def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
     """Values of the functions of the cells that lanes hold, of so many basis functions along each axis, at the places
     (three numbers) from w[place] on, into w[found] and so on: `grid6` of all lanes side by side."""
