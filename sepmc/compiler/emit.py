@@ -16,7 +16,7 @@ from sepmc.compiler.outcomes import emit_report
 from sepmc.compiler.shape import Shape
 from sepmc.compiler.start import emit_prepare, shared_size
 from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
-from sepmc.compiler.tables import looks_up
+from sepmc.compiler.tables import has_tables_over_height, looks_up
 from sepmc.compiler.text import Text
 from sepmc.compiler.watch import emit_watch
 from sepmc.kernels.layout import FULL_HISTORY, NO_HISTORY
@@ -155,6 +155,7 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "events on the state": any(stage.events for stage in shape.stages),
         "rates at release": bool(scene.output.tip_off),
         "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
+        "wind or air over height": has_tables_over_height(shape),
         "joint loads": bool(scene.output.loads),
         "clearances": bool(scene.clearance),
         "work of the loads": False,

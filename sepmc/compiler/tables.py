@@ -30,9 +30,14 @@ def has_wind_profile(shape: Shape) -> bool:
     return shape.scene.environment.wind.profile is not None
 
 
+def has_tables_over_height(shape: Shape) -> bool:
+    """Whether wind or air comes from a table over height."""
+    return has_wind_profile(shape) or any(_has_air(shape, body) for body in shape.bodies)
+
+
 def has_tables(shape: Shape) -> bool:
     """Whether anything is looked up."""
-    return has_wind_profile(shape) or any(looks_up(shape, body) or _has_air(shape, body) for body in shape.bodies)
+    return has_tables_over_height(shape) or any(looks_up(shape, body) for body in shape.bodies)
 
 
 def _has_air(shape: Shape, body: str) -> bool:

@@ -55,8 +55,8 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 
 def vague(flight: "Flight") -> tuple[str, ...]:
-    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left. And places of least
-    clearances, and when bodies that meet are nearest, which this flight does not tell."""
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left; times of
+    flat peaks. And places of least clearances, and when bodies that meet are nearest, which this flight does not tell."""
     s, found = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
@@ -67,7 +67,7 @@ def vague(flight: "Flight") -> tuple[str, ...]:
     for table in flight.scene["clearance"]:
         name = f"{table['name']}_clearance"
         found += [f"{name}_station_m", f"{name}_y_m", f"{name}_z_m", f"{name}_time_s"]
-    return tuple(found)
+    return (*found, *flight.watch.flat())
 
 
 def report(flight: "Flight") -> dict[str, float]:

@@ -20,6 +20,7 @@ _QUADRATURE, _HALVINGS = (
     1e-11,
     20,
 )  # of an impulse so far, by which whole and halves may differ; most halvings
+_FLAT, _APART = 1e-11, 1e-6  # of a peak, by which two of its values may differ that count as one; s between them
 _ROUND_OFF = 1e-14  # of the largest load of a step, and of the vehicle's mass at 1 m/s2: what a load that is zero may show
 
 
@@ -31,6 +32,7 @@ class Watch:
         self.peaks: dict[Any, tuple[float, float]] = {}
         self.integrals = dict.fromkeys([(name, what) for name in self.loads for what in ("force", "moment")], 0.0)
         self.in_guide = dict.fromkeys(self.guides, 0.0)
+        self.spans: dict[Any, tuple[float, float]] = {}  # earliest and latest time at which a peak was as good as reached
 
     def quantities(self) -> list[Any]:
         """What has a value as the joints hold now."""
@@ -105,8 +107,23 @@ class Watch:
         return self.peaks.get(what, (0.0 if what in self.integrals else -math.inf, math.nan))[0]
 
     def _keep(self, what: Any, value: float, t: float) -> None:
-        if value > self._best(what):
+        best = self._best(what)
+        if abs(value - best) <= _FLAT * abs(best) and what in self.spans:
+            self.spans[what] = min(self.spans[what][0], t), max(self.spans[what][1], t)
+        elif value > best:
+            self.spans[what] = t, t
+        if value > best:
             self.peaks[what] = value, t
+
+    def flat(self) -> list[str]:
+        """Times of peaks that are reached at more than one: which of them is the greatest, round-off decides."""
+        return [
+            f"{name}_peak_{what}_time_s"
+            for name in self.loads
+            for what in ("force", "moment")
+            for first, last in [self.spans.get((name, what), (0.0, 0.0))]
+            if last - first > _APART
+        ]
 
     def report(self) -> dict[str, float]:
         """Outcomes under their public names."""
