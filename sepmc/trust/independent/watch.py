@@ -32,6 +32,7 @@ class Watch:
         self.peaks: dict[Any, tuple[float, float]] = {}
         self.integrals = dict.fromkeys([(name, what) for name in self.loads for what in ("force", "moment")], 0.0)
         self.in_guide = dict.fromkeys(self.guides, 0.0)
+        self.noise = 0.0  # what a load that is zero showed in the last step that was watched
         self.spans: dict[Any, tuple[float, float]] = {}  # earliest and latest time at which a peak was as good as reached
 
     def quantities(self) -> list[Any]:
@@ -72,7 +73,9 @@ class Watch:
 
         times = np.linspace(start, end, _SAMPLES + 1)
         table = np.array([all_at(float(t)) for t in times])
-        noise = _ROUND_OFF * (float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) + float(self.motion.vehicle.mass.sum()))
+        noise = self.noise = _ROUND_OFF * (
+            float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) + float(self.motion.vehicle.mass.sum())
+        )
         for i, what in enumerate(wanted):
             one = partial(_item, all_at, i)
             kinks = self._extremes(what, one, times, table[:, i])
@@ -116,13 +119,13 @@ class Watch:
             self.peaks[what] = value, t
 
     def flat(self) -> list[str]:
-        """Times of peaks that are reached at more than one: which of them is the greatest, round-off decides."""
+        """Times of peaks that are nothing but round-off, or are reached at more than one: round-off decides which is told."""
         return [
             f"{name}_peak_{what}_time_s"
             for name in self.loads
             for what in ("force", "moment")
             for first, last in [self.spans.get((name, what), (0.0, 0.0))]
-            if last - first > _APART
+            if last - first > _APART or self._best((name, what)) <= self.noise
         ]
 
     def report(self) -> dict[str, float]:
