@@ -11,6 +11,7 @@ from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
 from sepmc.campaign.cases import quantile
 from sepmc.campaign.definition import Definition
 from sepmc.compiler.plan import make_plan
+from sepmc.compiler.shape import rows_step
 from sepmc.door import Block, fly_block
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.kernels.methods import method
@@ -19,7 +20,6 @@ from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
 _FIRST = 8  # steps of a flight that are tried first
-_ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
 _TRANSIENTS = ("build_up", "tail_off")
 _SEEN = 4.0  # time constants after an ignition or a burn-out: there 2 % of the change are still to come
 _RARE = 0.001  # of the cases may have shorter ones than are looked for
@@ -51,18 +51,7 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
     constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
     nodes = method(scene.solver.method).c
     transients = _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
-    return min(transients, max(_rows_step(scene), scene.run.end_time / _MOST_FIRST))
-
-
-def _rows_step(scene: Scene) -> float:
-    """Step, s, that passes no more rows of a table over height than its stages see."""
-    end, start = scene.run.end_time, scene.initial
-    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
-    tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
-    low, high = start.altitude - climb * end, start.altitude + climb * end
-    passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
-    closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
-    return _ROWS * closest / climb if climb > 0.0 else math.inf
+    return min(transients, max(rows_step(scene), scene.run.end_time / _MOST_FIRST))
 
 
 def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:

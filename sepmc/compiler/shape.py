@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
@@ -18,6 +20,8 @@ from sepmc.scene.redundancy import redundancies
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
+_ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
+_MOST_ROWS = 256  # steps of such a length that a flight may have
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -187,6 +191,8 @@ def _obstacles(scene: Scene) -> list[str]:
         found.append("guide friction")
     if scene.release:
         found.append("releases apart from phases")
+    if rows_step(scene) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
+        found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
     for phase in scene.phase:
@@ -339,6 +345,17 @@ def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
     between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.goes]
     return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
+
+
+def rows_step(scene: Scene) -> float:
+    """Step, s, that passes no more rows of a table over height than its stages see."""
+    end, start = scene.run.end_time, scene.initial
+    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
+    tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
+    low, high = start.altitude - climb * end, start.altitude + climb * end
+    passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
+    closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
+    return _ROWS * closest / climb if climb > 0.0 else math.inf
 
 
 def brief_transient(scene: Scene) -> float:
