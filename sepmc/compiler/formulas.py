@@ -37,7 +37,7 @@ loads: Any = Formulas(
 air: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed", "exponential"), NUMBER),
+        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed"), NUMBER),
         "density_series": 9,
         "layer": (4, NUMBER),
     },
@@ -46,7 +46,9 @@ vehicle: Any = Formulas("", {"inertia_tensor": SYMMETRIC, "arm": 3, "flight_dire
 scalar: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("larger", "abs", "arctan2", "nearest_turn", "time_left", "largest3", "largest4", "math.sqrt"), NUMBER),
+        **dict.fromkeys(
+            ("larger", "abs", "arctan2", "exponential", "nearest_turn", "time_left", "largest3", "largest4", "math.sqrt"), NUMBER
+        ),
         "math.isfinite": CONDITION,
     },
 )

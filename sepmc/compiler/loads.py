@@ -126,7 +126,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
 def _density(s: State, body: str) -> Value:
     """Density of the air around a body."""
     if not s.shape.in_layers(body):
-        return air.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
+        return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, share = _rise(s, body)
     higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
