@@ -138,7 +138,8 @@ _ARGUMENTS = {
     "aero_moment": "13", "thrust_direction": "1111", "thrust_arm": "311111", "wind": "11", "inverse_square": "11",
     "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
     "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
-    "flight_direction": "11", "larger": "11", "arctan2": "11", "exponential": "1", "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
+    "flight_direction": "11", "larger": "11", "arctan2": "11", "exponential": "1",
+    "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 
 
