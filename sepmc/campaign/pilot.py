@@ -178,21 +178,21 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     if usual is None:
         return None
     longest = longest_step(campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene))
-    least = kernel.steps(np.maximum(2, np.ceil(usual / longest)).astype(np.int64))
+    least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, _ = fly_specialised(kernel, campaign.plan, kernel.steps(steps), usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
     spread, some = _SPREAD_STEPS, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
-    few, sound = flown(np.full(len(least), spread), some)
+    few, sound = flown(np.full(kernel.stages, spread), some)
     while not sound.mean() > 0.5 and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
         spread *= 2
-        few, sound = flown(np.full(len(least), spread), some)
+        few, sound = flown(np.full(kernel.stages, spread), some)
     scale = scales(few[sound], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
@@ -207,6 +207,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
         if not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
+    steps = kernel.steps(steps)  # of all stretches alike: which of them has a transient differs from case to case
     trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
     again, sound = trials.outcomes[:first, : len(units)], trials.status[:first] == Status.OK
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])

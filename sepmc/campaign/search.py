@@ -1,4 +1,4 @@
-"""Search for the fewest steps of a specialised kernel: in every stretch, such that some cases come within a goal of a reference."""
+"""Search for the fewest steps of a specialised kernel: in every stage, such that some cases come within a goal of a reference."""
 
 from collections.abc import Callable
 
@@ -51,9 +51,9 @@ class Search:
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
     def fewest(self, first: np.ndarray) -> np.ndarray | None:
-        """Fewest steps (stretches,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
+        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
 
-        The reference has at least as many as ``first`` (stretches,). If it does not settle within twice the goal, what it settled to
+        The reference has at least as many as ``first`` (stages,). If it does not settle within twice the goal, what it settled to
         becomes the goal.
         """
         steps = self._refer(first)
@@ -88,7 +88,7 @@ class Search:
 
     def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:
         """Twice ``first``, four times, ..., but not more than ``most``: the fewest with half of which the cases come within the goal. What
-        one stretch needs is then not hidden by the others, and flying them is cheaper than at the reference."""
+        one stage needs is then not hidden by the others, and flying them is cheaper than at the reference."""
         steps = first
         while (steps < most).any() and self.error(steps) > self.goal:
             steps = np.minimum(2 * steps, most)
@@ -106,19 +106,19 @@ class Search:
         return float(self._errors(steps)[self.decides].max(initial=0.0))
 
     def _alone(self, steps: np.ndarray) -> np.ndarray:
-        """Fewest steps of every stretch by itself, the others as fine as the reference."""
+        """Fewest steps of every stage by itself, the others as fine as they were."""
         chosen = steps.copy()
-        for stretch in range(len(chosen)):
-            low, high = 0, int(steps[stretch])
+        for stage in range(len(chosen)):
+            low, high = 0, int(steps[stage])
             while high - low > 1:
                 trial = steps.copy()
-                trial[stretch] = middle = (low + high) // 2
+                trial[stage] = middle = (low + high) // 2
                 low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
-            chosen[stretch] = high
+            chosen[stage] = high
         return chosen
 
     def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """One more step, or a sixteenth, where it helps most, until all stretches together come within the goal."""
+        """One more step, or a sixteenth, where it helps most, until all stages together come within the goal."""
         error = self.error(chosen)
         while error > self.goal and (chosen < most).any():
             more = np.diag(np.maximum(1, chosen // 16))

@@ -221,9 +221,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
 def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: str, steps: str) -> None:
     """Steps of even length until all lanes are through: when a load will end the phase is not known."""
     text(f"pace, going = usual[{number}] / {steps}, True", f"left = {steps} if math.isinf(pace) else 1")
-    text("longest = 0.0")
-    text.lanes()("longest = max(longest, w[END + l] - w[T + l])")
-    text(f"pace = max(pace, {_LEAST_PACE} * longest)")
+    c.slabs.add("PACE", 1)
+    text.lanes()(f"w[PACE + l] = max(pace, {_LEAST_PACE} * (w[END + l] - w[T + l]))")
     inner = text.block("while going:")
     inner(f"advance(w, {number}, {size}, left, pace)", f"break_{stage.name}(w)", *_noted(c, number))
     inner("left, going = max(left - 1, 1), False")

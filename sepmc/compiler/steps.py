@@ -41,7 +41,7 @@ def emit_lengths(out: Text, c: Context) -> None:
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
         if stage.breaks:
-            text.block(f"if phase == {number}:").lanes()("w[STEP + l] = min(w[STEP + l], usual)")
+            text.block(f"if phase == {number}:").lanes()("w[STEP + l] = min(w[STEP + l], w[PACE + l])")
         elif stage.events:
             text.block(f"if phase == {number}:")(f"aim_{stage.name}(w, usual)")
     text.lanes()("w[STEP + l] /= left")
