@@ -327,6 +327,15 @@ def test_same_bits_where_lanes_are_through_at_different_times(name):
         assert_array_equal(special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i])
 
 
+@pytest.mark.slow
+def test_same_bits_where_a_load_is_there_as_its_phase_begins():
+    """The least step of a case is a share of the time it has left itself."""
+    campaign = sepmc.load(Path(__file__).parent / "scenes" / "load-there-at-another-time.toml")
+    flight, drawn = pilot.plan_flight(campaign), draws(campaign, 1000)
+    base = special(campaign, flight, drawn)
+    assert_array_equal(special(campaign, flight, drawn[::-1]).outcomes[::-1], base.outcomes)
+
+
 def test_same_bits_beside_a_lost_case(quiet, flight):
     """What is NaN, infinite or out of the air in one lane reaches no other."""
     drawn = draws(quiet, 64)
