@@ -509,8 +509,8 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
         kernel = specialised_kernel(pilot.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
-    long = fly_specialised(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
-    short = fly_specialised(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
+    long = fly_specialised(kernel, campaign.plan, kernel.steps(np.array([6, 3])), usual, campaign.slots, drawn)[0]
+    short = fly_specialised(kernel, campaign.plan, kernel.steps(np.array([60, 30])), usual, campaign.slots, drawn)[0]
     assert np.isnan(long.guards).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 

@@ -10,10 +10,11 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from sepmc.compiler.splines import pack
+from sepmc.kernels import layout
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.kernels.rims import rim_gap
-from sepmc.kernels.splines import cell_size, curve, grid6, hold_cell, is_held, put_cell
+from sepmc.kernels.splines import curve, grid6, hold_cell, is_held, put_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
@@ -67,7 +68,7 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
     axes = [axis[:n] for axis, n in zip((X, Y, Z), counts, strict=True)]
     pack_of = pack(axes, table(axes))
     seen = [4 if n > 1 else 1 for n in counts]
-    at, cell, place = 0, len(pack_of), len(pack_of) + LANES * cell_size(6, seen)
+    at, cell, place = 0, len(pack_of), len(pack_of) + LANES * (layout.CELL_COEFFICIENTS + 6 * math.prod(seen))
     found = place + 3 * LANES
     w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
     w[cell : cell + LANES] = math.inf

@@ -4,6 +4,7 @@ Every lane holds the cell of a table that it is in (`sepmc.kernels.splines`). Wh
 lane, in a loop of its own; what the tables give is then summed for all lanes side by side.
 """
 
+import math
 from typing import Any
 
 from sepmc.compiler.context import Context, level, part
@@ -12,7 +13,7 @@ from sepmc.compiler.geometry import State
 from sepmc.compiler.recorder import Value
 from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Text
-from sepmc.kernels.splines import cell_size
+from sepmc.kernels import layout as at
 from sepmc.scene.model import Proximity
 
 COEFFICIENTS = 6
@@ -113,8 +114,8 @@ def _sum_cells(text: Text, c: Context, start: int, cell: str, place: str, found:
     """Lines that put what a pack gives at places of three numbers where it is read; ``start`` is that of the pack among
     the numbers that cases share, ``cell`` where lanes hold theirs."""
     functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
-    if c.slabs.add(cell, cell_size(functions, counts)):
-        c.case.scope.store(cell, float("inf"))  # holds no place
+    if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
+        c.case.scope.store(cell, math.inf)  # holds no place
     inner = text.lanes()
     inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
     inner.block(f"if not is_held(w, {cell} + l, x, y, z):")(f"hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)")

@@ -105,6 +105,9 @@ ROW_WORK = 16
 # is found, whether the search came to an end, and the path over the step.
 PATH = 11
 JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = 0, 1, 2, 3, 7, 13, 19, 20
+# What a lane holds of a pack of splines that it looks up, a cell: low and high end and what distances count from, for
+# each axis; basis functions there, as in the pack, and their values; a weight; coefficients, the functions side by side.
+CELL_ENDS, CELL_BASIS, CELL_VALUES, CELL_WEIGHT, CELL_COEFFICIENTS = 0, 9, 57, 69, 70
 PEAK_NODES = 8  # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of dop853
 PEAK_SCRATCH = 4 * PEAK_NODES  # numbers that `peaks.note_size` works in: coefficients of three components, and sizes at the nodes
 

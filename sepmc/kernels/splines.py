@@ -7,6 +7,7 @@ fastest, the functions side by side. An axis of one point has no span and one co
 
 import math
 
+from sepmc.kernels import layout
 from sepmc.kernels._jit import keep_apart, routine, stage
 from sepmc.kernels.lanes import LANES
 
@@ -62,17 +63,6 @@ def grid6(numbers, at, x, y, z):
     return s0, s1, s2, s3, s4, s5
 
 
-# What a lane holds of the pack it looks up, a cell, so that no lane is looked up twice in the same one and all are
-# summed side by side: low and high end of the cell and what distances count from, for each axis; basis functions
-# there, as in the pack, and their values; coefficients, the last axis slowest but for the functions.
-_ENDS, _BASIS, _VALUES, _WEIGHT, _COEFFICIENTS = 0, 9, 57, 69, 70
-
-
-def cell_size(functions, counts):
-    """Numbers of a cell with so many basis functions along each axis, (3,): one or four."""
-    return _COEFFICIENTS + functions * math.prod(counts)
-
-
 @routine
 def is_held(w, cell, x, y, z):
     """Whether the cell that a lane holds is that of a place."""
@@ -97,7 +87,7 @@ def hold_cell(w, cell, at, x, y, z):
     x_stride = y_stride * _coefficients(w, y_axis)
     corner = _after(w, z_axis)
     for n, axis, place, stride in ((0, x_axis, x, x_stride), (1, y_axis, y, y_stride), (2, z_axis, z, z_stride)):
-        ends, basis, spans = cell + (_ENDS + 3 * n) * LANES, cell + (_BASIS + 16 * n) * LANES, int(w[axis])
+        ends, basis, spans = cell + (layout.CELL_ENDS + 3 * n) * LANES, cell + (layout.CELL_BASIS + 16 * n) * LANES, int(w[axis])
         if spans == 0:
             w[ends], w[ends + LANES], w[ends + 2 * LANES] = -math.inf, math.inf, 0.0
             for i in range(16):
@@ -111,7 +101,7 @@ def hold_cell(w, cell, at, x, y, z):
         for i in range(16):
             w[basis + i * LANES] = w[axis + spans + 2 + 16 * low + i]
         corner += low * stride
-    k = cell + _COEFFICIENTS * LANES
+    k = cell + layout.CELL_COEFFICIENTS * LANES
     for i in range(4 if w[x_axis] > 0.0 else 1):
         for j in range(4 if w[y_axis] > 0.0 else 1):
             for n in range(4 if w[z_axis] > 0.0 else 1):
@@ -129,18 +119,22 @@ def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
     keep_apart()
     for n, count in ((0, x_count), (1, y_count), (2, z_count)):
         for i in range(count):
-            k = cell + (_BASIS + 16 * n + 4 * i) * LANES
+            k = cell + (layout.CELL_BASIS + 16 * n + 4 * i) * LANES
             for l in range(LANES):
-                s = w[place + n * LANES + l] - w[cell + (_ENDS + 3 * n + 2) * LANES + l]
+                s = w[place + n * LANES + l] - w[cell + (layout.CELL_ENDS + 3 * n + 2) * LANES + l]
                 value = w[k + l] + s * (w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l]))
-                w[cell + (_VALUES + 4 * n + i) * LANES + l] = value
+                w[cell + (layout.CELL_VALUES + 4 * n + i) * LANES + l] = value
     for e in range(functions * LANES):
         w[found + e] = 0.0
-    weight, k = cell + _WEIGHT * LANES, cell + _COEFFICIENTS * LANES
+    weight, k = cell + layout.CELL_WEIGHT * LANES, cell + layout.CELL_COEFFICIENTS * LANES
     for i in range(x_count):
         for j in range(y_count):
             for n in range(z_count):
-                u, v, z = cell + (_VALUES + i) * LANES, cell + (_VALUES + 4 + j) * LANES, cell + (_VALUES + 8 + n) * LANES
+                u, v, z = (
+                    cell + (layout.CELL_VALUES + i) * LANES,
+                    cell + (layout.CELL_VALUES + 4 + j) * LANES,
+                    cell + (layout.CELL_VALUES + 8 + n) * LANES,
+                )
                 for l in range(LANES):
                     w[weight + l] = w[u + l] * w[v + l] * w[z + l]
                 for f in range(functions):
