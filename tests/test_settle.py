@@ -55,6 +55,23 @@ def test_a_case_that_does_not_settle_is_given_up():
     assert len(flown[0]) < 8
 
 
+@pytest.mark.parametrize("status", [Status.OUTSIDE_TABLE, Status.OUTSIDE_ATMOSPHERE, Status.JAMMED])
+def test_a_status_that_only_long_steps_give_is_no_result(status):
+    """The first of two cases leaves its table at steps beyond 0.01, the second at all."""
+
+    def fly(step, which):
+        lost = (which > 0) | (step > 0.01)
+        outcomes = np.array([[1.0 + step**4, 2.0] for _ in which])
+        return np.where(lost[:, None], np.nan, outcomes), np.where(lost, status, Status.OK)
+
+    found = settle.settle(fly, 2, 0.5, 1e-9, ONE, BOTH)
+    assert_array_equal(found.status, [Status.OK, status])
+    assert_array_equal(found.settled, [True, True])
+    assert found.step[0] < 0.01 < found.step[1]
+    step = settle.settled_step(lambda step, cases: fly(step, cases[:, 0]), np.arange(2)[:, None], 0.5, 1e-4, 1e-9, lambda _: ONE, BOTH)
+    assert step <= 0.01
+
+
 def test_a_case_that_ends_otherwise_has_not_settled():
     def fly(step, which):
         return np.ones((len(which), 2)), np.full(len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED)

@@ -32,6 +32,9 @@ _PATIENCE = 3  # halvings that may pass without the change falling to half: then
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
 _TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
 
+_DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
+_SURE = 64.0  # times as short are steps that tell whether a case truly ends so
+
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
 
 
@@ -84,6 +87,14 @@ def changes(
     return table
 
 
+def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
+    """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed only because it is far too long."""
+    found = np.isin(status, _DOUBTFUL)
+    if found.any():
+        found[found] = ~np.isin(fly(step / _SURE, cases[found])[1], _DOUBTFUL)
+    return found
+
+
 def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, decides: np.ndarray) -> Settled:
     """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by no more than the goal.
 
@@ -92,6 +103,7 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
     """
     left = np.arange(count)
     outcomes, status = fly(step, left)
+    early = _too_early(fly, step, left, status)
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
@@ -99,9 +111,11 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
+        too_long = np.isin(finer_status, _TOO_LONG) | (early[left] & np.isin(finer_status, _DOUBTFUL))
+        now[np.ix_(too_long & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, _TOO_LONG)
+        fell = (worst <= 0.5 * least[left]) | too_long
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
@@ -164,16 +178,19 @@ def settled_step(
     None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
     """
     steps, table, before = [], [], fly(step, draws)
+    early = _too_early(fly, step, draws, before[1])
     while step >= least:
         now = fly(0.5 * step, draws)
         steps.append(step)
-        table.append(changes(*before, *now, scale(now[0]), decides)[:, decides].max(axis=0, initial=0.0))
+        found = changes(*before, *now, scale(now[0]), decides)
+        found[early & np.isin(now[1], _DOUBTFUL)] = 1.0
+        table.append(found[:, decides].max(axis=0, initial=0.0))
         if ((table[-1] <= goal) | _stopped(np.array(table))).all():
             break
         before, step = now, 0.5 * step
-    found = np.array(table)
-    met = found <= goal
-    best = np.where(met.any(axis=0), met.argmax(axis=0), len(found) - 1 - found[::-1].argmin(axis=0))
+    errors_of = np.array(table)
+    met = errors_of <= goal
+    best = np.where(met.any(axis=0), met.argmax(axis=0), len(table) - 1 - errors_of[::-1].argmin(axis=0))
     return steps[int(best.max(initial=0))]
 
 
