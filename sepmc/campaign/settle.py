@@ -183,9 +183,10 @@ def settled_step(
         now = fly(0.5 * step, draws)
         steps.append(step)
         found = changes(*before, *now, scale(now[0]), decides)
-        found[early & np.isin(now[1], _DOUBTFUL)] = 1.0
+        waiting = early & np.isin(now[1], _DOUBTFUL)
+        found[waiting] = 1.0
         table.append(found[:, decides].max(axis=0, initial=0.0))
-        if ((table[-1] <= goal) | _stopped(np.array(table))).all():
+        if not waiting.any() and ((table[-1] <= goal) | _stopped(np.array(table))).all():
             break
         before, step = now, 0.5 * step
     errors_of = np.array(table)
