@@ -177,7 +177,7 @@ def settled_step(
 
     None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
     """
-    steps, table, before = [], [], fly(step, draws)
+    steps, table, before, since = [], [], fly(step, draws), 0
     early = _too_early(fly, step, draws, before[1])
     while step >= least:
         now = fly(0.5 * step, draws)
@@ -185,8 +185,9 @@ def settled_step(
         found = changes(*before, *now, scale(now[0]), decides)
         waiting = early & np.isin(now[1], _DOUBTFUL)
         found[waiting] = 1.0
+        since = len(table) + 1 if waiting.any() else since
         table.append(found[:, decides].max(axis=0, initial=0.0))
-        if not waiting.any() and ((table[-1] <= goal) | _stopped(np.array(table))).all():
+        if len(table) > since and ((table[-1] <= goal) | _stopped(np.array(table[since:]))).all():
             break
         before, step = now, 0.5 * step
     errors_of = np.array(table)
