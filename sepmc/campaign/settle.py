@@ -177,7 +177,9 @@ def settled_step(
 
     None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
     """
-    steps, table, before, since = [], [], fly(step, draws), 0
+    steps: list[float] = []
+    table: list[np.ndarray] = []
+    before, since = fly(step, draws), 0
     early = _too_early(fly, step, draws, before[1])
     while step >= least:
         now = fly(0.5 * step, draws)
