@@ -561,7 +561,7 @@ def _accuracy_text(accuracy: dict[str, Any], stretches: list[str]) -> str:
     by_stage: dict[str, list[str]] = {}
     for name, n in zip(stretches, accuracy.get("steps", ()), strict=False):
         by_stage.setdefault(name.partition(", part ")[0], []).append(str(n))
-    steps = ", ".join(f"{stage} {'+'.join(numbers)}" for stage, numbers in by_stage.items())
+    steps = ", ".join(f"{stage} {'+'.join(numbers) if len(set(numbers)) > 1 else numbers[0]}" for stage, numbers in by_stage.items())
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
     if not accuracy["cases"]:

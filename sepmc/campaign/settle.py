@@ -111,11 +111,11 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
-        too_long = np.isin(finer_status, _TOO_LONG) | (early[left] & np.isin(finer_status, _DOUBTFUL))
-        now[np.ix_(too_long & (status[left] == finer_status), decides)] = 1.0
+        waiting = early[left] & np.isin(finer_status, _DOUBTFUL)
+        now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | too_long
+        fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, _TOO_LONG) | waiting
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))

@@ -97,7 +97,7 @@ def _note_sides(text: Text, c: Context, stage: Stage) -> None:
 def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
     """None of several conditions is met, but for times that are past."""
     scope = c.scope()
-    for number in sorted({number for clause in stage.clauses for number in clause}):
+    for number in stage.conditions:
         c.slabs.add(met(stage.name, number), 1)
         scope.store(met(stage.name, number), 0.0)
     scope.write(text)
@@ -108,7 +108,7 @@ def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
     """Which of several conditions are times that have come, and whether a phase is at its end."""
     scope = c.scope()
     now, flags = scope.load("T"), {}
-    for number in sorted({number for clause in stage.clauses for number in clause}):
+    for number in stage.conditions:
         flags[number] = scope.load(met(stage.name, number)) > 0.0
     for number, places in stage.times.items():
         flags[number] = flags[number] | (now >= total([c.case.number(place) for place in places]) - _SAME_TIME)

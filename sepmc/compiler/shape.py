@@ -104,6 +104,11 @@ class Stage:
         return [joint for joint in self.late if len(self.late) > 1]
 
     @property
+    def conditions(self) -> list[int]:
+        """Numbers of the conditions that end it together."""
+        return sorted({number for clause in self.clauses for number in clause})
+
+    @property
     def ends_by_time(self) -> bool:
         """Whether its end is a time that is known as it begins."""
         return bool(self.end_time or self.late)
