@@ -74,6 +74,20 @@ def test_the_geometry_agrees_on_solids():
         assert unproved[0] <= 1e-6 or distance[0] <= 1e-6
 
 
+def test_the_geometry_agrees_on_ends_all_but_parallel():
+    """As stages part: tilts of 1e-6 to 0.1 rad, gaps of 0.1 mm to 1 m."""
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        size, apart, tilt = 10.0 ** rng.uniform(-1.0, 0.5, 2), 10.0 ** rng.uniform(-4.0, 0.0), 10.0 ** rng.uniform(-6.0, -1.0)
+        place = np.array([apart + tilt * size.sum(), *rng.normal(0.0, 0.3 * size[0], 2)])
+        axis = Rotation.from_rotvec([0.0, *rng.normal(0.0, tilt, 2)]).apply([1.0, 0.0, 0.0])
+        a = (np.zeros(3), np.array([-1.0, 0.0, 0.0]), 1.0, size[0], rng.choice([0.5, 1.0]) * size[0])
+        b = (place, axis, *((0.0, size[1], size[1]) if rng.random() < 0.5 else (2.0, size[1], 0.7 * size[1])))
+        distance, _ = geometry.solid_distance(*((p[0][None], p[1][None], *p[2:]) for p in (a, b)))
+        expected = gap(*((tuple(map(float, p[0])), tuple(map(float, p[1])), *map(float, p[2:])) for p in (a, b)))[0]
+        assert_allclose(distance[0], expected, rtol=0, atol=1e-9)
+
+
 def test_the_geometry_agrees_on_rims():
     rng = np.random.default_rng(4)
     for _ in range(60):

@@ -54,8 +54,10 @@ def solid_distance(a: tuple, b: tuple, steps: int = _STEPS) -> tuple[Array, Arra
     """Distances (n,) of solid frustums, m, and how far they are proved: no distance is less than itself minus that.
 
     Projections on one and the other in turn, with momentum (Nesterov), which converge to the nearest points of convex bodies: from the
-    middle and from both ends of each, since along sides that are all but parallel they converge slowly.
+    middle and from both ends of each, since along sides that are all but parallel they converge slowly. Along ends that are all but
+    parallel they hardly do at all: what is not proved by then is sought along the rims.
     """
+    whole = a, b
     shares, count = (0.0, 0.5, 1.0), len(a[0])
     starts = [on_frustum(part[0] + share * part[2] * part[1], b) for part in (a, b) for share in shares]
     a, b = ((np.tile(part[0], (len(starts), 1)), np.tile(part[1], (len(starts), 1)), *part[2:]) for part in (a, b))
@@ -80,7 +82,18 @@ def solid_distance(a: tuple, b: tuple, steps: int = _STEPS) -> tuple[Array, Arra
             proved = np.maximum(proved, slab.reshape(-1, count).max(axis=0))
             if np.all((best - proved < _PROVED) | (best < _PROVED)):
                 break
+    doubtful = best - np.maximum(proved, 0.0) > _PROVED
+    if doubtful.any():
+        one, other = ((part[0][doubtful], part[1][doubtful], *part[2:]) for part in whole)
+        around = [lip_distance(rim, solid) for part, solid in ((one, other), (other, one)) for rim in _rims(part)]
+        best[doubtful] = np.minimum(best[doubtful], np.min(around, axis=0))
     return best, best - np.maximum(proved, 0.0)
+
+
+def _rims(frustum: tuple) -> list[tuple]:
+    """Both rims of frustums, each as centre (n, 3), normal (n, 3) and radius."""
+    start, axis, length, r0, r1 = frustum
+    return [(start, axis, r0), (start + length * axis, axis, r1)]
 
 
 def rim_distance(rim: tuple, shell: tuple) -> Array:
