@@ -544,7 +544,7 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
         click.echo(f"warning: {total - ok} of {total} cases are left out: these statistics are of the others", err=True)
     say(audit_text(audited))
     if "errors" in accuracy:
-        say(_accuracy_text(accuracy, accuracy.get("stretches") or [phase.name for phase in loaded.scene.phase]))
+        say(_accuracy_text(accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]))
     if plots:
         _figures(folder, loaded, summary, table)
     say(f"wrote {folder}")
@@ -556,12 +556,9 @@ def _error(number: float | None) -> str:
     return "inf" if number is None else f"{number:.1e}"
 
 
-def _accuracy_text(accuracy: dict[str, Any], stretches: list[str]) -> str:
+def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
-    by_stage: dict[str, list[str]] = {}
-    for name, n in zip(stretches, accuracy.get("steps", ()), strict=False):
-        by_stage.setdefault(name.partition(", part ")[0], []).append(str(n))
-    steps = ", ".join(f"{stage} {'+'.join(numbers) if len(set(numbers)) > 1 else numbers[0]}" for stage, numbers in by_stage.items())
+    steps = ", ".join(f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
     how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
     if not accuracy["cases"]:

@@ -19,6 +19,8 @@ from sepmc.scene.messages import InputError
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
+_NO_LIMIT = 2**40  # to the number of steps
+
 
 @dataclass
 class Again:
@@ -80,9 +82,17 @@ def _general_guards(plan: Plan) -> int:
 
 
 def fly_specialised(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, slots: np.ndarray, draws: np.ndarray, room: int = 0
+    kernel: Kernel,
+    plan: Plan,
+    steps: np.ndarray,
+    usual: np.ndarray,
+    slots: np.ndarray,
+    draws: np.ndarray,
+    room: int = 0,
+    pace: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
-    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column.
+    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``, ``usual`` and ``pace``, each (stages,),
+    as `sepmc.kernels.blocks.fly` has them. Where the scene has a ``solver.step``, ``steps`` are parts of that instead.
 
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (stages, n) at which phases end,
     and joints that are late have let go.
@@ -92,7 +102,7 @@ def fly_specialised(
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
-    _call(kernel, plan, steps, usual, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
+    _call(kernel, plan, steps, usual, pace, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
     times = np.broadcast_to(np.arange(room) * plan.tableau.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
     block = Block(outcomes[: len(columns)].T, status, times, phases, history, np.full(n, room), outcomes[len(columns) :].T)
@@ -107,17 +117,21 @@ def fly_everything(
     columns, none = len(schema.result_columns(replace(plan.contents, specialised=True))), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
-    _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
+    _call(kernel, plan, steps, usual, None, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
     return outcomes[:columns, 0], bool(status[0] == 0), ends[:, 0], history[0]
 
 
-def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
+def _call(kernel, plan, steps, usual, pace, slots, draws, every, outcomes, ends, history, status) -> None:
     """One call of the door of written kernels."""
     from sepmc.kernels.blocks import fly  # noqa: PLC0415
 
     model, nominal, drawn = plan.model, np.ascontiguousarray(plan.nominal), np.ascontiguousarray(draws.T)
+    if plan.scene.solver.step is not None:
+        steps, pace = np.full(kernel.stages, _NO_LIMIT), plan.scene.solver.step / steps
+    elif pace is None:
+        pace = np.zeros(kernel.stages)
     fly(
-        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, usual, every, outcomes, ends, history, status,
+        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace, usual, every, outcomes, ends, history, status,
     )  # fmt: skip
 
 

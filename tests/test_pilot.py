@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -562,3 +563,17 @@ def test_histories_have_an_error_of_their_own(pair):
     speed, _ = shot(force, stiffness, 0.85, histories["time_s"].to_numpy())
     off = np.abs(histories["separation_speed_m_s"] - speed) / np.maximum(np.abs(speed), rows["separation_speed_m_s"].std())
     assert off.max() <= result.accuracy.history < 1e-4
+
+
+def test_the_error_of_histories_is_that_of_the_middle_of_a_law_too():
+    """Tail-offs of 0.1 ms to 3 s: the shortest have steps of their own and the longest are smooth; in between, steps are interpolated least
+    exactly. v = F / m (0.1 + tau (1 - exp(-(t - 0.2) / tau))) after burn-out at 0.2 s, let go at 0.1 s."""
+    campaign = sepmc.load(Path(__file__).parent / "scenes" / "tail-off-of-any-length.toml")
+    result = campaign.run(cases=500)
+    rows, inputs = result.histories(), result.to_pandas()
+    tau = inputs["in_motor_m_tail_off_s"].to_numpy()[rows["case"]]
+    late = (rows["time_s"] > 0.2).to_numpy()
+    t, speed = rows["time_s"].to_numpy()[late], rows["separation_speed_m_s"].to_numpy()[late]
+    exact = 4000.0 / 400.0 * (0.1 + tau[late] * (1.0 - np.exp(-(t - 0.2) / tau[late])))
+    error = np.abs(speed - exact) / np.maximum(exact, inputs["separation_speed_m_s"].std())
+    assert 0.0 < error.max() <= 3.0 * result.accuracy.history

@@ -18,6 +18,7 @@ from sepmc import schema
 from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign
+from sepmc.compiler.shape import make_shape
 from sepmc.door import fly_block, fly_specialised, interpreted, specialised_kernel
 from sepmc.kernels.batch import max_threads
 from sepmc.kernels.lanes import LANES
@@ -75,7 +76,8 @@ def general(campaign, drawn, step, formulation="reduced", room=0):
 
 def special(campaign, flight, drawn, steps=None):
     """A block of the specialised kernel alone, status -1 where it cannot vouch for a case."""
-    return fly_specialised(flight.kernel, campaign.plan, flight.steps if steps is None else steps, flight.usual, campaign.slots, drawn)[0]
+    steps, pace = (flight.steps, flight.pace) if steps is None else (steps, None)
+    return fly_specialised(flight.kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn, pace=pace)[0]
 
 
 def difference(campaign, found, expected):
@@ -176,8 +178,8 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, step, most):
     slow = general(campaign, drawn, step)
     with interpreted():
         kernel = specialised_kernel(pilot.kernel_text(campaign))
-    assert len(pilot.stretch_names(campaign, kernel)) == sum(kernel.stretches)
-    steps, usual = kernel.steps(np.array(steps)), np.full(kernel.stages, np.inf)
+    assert len(pilot.stage_names(campaign)) == kernel.stages
+    steps, usual = np.array(steps), np.full(kernel.stages, np.inf)
     for _ in range(2 if name == "missile-rail" else 1):  # how long it is latched sets the length of the steps until then
         fast, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.diff(ends[:, 0], prepend=0.0)
@@ -317,7 +319,7 @@ def test_same_bits_where_lanes_are_through_at_different_times(name):
     """Scenes with switches, strokes and late joints within their phases, alone, in reverse and shuffled."""
     campaign = with_all_loads(scene(name))
     flight, drawn = pilot.plan_flight(campaign), draws(campaign, 5 * LANES)
-    assert max(flight.kernel.stretches) > 1
+    assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])
@@ -509,8 +511,8 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
         kernel = specialised_kernel(pilot.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
-    long = fly_specialised(kernel, campaign.plan, kernel.steps(np.array([6, 3])), usual, campaign.slots, drawn)[0]
-    short = fly_specialised(kernel, campaign.plan, kernel.steps(np.array([60, 30])), usual, campaign.slots, drawn)[0]
+    long = fly_specialised(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
+    short = fly_specialised(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
     assert np.isnan(long.guards).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 

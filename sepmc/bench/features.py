@@ -64,13 +64,14 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
     """Each takes the time of a compilation, in a process of its own; so many at once as there are threads. Equal kernels are one."""
     assert study.flight.steps is not None
-    steps = study.flight.steps
+    assert study.flight.usual is not None
+    steps, usual = study.flight.steps, study.flight.usual
     wanted = [v for v in variants if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)]
     texts = {v.feature: kernel_text(v.campaign) for v in wanted}
     first = {text: v for v in reversed(wanted) for text in [texts[v.feature]]}
     study.say(f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ...")
     with ThreadPoolExecutor(study.threads) as pool:
-        found = dict(zip(first, pool.map(lambda v: flops.count(v.campaign, steps), first.values()), strict=True))
+        found = dict(zip(first, pool.map(lambda v: flops.count(v.campaign, steps, usual), first.values()), strict=True))
     return [found.get(texts.get(v.feature, "")) for v in variants]
 
 

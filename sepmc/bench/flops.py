@@ -54,21 +54,23 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, steps: np.ndarray) -> Flops | None:
-    """Operations of a case flown by the scene's own kernel in ``steps`` a stretch; None if the compiled code does not show them."""
+def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | None:
+    """Operations of a case flown by the scene's own kernel in ``steps`` (stages,) of stages that usually last ``usual`` (stages,) s; None
+    if the compiled code does not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
     found = _each(kernel_text(campaign), list(called.values()))
     if set(found) != set(called.values()):
         return None
     names, each = list(called), {name: found[written] for name, written in called.items()}
-    taken = apart.call("flops:evaluations_here", [campaign.file.tree, campaign.name, steps.tolist()], {"NUMBA_DISABLE_JIT": "1"})
+    asked = [campaign.file.tree, campaign.name, steps.tolist(), usual.tolist()]
+    taken = apart.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
     rk = method(campaign.scene.solver.method)
     stages = len(rk.b)
     per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
-    each_stretch = [stage for stage in shape.stages for _ in range(stage.stops)]
-    sums = sum(int(n) * per_number * shape.active(stage) for n, stage in zip(steps, each_stretch, strict=True))
+    numbers = {stage.phase: shape.active(stage) for stage in shape.stages}
+    sums = sum(taken[name] / stages * per_number * numbers[written] for name, written in called.items())
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
@@ -113,7 +115,7 @@ def _of_a_lane(body: str) -> float:
     return float(len(widths)) if looped else sum(widths) / LANES
 
 
-def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[str, int]:
+def evaluations_here(tree: dict[str, Any], name: str, steps: list[int], usual: list[float]) -> dict[str, int]:
     """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are plain Python."""
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign))
@@ -131,5 +133,5 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int]) -> dict[
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.full(kernel.stages, np.inf), campaign.slots, drawn)
+    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.array(usual), campaign.slots, drawn)
     return {phase: seen[phase] for phase in called}

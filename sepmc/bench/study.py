@@ -87,7 +87,7 @@ class Study:
     @cached_property
     def base_step(self) -> float:
         """Step of the general kernel from which others are made, s: the pilot's; in its absence about that of the scene's own kernel."""
-        if self.flight.steps is not None:
+        if self.flight.steps is not None and self.flight.step is None:
             return self.campaign.scene.run.end_time / float(self.flight.steps.sum())
         return self.flight.step or self.campaign.scene.run.end_time / 8.0
 
@@ -127,7 +127,7 @@ class Way:
     @property
     def setting(self) -> str:
         """Steps, in words."""
-        if self.flight.steps is not None:
+        if self.flight.steps is not None and self.flight.step is None:
             return "steps " + " ".join(map(str, self.flight.steps.tolist()))
         return f"step {self.flight.step:.4g} s"
 

@@ -192,7 +192,12 @@ class Chunks:
         flight, told = self.flight, self.accuracy
         said: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised"}
         said["method"] = self.campaign.scene.solver.method
-        said |= {"step_s": flight.step} if flight.steps is None else {"steps": flight.steps.tolist(), "stretches": flight.stretches}
+        if flight.step is not None:
+            said |= {"step_s": flight.step}
+        elif flight.steps is not None:
+            said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
+            if flight.pace is not None and flight.pace.any():
+                said["pace_s"] = flight.pace.tolist()
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
         if told.history is not None:

@@ -22,9 +22,10 @@ Say = Callable[[str], None]
 class Flight:
     """How a campaign is flown.
 
-    ``why`` says why the general kernel flies it; ``steps`` (stretches,) are those of the specialised kernel, for
-    the ``stretches`` of stages (phases, and joints that are late in letting go) that usually last ``usual`` (stages,)
-    s; ``step`` (s) is that of the general one. ``scale`` (o,) is what errors of small outcomes are taken relative to,
+    ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages``
+    (phases, and joints that are late in letting go) that usually last ``usual`` (stages,) s; where events divide a stage,
+    steps that are no longer than its ``pace`` (stages,) s are not divided further; ``step`` (s) is that of the
+    general one, or the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative to,
     see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
     error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
     angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases, ``achieved``
@@ -35,7 +36,8 @@ class Flight:
     kernel: Kernel | None = None
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
-    stretches: list[str] = field(default_factory=list)
+    stages: list[str] = field(default_factory=list)
+    pace: np.ndarray | None = None
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
@@ -47,9 +49,9 @@ class Flight:
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
-        if self.steps is not None:
-            return replace(self, steps=times * self.steps)
-        return replace(self, step=self.step / times) if self.step else self
+        steps, pace, step = self.steps, self.pace, self.step
+        finer = replace(self, steps=None if steps is None else times * steps, pace=None if pace is None else pace / times)
+        return replace(finer, step=None if step is None else step / times)
 
 
 def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
@@ -80,7 +82,7 @@ def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int 
     """Fly draws at the flight's steps, and none of them again."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step, draws, room)
-    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
+    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, flight.pace)[0]
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
@@ -124,10 +126,8 @@ def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int
     assert flight.kernel is not None
     assert flight.steps is not None
     assert flight.usual is not None
-    lasts = flight.usual > 0.0
-    step = float(
-        np.min(flight.usual[lasts] / flight.kernel.most(flight.steps)[lasts], initial=first_step(campaign.scene, campaign.file.dispersions))
-    )
+    lasts, first = flight.usual > 0.0, first_step(campaign.scene, campaign.file.dispersions)
+    step = flight.step or float(np.min((flight.usual / flight.steps)[lasts], initial=first))
     found = _settle(campaign, flight, block, lost, step, lambda step, which: fly_general(campaign, step, draws[which], room))
     ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
     return Again(_largest(found.change[ok]), left=lost, unsettled=int(np.count_nonzero(ok & ~found.settled)))

@@ -28,6 +28,7 @@ SAMPLE = 512  # trial cases drawn from the laws
 _OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample to find its step
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
+_PACES = (4.0, 2.0, 1.0, 0.5, 0.25)  # tried, of what a step of an undivided stage would be
 _EACH = 3  # corners at least with every value of a discrete law
 _SPREAD_STEPS, _MOST_SPREAD = 8, 512  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
@@ -54,10 +55,9 @@ def stage_names(campaign: Definition) -> list[str]:
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
 
 
-def stretch_names(campaign: Definition, kernel: Kernel) -> list[str]:
-    """What the stretches of a campaign's kernel are: its stages, or their parts between switches and events."""
-    named = zip(stage_names(campaign), kernel.stretches, strict=True)
-    return [name if count == 1 else f"{name}, part {k + 1}" for name, count in named for k in range(count)]
+def _is_divided(campaign: Definition) -> np.ndarray:
+    """Which stages of a campaign's kernel, (stages,), switches and events divide."""
+    return np.array([stage.stops > 1 and stage.breaks is None for stage in shape.make_shape(campaign.plan, campaign.dispersed).stages])
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -144,10 +144,12 @@ def _finished(campaign: Definition, found: Flight, history: bool) -> Flight:
 
 
 def _history_error(campaign: Definition, found: Flight) -> float:
-    """Largest error of separation speed and distance between the ends of steps, over corners: a step's interpolation is of a lower
+    """Largest error of separation speed and distance between the ends of steps, over trial cases: a step's interpolation is of a lower
     order than the step. Relative to size or scale as the outcomes are."""
     assert found.scale is not None
-    draws = corners(campaign) if campaign.file.dispersions else np.empty((1, 0))
+    draws = np.empty((1, 0))
+    if campaign.file.dispersions:
+        draws = np.vstack([corners(campaign), sample(campaign, SAMPLE if found.kernel else SAMPLE // _OF_GENERAL)])
     room = history_rows(campaign.scene)
     one, two = (fly_once(campaign, flight, draws, room) for flight in (found, found.sharper()))
     names = [column.name for column in campaign.outcome_columns]
@@ -172,9 +174,9 @@ def _tell_trials(announce: Say | None) -> None:
 
 
 def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = None) -> Flight | None:
-    """Fewest steps in every phase with which trial cases come within the accuracy; None if none are found."""
+    """Fewest steps in every phase with which trial cases come within the accuracy, or the step that is given; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
-    first, usual = len(tried), usual_phases(campaign, kernel, tried)
+    first, usual, given = len(tried), usual_phases(campaign, kernel, tried), campaign.scene.solver.step
     if usual is None:
         return None
     longest = longest_step(campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene))
@@ -184,11 +186,11 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, kernel.steps(steps), usual, campaign.slots, draws)
+    def flown(steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
-    spread, some = _SPREAD_STEPS, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
+    spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
     few, sound = flown(np.full(kernel.stages, spread), some)
     while not sound.mean() > 0.5 and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
         spread *= 2
@@ -197,18 +199,26 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides)
-        fewest = search.fewest(least)
+        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.stages)
         if fewest is None:
             return None
         steps = fewest
         (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
-        if not len(beyond):
+        if given is not None or not len(beyond):
             break
-    largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    steps = kernel.steps(steps)  # of all stretches alike: which of them has a transient differs from case to case
-    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
+    pace, apart = np.zeros(kernel.stages), search.largest(steps)
+    for times in _PACES if given is None else ():
+        slower = np.where(_is_divided(campaign), times * usual / steps, 0.0)
+        further = search.largest(steps, slower)
+        (far, sane), (near, safe) = flown(steps, drawn, slower), flown(2 * steps, drawn, 0.5 * slower)
+        changed = np.where((sane & safe)[:, None], errors(far, near, scale), 0.0)
+        if slower.any() and max(further[decides].max(), changed[:, decides].max(initial=0.0)) <= search.goal and (sane == fair).all():
+            pace, apart, found, one, finely = slower, further, changed, far, safe
+            break
+    largest = np.maximum(apart, found.max(axis=0, initial=0.0))
+    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]), pace=pace)
     again, sound = trials.outcomes[:first, : len(units)], trials.status[:first] == Status.OK
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
@@ -220,7 +230,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stretch_names(campaign, kernel), None, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stage_names(campaign), pace, given, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
@@ -313,7 +323,7 @@ def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: 
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
     limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
-    return Flight(why, None, None, None, [], step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
+    return Flight(why, None, None, None, [], None, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Search for the fewest steps of a specialised kernel: in every stage, such that some cases come within a goal of a reference."""
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -9,16 +9,21 @@ from sepmc.campaign.definition import Definition
 from sepmc.door import fly_specialised
 from sepmc.kernels.kernel import Kernel
 
-_MOST_STEPS = 2048  # of a stretch
+_MOST_STEPS = 2048  # of a stage
+_FINER = 8  # times as fine as a step that is given is what it is held against
 _AT_ONCE = 1e-9  # of a flight
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 
-Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
+
+class Fly(Protocol):
+    """Flies draws (n, d), SI, to outcomes (n, o) and what is sound (n,)."""
+
+    def __call__(self, steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
-    usual, steps = np.full(kernel.stages, np.inf), kernel.steps(np.full(kernel.stages, 2))
+    usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
     while steps.max() <= _MOST_STEPS:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
@@ -64,9 +69,17 @@ class Search:
         enough = self._enough(first, steps)
         return self._together(self._alone(enough), enough)
 
-    def largest(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
-        found, sound = self.flown(steps, self.draws)
+    def of_one_step(self, stages: int) -> np.ndarray | None:
+        """The step that is given, once for all ``stages``, held against a reference that is finer; None if the kernel cannot vouch for most
+        of the cases."""
+        steps = np.ones(stages, dtype=np.int64)
+        self.reference, self.fair = self.flown(_FINER * steps, self.draws)
+        self._of_reference = np.zeros(len(self.scale))
+        return steps if self.fair.mean() > 0.5 else None
+
+    def largest(self, steps: np.ndarray, pace: np.ndarray | None = None) -> np.ndarray:
+        """Largest error (o,) of each outcome with some steps at some pace; not less than that of the reference."""
+        found, sound = self.flown(steps, self.draws, pace)
         both = sound & self.fair
         return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
 

@@ -42,8 +42,9 @@ class _LostError(Exception):
 
 
 def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | None:
-    """A case, as ``scene`` has it, in steps at which its outcomes (``columns``) have settled to the accuracy asked: a row every so many
-    seconds, and two at each end of a phase. None if no kernel is written for the scene, or the kernel does not vouch for the case."""
+    """A case, as ``scene`` has it, in its own steps, or in those at which its outcomes (``columns``) have settled to the accuracy asked: a
+    row every so many seconds, and two at each end of a phase. None if no kernel is written for the scene, or it does not vouch for the
+    case."""
     plan = make_plan(scene)
     if reasons(plan, frozenset()):
         return None
@@ -51,13 +52,14 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     shape = make_shape(plan)
     with interpreted():
         kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))
-    fewest = max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
+    given = scene.solver.step is not None
+    fewest = 1 if given else max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
     usual, last, none = np.full(kernel.stages, np.inf), np.zeros(kernel.stages), np.empty((0, 2))
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = round(fewest / share)
-        found, sound, ends, _ = fly_everything(kernel, plan, np.full(sum(kernel.stretches), steps), usual, none)
-        if not sound and steps >= max(_HOPELESS, 2 * fewest):
+        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
+        if not sound and (given or steps >= max(_HOPELESS, 2 * fewest)):
             raise _LostError
         if sound and np.isinf(usual).all():
             usual[:] = usual_lengths(ends[:, None], np.ones(1, dtype=bool))
@@ -65,10 +67,11 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         return found[None, : len(columns)], np.array([Status.OK if sound else Status.UNRESOLVED])
 
     try:
-        share, notes = settle_one(flown, 1.0, scene, columns)
+        flown(1.0, none)
+        share, notes = (1.0, []) if given else settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
-    steps = np.full(sum(kernel.stretches), round(fewest / share))
+    steps = np.full(kernel.stages, round(fewest / share))
     instants, phases = _instants(shape, last, every_s)
     found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
     return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)

@@ -19,7 +19,7 @@ _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joint
 _ARGUMENTS = (
     ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    ("scene, integers, numbers", "record(a, 10), indices(a, 11), vector(a, 12)"),
+    ("scene, integers, numbers, pace", "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13)"),
 )
 
 
@@ -36,7 +36,9 @@ def emit_block(out: Text, c: Context) -> None:
     inner("value = draws[k, min(first + l, draws.shape[1] - 1)]", "w[P + slots[k] * LANES + l] = value")
     inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
     text("prepare(w)")
-    if c.slabs.has("AIR"):
+    if c.shape.borders:
+        text("enter_layers(w)")
+    if c.shape.borders or c.slabs.has("AIR"):
         text("centre(w, 0.0)")
     if c.shape.switches:
         text("m = Model(scene, integers, numbers)")
@@ -66,8 +68,7 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text.lanes()("w[DONE + l] = 0.0")
         if stage.clauses:
             _begin_clauses(text, c, stage)
-        first = c.shape.stretch(number)
-        _stretch(text.block(f"for stretch in range({first}, {first + stage.stops}):"), c, number, stage)
+        _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
     else:
         _stretch(text, c, number, stage)
     if stage.rows:
@@ -188,43 +189,74 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.write(text)
     if c.shape.switches:
         _switches(text, c)
-    steps = f"steps[{c.shape.stretch(number)}]"
     if stage.stops > 1:
-        steps = "steps[stretch]"
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
         text.block("if not going:")("break")
-    size = f"{c.shape.active(stage)} * LANES"
     if stage.breaks:
-        _until_it_breaks(text, c, number, stage, size, steps)
+        _until_it_breaks(text, c, number, stage)
         return
-    inner = text.block(f"for left in range({steps}, 0, -1):")
-    inner(f"advance(w, {number}, {size}, left, usual[{number}])")
-    awaited = [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
-    inner(*awaited)
-    noted = _noted(c, number)
-    if not stage.events:
-        inner(*noted)
-        text.lanes()("w[T + l] = w[END + l]")
+    if c.paces(stage):
+        _at_a_pace(text, c, number, stage)
     else:
-        if noted:
-            inner.block("if left > 1:")(*noted)
-        text(
-            f"approach(w, {number}, {size})", *awaited, *noted, f"meet(w, {number})"
-        )  # of the last step only what comes before the event counts
+        _in_steps(text, c, number, stage)
+    if stage.events:
+        text(f"meet(w, {number})")
+    else:
+        text.lanes()("w[T + l] = w[END + l]")
     if stage.clauses:
         _note_clauses(text, c, stage)
     if stage.masked:
         _let_go(text, c, stage)
 
 
-def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage, size: str, steps: str) -> None:
-    """Steps of even length until all lanes are through: when a load will end the phase is not known."""
-    text(f"pace, going = usual[{number}] / {steps}, True", f"left = {steps} if math.isinf(pace) else 1")
-    c.slabs.add("PACE", 1)
-    text.lanes()(f"w[PACE + l] = max(pace, {_LEAST_PACE} * (w[END + l] - w[T + l]))")
+def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
+    """As many steps for all lanes."""
+    size, awaited, noted = f"{c.shape.active(stage)} * LANES", _awaited(stage), _noted(c, number)
+    inner = text.block(f"for left in range(steps[{number}], 0, -1):")
+    inner(f"advance(w, {number}, {size}, left, usual[{number}])", *awaited)
+    if not stage.events:
+        inner(*noted)
+        return
+    if noted:
+        inner.block("if left > 1:")(*noted)
+    text(f"approach(w, {number}, {size})", *awaited, *noted)  # of the last step only what comes before the event counts
+
+
+def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
+    """Each lane in as many steps as it needs for none to be longer than its pace, but no more than the phase has."""
+    size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
+    for slab in ("PACE", "LEFT", "WAY"):
+        c.slabs.add(slab, 1)
+    inner = text.lanes()
+    brief = " and w[BRIEF + l] == 0.0" if c.shape.switches and c.shape.scene.solver.step is None else ""
+    inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0{brief} else {at.GRAIN}")
+    inner(f"w[LEFT + l], w[WAY + l] = 1.0 + steps[{number}], 0.0")
+    text("going = True")
     inner = text.block("while going:")
-    inner(f"advance(w, {number}, {size}, left, pace)", f"break_{stage.name}(w)", *_noted(c, number))
+    inner(f"advance(w, {number}, {size}, 1, usual[{number}])", *awaited)
+    if stage.events:
+        inner("arrive = False")
+        inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
+        inner.block("if arrive:")(f"approach(w, {number}, {size})", *awaited)
+    inner(*_noted(c, number), "going = False")
+    inner.lanes()("going = going or w[WAY + l] < 1.0")
+
+
+def _awaited(stage: Stage) -> list[str]:
+    """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
+    return [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
+
+
+def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage) -> None:
+    """Steps of even length until all lanes are through: when a load will end the phase is not known."""
+    text(f"even, going = pace[{number}] if pace[{number}] > 0.0 else usual[{number}] / steps[{number}], True")
+    text(f"left = steps[{number}] if math.isinf(even) else 1")
+    c.slabs.add("PACE", 1)
+    text.lanes()(f"w[PACE + l] = max(even, {_LEAST_PACE} * (w[END + l] - w[T + l]))")
+    inner = text.block("while going:")
+    size = f"{c.shape.active(stage)} * LANES"
+    inner(f"advance(w, {number}, {size}, left, even)", f"break_{stage.name}(w)", *_noted(c, number))
     inner("left, going = max(left - 1, 1), False")
     inner.lanes()("going = going or w[T + l] < w[END + l]")
 
@@ -269,7 +301,8 @@ def _switches(text: Text, c: Context) -> None:
     """Stop at the next switch of a load, and note what acts until then."""
     text = text.lanes()
     text("t = w[T + l]", "end = min(w[END + l], next_break(t, m, p[l]))", "w[END + l] = end")
-    text("set_stretch(0.5 * (t + end), m, p[l])")
+    text("set_stretch(0.5 * (t + end), m, p[l])", "w[BRIEF + l] = 1.0 if is_brief(0.5 * (t + end), m, p[l]) else 0.0")
+    c.slabs.add("BRIEF", 1)
     for i, motor in enumerate(c.shape.scene.motor):
         c.slabs.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i

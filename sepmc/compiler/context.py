@@ -31,6 +31,10 @@ class Context:
         """Joints whose loads are computed between the ends of steps: those that are watched, then those that break."""
         return tuple(dict.fromkeys([*self.watched, *(stage.breaks.which for stage in self.shape.stages if stage.breaks)]))
 
+    def layer(self, body: str) -> str:
+        """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
+        return f"LAYER_{body}" if self.shape.borders else "AIR"
+
     @property
     def breaks(self) -> bool:
         """Whether what a joint carries ends a phase."""
@@ -39,7 +43,12 @@ class Context:
     @property
     def idles(self) -> bool:
         """Whether lanes may be through with a stage before others: steps of no length then leave a case as it is, to the last bit."""
-        return any(stage.stops > 1 or stage.breaks for stage in self.shape.stages)
+        return any(self.paces(stage) or stage.breaks for stage in self.shape.stages)
+
+    def paces(self, stage: Stage) -> bool:
+        """Whether lanes go through a phase each in steps of its own, and not all in as many: where events and switches divide it, or steps
+        are to be no longer than so many seconds."""
+        return stage.breaks is None and (stage.stops > 1 or self.shape.scene.solver.step is not None)
 
     @property
     def watched(self) -> tuple[str, ...]:

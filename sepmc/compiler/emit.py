@@ -10,7 +10,7 @@ from sepmc.compiler.context import Context
 from sepmc.compiler.events import emit_aim, emit_await, emit_meet
 from sepmc.compiler.extension import emit_extension
 from sepmc.compiler.history import emit_history
-from sepmc.compiler.loads import emit_centre
+from sepmc.compiler.loads import emit_centre, emit_layers
 from sepmc.compiler.motion import emit_correct, emit_rates
 from sepmc.compiler.outcomes import emit_report
 from sepmc.compiler.shape import Shape
@@ -35,7 +35,8 @@ from sepmc.kernels import joints, peaks, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, layer, sound_speed
+from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, sound_speed
+from sepmc.kernels.atmosphere import TOP, geometric, layer
 from sepmc.kernels.clearances import search_clearance
 from sepmc.kernels.elementary import arctan2, exponential
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
@@ -47,7 +48,7 @@ from sepmc.kernels.observe import SINE_SINGULAR
 from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
 from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
 from sepmc.kernels.splines import hold_cell, is_held, put_cell
-from sepmc.kernels.stretches import next_break, set_stretch
+from sepmc.kernels.stretches import is_brief, next_break, set_stretch
 from sepmc.kernels.wind import wind
 '''
 
@@ -72,6 +73,8 @@ def _body(c: Context) -> Text:
             emit_aim(body, c, stage)
         if stage.awaited:
             emit_await(body, c, stage)
+    if c.shape.borders:
+        emit_layers(body, c)
     emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)
@@ -124,8 +127,7 @@ def _head(c: Context) -> Text:
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
-        f"SIZE_SHARED, GUARDS = {shared_size(c)}, {len(c.guards)}",
-        f"STRETCHES = {tuple(stage.stops for stage in c.shape.stages)}",
+        f"SIZE_SHARED, GUARDS, STAGES = {shared_size(c)}, {len(c.guards)}, {len(c.shape.stages)}",
         *_places(c.shape),
     )
     return head

@@ -44,13 +44,13 @@ def _wait(s: State, event: Event) -> Any:
     jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
     at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called("at_once")
     _note_graze(scope, event, s.stage.name, value, rate)
-    for place, now in ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once)):
+    noted = ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once))
+    for place, now in (*noted, (part(f"LAST_{name}", 1), acceleration)):
         scope.store(place, now)
-    scope.store(part(f"LAST_{name}", 1), acceleration)
     wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
     if event.ends_phase or event.number >= 0:
         wait = where(first & (wait > usual), usual, wait)
-    return wait if event.ends_phase else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
+    return wait if event.ends_phase or event.is_border else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
 
 
 def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Value) -> None:
@@ -58,8 +58,9 @@ def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Valu
     name = f"{stage}_{event.name}"
     earlier, past, slope = scope.load(f"LAST_{name}"), scope.load(f"VALUE_{name}"), scope.load(f"RATE_{name}")
     grazes = _may_rise(past, slope, value, rate, scope.load("T") - earlier) & (earlier < math.inf) & (past < 0.0)
-    left = scope.load(event.flag(stage)).equals(0.0)
-    scope.store("UNEVEN", where(grazes & left, 1.0, scope.load("UNEVEN")))
+    if not event.is_border:
+        grazes = grazes & scope.load(event.flag(stage)).equals(0.0)
+    scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
 def _may_rise(past: Value, slope: Value, value: Value, rate: Value, length: Value) -> Any:
@@ -98,6 +99,8 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     """Value (below zero before the event), rate and acceleration of a condition."""
+    if event.is_border:
+        return _border(s, event)
     scene, threshold = s.shape.scene, s.case.number(event.threshold)
     if event.what == at.AT_SPRING_STROKE:
         spring = next(one for one in scene.spring if one.name == event.which)
@@ -123,6 +126,14 @@ def _height(s: State, event: Event, threshold: Value) -> tuple[Any, Any, Any]:
     side = s.scope.load(f"SIDE_{s.stage.name}_{event.name}")
     value, rate = _climb(s, event.which, threshold)
     return side * value, side * rate, side * s.scope.load(f"K1 + V_{event.which}", 3)[1]
+
+
+def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
+    """How far a body is above the top of its layer of air, or below its base."""
+    up = event.what == at.AT_LAYER_TOP
+    value, rate = _climb(s, event.which, s.scope.load(part(f"BORDERS_{event.which}", int(up))))
+    acceleration = s.scope.load(f"K1 + V_{event.which}", 3)[1]
+    return (value, rate, acceleration) if up else (-value, -rate, -acceleration)
 
 
 def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
@@ -187,13 +198,15 @@ def emit_meet(out: Text, c: Context) -> None:
             for event in stage.events:
                 _note_met(scope, c, stage, event)
             scope.write(inner)
+    if c.shape.borders:
+        text("enter_layers(w)", "centre(w, 0.5 * NEAR)")
 
 
 def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     """Whether a condition is met, and how slowly: an error of its value is so much of an error of its time."""
     name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
     if not event.ends_phase and event.number < 0:
-        c.start(flag, 0.0)
+        c.start(flag, 1.0 if event.is_border else 0.0)  # at the start every body enters a layer
     met, before, rate = scope.load(f"VALUE_{name}") >= _MET, scope.load(flag), scope.load(f"RATE_{name}")
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
     waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)

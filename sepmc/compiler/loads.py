@@ -73,6 +73,9 @@ def _rise(s: State, body: str) -> tuple[Value, Value]:
     return rise, (rise * s.scope.load(part(f"NEAR_{body}", 1))).called("share")
 
 
+_BORDER = 1e-6  # m
+
+
 def emit_centre(out: Text, c: Context) -> None:
     """A function that expands density and gravity anew for bodies that have left the height about which they were expanded."""
     bodies = [body for body in c.shape.bodies if c.shape.in_layers(body)]
@@ -81,7 +84,8 @@ def emit_centre(out: Text, c: Context) -> None:
     says = "Expand density and gravity about the height of every body that is further than ``far`` metres from where they were last."
     text = out.function("centre(w, far: float)", says)
     scope, case = c.scope(), c.case
-    c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
+    if not c.shape.borders:
+        c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
     for body in bodies:
         near = f"NEAR_{body}"
         c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)  # height, 1 / (R0 + height), R0 / (R0 + height), weight there
@@ -95,10 +99,29 @@ def emit_centre(out: Text, c: Context) -> None:
         scope.store(part(near, 2), scope.named("R0") * inverse)
         if c.shape.scene.environment.gravity == "inverse-square":
             scope.store(part(near, 3), case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre))
-        scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load("AIR", 4)))
-        reached = air.geopotential(centre).called("reached")
-        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
+        scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
+        if not c.shape.borders:
+            reached = air.geopotential(centre).called("reached")
+            lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
     scope.write(text)
+
+
+def emit_layers(out: Text, c: Context) -> None:
+    """A function by which bodies enter layers of the standard atmosphere. Their borders are met this side and beyond by `_BORDER`, so that
+    a body that has just passed one is not at it."""
+    text = out.function(
+        "enter_layers(w)", "Let bodies that pass a border of their layer of air fly in the next; cases without air are lost."
+    )
+    text = text.lanes()
+    for body in c.shape.bodies:
+        if c.shape.in_layers(body):
+            layer, borders, flag = c.layer(body), f"BORDERS_{body}", f"ENTERS_{body}"
+            c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
+            inner = text.block(f"if w[{flag} + l] > 0.0:")
+            inner(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
+            inner("air, top = layer(height)", f"put4(w, {layer} + l, air)", f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0")
+            inner(f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, geometric(top) + {_BORDER}")
+            inner("w[LOST + l] = w[LOST + l] if 0.0 <= height <= TOP else 1.0")
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:

@@ -56,7 +56,7 @@ class _Module:
         needed: dict[str, ast.stmt] = {}
         left = [name]
         if name == ENTRY:
-            needed |= {constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS", "STRETCHES")}
+            needed |= {constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS", "STAGES")}
         while left:
             function = left.pop()
             own.append(function)

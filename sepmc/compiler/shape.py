@@ -14,6 +14,7 @@ from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
+from sepmc.kernels.atmosphere import BORDERS
 from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import redundancies
@@ -53,10 +54,19 @@ class Event:
     @property
     def name(self) -> str:
         """What it is called within its stage."""
+        if self.is_border:
+            return f"{self.which}_{'top' if self.what == at.AT_LAYER_TOP else 'base'}"
         return self.which if self.number < 0 else f"{self.which}_{self.number}"
+
+    @property
+    def is_border(self) -> bool:
+        """Whether it is a border of a body's layer of air, which is met as often as it is passed."""
+        return self.what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
     def flag(self, stage: str) -> str:
         """Where it is noted that it is met."""
+        if self.is_border:
+            return f"ENTERS_{self.which}"
         if self.ends_phase:
             return "DONE"
         return f"SPENT_{self.which}" if self.number < 0 else met(stage, self.number)
@@ -135,6 +145,7 @@ class Shape:
     turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
     failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
+    borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
 
     @property
     def scene(self) -> Scene:
@@ -156,10 +167,6 @@ class Shape:
         """Whether a body flies in the layers of the standard atmosphere, whose density is expanded about its height."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
-    def stretch(self, number: int) -> int:
-        """The number of the first stretch of a stage, among those of all."""
-        return sum(stage.stops for stage in self.stages[:number])
-
     def active(self, stage: Stage) -> int:
         """Numbers of the state that are integrated in a phase."""
         return 6 * len(self.bodies) + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
@@ -172,8 +179,7 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    fixed = ["a fixed solver.step_s"] if plan.scene.solver.step is not None else []
-    found = fixed + _obstacles(plan.scene)
+    found = _obstacles(plan.scene)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
     asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
     stages = make_shape(plan, dispersed).stages if asked and not found else []
@@ -253,19 +259,23 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             stage.released = _released(scene, before, phase)
             _add_late(stages, stage, scene, before, phase, plan, dispersed)
         stages.append(stage)
+    borders = not any(stage.breaks for stage in stages) and _may_pass_borders(scene)
     for stage in stages:
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
             for name, bodies in spent.items()
             if not _still(scene, stage, bodies)
         ]
+        for body in plan.bodies if borders else []:
+            if scene.body[body].aerodynamics is not None:
+                stage.events += [Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)]
         stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + len(stage.times) + switches + len(stage.masked)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if joint.fails > 0.0 or f"joint.{name}.fails" in dispersed]
-    return Shape(plan, dispersed, names, stages, turning, failing, switches > 0)
+    return Shape(plan, dispersed, names, stages, turning, failing, switches > 0, borders)
 
 
 def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
@@ -354,13 +364,24 @@ def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
 
 def rows_step(scene: Scene) -> float:
     """Step, s, that passes no more rows of a table over height than its stages see."""
-    end, start = scene.run.end_time, scene.initial
-    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
+    climb, low, high = _heights(scene)
     tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
-    low, high = start.altitude - climb * end, start.altitude + climb * end
     passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
     closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
     return _ROWS * closest / climb if climb > 0.0 else math.inf
+
+
+def _heights(scene: Scene) -> tuple[float, float, float]:
+    """How fast a vehicle climbs or falls at most, m/s, and between which heights, m, it therefore flies, by its nominal start."""
+    end, start = scene.run.end_time, scene.initial
+    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
+    return climb, start.altitude - climb * end, start.altitude + climb * end
+
+
+def _may_pass_borders(scene: Scene) -> bool:
+    """Whether a border between layers of the standard atmosphere is as near as that."""
+    _, low, high = _heights(scene)
+    return scene.environment.atmosphere == "us1976" and any(low < border < high for border in BORDERS)
 
 
 def brief_transient(scene: Scene) -> float:

@@ -10,11 +10,13 @@ from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.text import Text
+from sepmc.kernels.layout import GRAIN
 from sepmc.kernels.methods import Method, method
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
 # hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
+_NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last; the last is so much of the one before at most
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
 _MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
@@ -36,15 +38,51 @@ def coefficients(rk: Method) -> list[str]:
 
 def emit_lengths(out: Text, c: Context) -> None:
     """A function for the step lengths of all lanes."""
-    says = "Length of the first of ``left`` steps to END or to the next event, into all of STEP; an event is never foretold later than"
-    text = out.function("set_step(w, phase: int, left: int, usual: float)", says + " ``usual`` at first.")
+    says = "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; an event is never foretold later than"
+    text = out.function("set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first.")
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
+        if not (stage.breaks or stage.events or c.paces(stage)):
+            continue
+        inner = text.block(f"if phase == {number}:")
         if stage.breaks:
-            text.block(f"if phase == {number}:").lanes()("w[STEP + l] = min(w[STEP + l], w[PACE + l])")
-        elif stage.events:
-            text.block(f"if phase == {number}:")(f"aim_{stage.name}(w, usual)")
-    text.lanes()("w[STEP + l] /= left")
+            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[PACE + l])")
+        if stage.events:
+            inner(f"aim_{stage.name}(w, usual)")
+        if c.paces(stage):
+            _keep_pace(inner.lanes())
+    text.lanes()("w[STEP + l] /= parts")
+    emit_spread(text, c, "STEP")
+    if any(stage.events for stage in c.shape.stages):
+        _emit_rest(out, c)
+
+
+def _keep_pace(lane: Text) -> None:
+    """Lines for the step of a lane: the way ahead in equal parts, of which no more are LEFT than there were, nor more than it takes for
+    none to be longer than PACE.
+
+    WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is the last; 2 if the last one was. Until
+    an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
+    """
+    lane("h, way, ahead = w[STEP + l], w[WAY + l], w[END + l] - w[T + l]")
+    lane("left = larger(min(w[LEFT + l] - 1.0, np.ceil(h / w[PACE + l] - 1e-9)), 1.0)", "w[LEFT + l] = left")
+    lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
+    lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
+    lane(f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h", "w[STEP + l] = step if way < 1.0 else 0.0")
+    lane("w[WAY + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
+    lane(f"w[LOST + l] = 1.0 if way < 1.0 and h < -{GRAIN} else w[LOST + l]")
+
+
+def _emit_rest(out: Text, c: Context) -> None:
+    """A function for the lengths of last short steps."""
+    text = out.function("set_rest(w, phase: int)", "What is left of the way to END or to the next event, into all of STEP.")
+    text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
+    for number, stage in enumerate(c.shape.stages):
+        if stage.events:
+            inner = text.block(f"if phase == {number}:")
+            inner(f"aim_{stage.name}(w, math.inf)")
+            if c.paces(stage):
+                inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
     emit_spread(text, c, "STEP")
 
 
@@ -65,7 +103,7 @@ def emit_advance(out: Text, c: Context) -> None:
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
     if c.extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
-    _begin(text, c, "left, usual", c.extends)
+    _begin(text, c, "set_step(w, phase, left, usual)", c.extends)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
     inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0")
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
@@ -84,19 +122,20 @@ def emit_approach(out: Text, c: Context) -> None:
     rk = method("rk4")
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
     text = out.function("approach(w, phase: int, size: int)", says)
-    _begin(text, c, "1, math.inf", False)
+    _begin(text, c, "set_rest(w, phase)", False)
     text.lanes()(f"w[LOST + l] = w[LOST + l] if abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l] else 1.0")
     _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
-    text("settle(w, phase)", "set_step(w, phase, 1, math.inf)")
+    text("settle(w, phase)", "set_rest(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
     inner("h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)")
     inner("w[LOST + l] = w[LOST + l] if abs(h) < 1e-6 else 1.0")
     if c.extends:
-        inner("w[REACH + l] = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
+        inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
+        inner("w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]")
 
 
-def _begin(text: Text, c: Context, length: str, keeps: bool) -> None:
+def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time it starts from."""
     if c.idles:
         text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
@@ -110,7 +149,7 @@ def _begin(text: Text, c: Context, length: str, keeps: bool) -> None:
         inner("w[BEGIN_T + l] = w[T + l]")
     text("rates(w, phase)")
     text.block("for e in range(size):")("w[K1 + e] = w[D + e]")
-    text(f"set_step(w, phase, {length})")
+    text(set_length)
 
 
 def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, float], str], doubt: np.ndarray | None = None) -> None:
@@ -215,9 +254,13 @@ def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:
 
 
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
-    """A case is lost if a body leaves its layer of air at the end of a step or, where it turns from climbing to falling or back, within."""
-    c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
+    """How far a body is from where its air was expanded. Where no borders of layers are events, a case is lost if the body leaves its layer
+    at the end of a step or, if it turns from climbing to falling or back, within."""
     now = height(scope, body).called("height")
+    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}"))))
+    if c.shape.borders:
+        return
+    c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
     before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
     turns = (rate * climb < 0.0).called("turns")
@@ -225,7 +268,6 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     top = where(turns, before + further, now).called("top")
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
     scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
-    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}"))))
     for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
 

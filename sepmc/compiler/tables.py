@@ -154,7 +154,7 @@ def _flow(s: State, body: str) -> tuple[Value, Value, Value]:
     alpha, beta = loads.flow_angles(flow).called("angles")
     if not s.shape.in_layers(body):
         return square_root(vec3.dot(flow, flow)) / s.scope.load(part(f"AIR_OF_{body}", 1)), alpha, beta
-    base = s.scope.load("AIR", 4)
+    base = s.scope.load(s.c.layer(body), 4)
     higher = air.geopotential(s.place(body)[1] + level(s.scope, s.time)) - base[0]
     temperature = (1.0 + base[1] * higher) / base[2]
     return square_root(vec3.dot(flow, flow)) / air.sound_speed(temperature), alpha, beta

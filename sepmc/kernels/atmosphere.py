@@ -16,6 +16,9 @@ _H = (0.0, 11_000.0, 20_000.0, 32_000.0, 47_000.0, 51_000.0, 71_000.0, R0 * TOP 
 _L = (-6.5e-3, 0.0, 1.0e-3, 2.8e-3, 0.0, -2.8e-3, -2.0e-3)  # K/m', lapse rate
 
 
+BORDERS = tuple(R0 * h / (R0 - h) for h in _H[1:-1])  # m, geometric
+
+
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Temperature (K) and pressure (Pa) at the base of each layer, built up from the ground."""
     temperature, pressure = [288.15], [101_325.0]
@@ -61,6 +64,12 @@ def layer(height):
     while k < 6 and h >= _H[k + 1]:
         k += 1
     return (_H[k], _L[k] / _T[k], 1.0 / _T[k], _P[k]), _H[k + 1]
+
+
+@formula
+def geometric(h):
+    """Geometric height, m, of a geopotential height, m'; eq (19)."""
+    return R0 * h / (R0 - h)
 
 
 @formula

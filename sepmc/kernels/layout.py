@@ -46,6 +46,7 @@ FREE = 0  # a kind that every scene has
 # Conditions: what is compared with a threshold.
 BAUMGARTE_RATE = 10.0  # 1/s: rate at which a drifted constraint is pulled back, critically damped
 AT_TIME, AT_BURN_OUT, AT_STROKE, AT_DISTANCE, AT_ANGLE, AT_FORCE, AT_MOMENT, AT_ALTITUDE, AT_SPRING_STROKE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+AT_LAYER_TOP, AT_LAYER_BASE = 9, 10
 LEAF_SIZE = (
     4  # of a condition in the integer table: what, of which joint, motor, body or spring, its event, where its threshold stands in w
 )

@@ -53,7 +53,7 @@ def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
     compile_blocks()
     addresses = [getattr(module(name), function).address for function, name in pieces]
     entry = module(pieces[-1][1])
-    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STRETCHES)
+    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES)
 
 
 def missing(names: Sequence[str]) -> list[str]:

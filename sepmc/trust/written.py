@@ -75,16 +75,16 @@ def _fly(campaign: Campaign, steps: Array, usual: Array) -> tuple[Array, bool, A
 
 
 def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
-    """Numbers of steps of a length, s, in all stretches of phases, and how long phases last, s. A flight in steps that know nothing of when
+    """Numbers of steps of a length, s, in all phases, and how long phases last, s. A flight in steps that know nothing of when
     phases end tells that; if it does not come to its end, they stay unknown, and there are as many steps as fit in the whole flight."""
-    stretches = [stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages]
-    steps, usual = np.full(len(stretches), max(2, math.ceil(campaign.scene.run.end_time / step - 1e-9))), np.full(len(stretches), math.inf)
-    if len(stretches) > 1:
-        _, sound, reached = _fly(campaign, np.repeat(steps, stretches), usual)
+    stages = len(make_shape(campaign.plan, campaign.dispersed).stages)
+    steps, usual = np.full(stages, max(2, math.ceil(campaign.scene.run.end_time / step - 1e-9))), np.full(stages, math.inf)
+    if stages > 1:
+        _, sound, reached = _fly(campaign, steps, usual)
         if sound:
             usual = np.diff(reached, prepend=0.0)
             steps = np.maximum(2, np.ceil(usual / step - 1e-9)).astype(np.int64)
-    return np.repeat(steps, stretches), usual
+    return steps, usual
 
 
 def _change(before: Array, after: Array, campaign: Campaign) -> float:

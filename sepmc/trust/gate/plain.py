@@ -51,7 +51,7 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     usual = np.full(kernel.stages, np.inf)
     longest = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
     fewest, before = min(_MOST_STEPS, max(2, math.ceil(scene.run.end_time / longest))), None
-    steps = np.full(sum(kernel.stretches), fewest, dtype=np.int64)
+    steps = np.full(kernel.stages, fewest, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)

@@ -111,7 +111,7 @@ def vouched() -> list[Stress]:
     plan = replace(plan, contents=replace(plan.contents, specialised=True))
     with interpreted():
         kernel = specialised_kernel(emit(make_shape(plan, dispersed), campaign.scene.solver.method))
-    steps, usual = np.full(sum(kernel.stretches), 4), np.full(kernel.stages, math.inf)
+    steps, usual = np.full(kernel.stages, 4), np.full(kernel.stages, math.inf)
     names = [c.name for c in result_columns(plan.contents)]
     needed = np.array([not name.endswith("release_time_s") for name in names])
     nothing = np.empty(0, dtype=np.int64), np.empty((1, 0))
