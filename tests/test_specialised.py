@@ -44,8 +44,8 @@ WHY = {  # why a shipped campaign is flown by the general kernel as it is
     "nasa-fixed-joint": [],
     "spring-pushers": [],
     "residual-thrust": [],
-    "srb": ["a fixed solver.step_s"],
-    "hyper-x": ["a fixed solver.step_s"],
+    "srb": [],
+    "hyper-x": [],
     "missile-rail": [],
 }
 
@@ -131,7 +131,7 @@ def flight(quiet):
 
 @pytest.mark.parametrize("name", WHY)
 def test_who_flies_what_is_shipped(name):
-    """As the files are; and without what stands in the way, if that is only outputs and steps, a kernel of its own."""
+    """As the files are; and without their outputs and steps."""
     assert set(WHY[name]) <= set(pilot.reasons(sepmc.load(name)))
     assert bool(WHY[name]) == bool(pilot.reasons(sepmc.load(name)))
     if name in COVERED:
@@ -409,7 +409,7 @@ def test_beyond_the_atmosphere(quiet):
 
 
 def test_across_an_edge_of_the_air(quiet):
-    """Flights from one layer of the standard into the next are the general kernel's; those beside it are not touched."""
+    """Flights from one layer of the standard into the next end a step there."""
     edge = 6_356_766.0 * 71e3 / (6_356_766.0 - 71e3)
     steep = quiet.with_settings({"initial.pitch_deg": 40.0, "initial.alpha_deg": 0.0, "initial.altitude_m": edge - 500.0, "dispersion": {}})
     campaign = steep.with_settings({"dispersion.initial.altitude_m": {"uniform": 3000.0}, "dispersion.initial.roll_deg": {"uniform": 3.0}})
@@ -417,9 +417,9 @@ def test_across_an_edge_of_the_air(quiet):
     drawn = draws(campaign, 64)
     alone = special(campaign, flight, drawn)
     crossing = (drawn[:, 0] < edge) & (drawn[:, 0] > edge - 2000.0)
-    assert (alone.status[crossing] == -1).all()
+    assert (alone.status[crossing] == 0).mean() > 0.5  # others fly 500 m in a step, as some beside the edge do
     assert (alone.status[~crossing & (np.abs(drawn[:, 0] - edge) > 2500.0)] == 0).all()
-    compare_statuses(campaign, drawn, most=1e-5)  # the lapse rate jumps there, so the general kernel's steps converge slowly
+    compare_statuses(campaign, drawn)
 
 
 def test_never_released(quiet):

@@ -19,6 +19,7 @@ from sepmc.schema import Column, Status
 
 _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 16  # with so many, a case that the kernel does not vouch for is none of its cases
+_MOST = 2048  # steps of a stage: more take plain Python minutes, and the general kernel less
 _SAME_TIME = 1e-12  # s
 
 
@@ -58,6 +59,8 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = round(fewest / share)
+        if steps > _MOST:
+            raise _LostError
         found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
         if not sound and (given or steps >= max(_HOPELESS, 2 * fewest)):
             raise _LostError

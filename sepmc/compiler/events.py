@@ -9,6 +9,7 @@ from sepmc.compiler.geometry import Line, State, relative_acceleration
 from sepmc.compiler.loads import add_all
 from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Event, Stage
+from sepmc.compiler.steps import hold_back
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -46,7 +47,7 @@ def _wait(s: State, event: Event) -> Any:
     _note_graze(scope, event, s.stage.name, value, rate)
     noted = ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once))
     for place, now in (*noted, (part(f"LAST_{name}", 1), acceleration)):
-        scope.store(place, now)
+        scope.store(place, where(scope.load("HELD_BACK") > 0.0, scope.load(place), now) if s.c.paces(s.stage) else now)
     wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
     if event.ends_phase or event.number >= 0:
         wait = where(first & (wait > usual), usual, wait)
@@ -193,6 +194,7 @@ def emit_meet(out: Text, c: Context) -> None:
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
+            hold_back(inner, c, stage, "True")
             inner(f"aim_{stage.name}(w, math.inf)")
             scope = c.scope()
             for event in stage.events:

@@ -108,7 +108,7 @@ def emit_centre(out: Text, c: Context) -> None:
 
 def emit_layers(out: Text, c: Context) -> None:
     """A function by which bodies enter layers of the standard atmosphere. Their borders are met this side and beyond by `_BORDER`, so that
-    a body that has just passed one is not at it."""
+    a body that has just passed one is not at it; one that starts on a border flies in the layer that it goes to."""
     text = out.function(
         "enter_layers(w)", "Let bodies that pass a border of their layer of air fly in the next; cases without air are lost."
     )
@@ -119,7 +119,8 @@ def emit_layers(out: Text, c: Context) -> None:
             c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
             inner = text.block(f"if w[{flag} + l] > 0.0:")
             inner(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
-            inner("air, top = layer(height)", f"put4(w, {layer} + l, air)", f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0")
+            inner(f"goes_on = {2.0 * _BORDER} if w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l] >= 0.0 else -{2.0 * _BORDER}")
+            inner("air, top = layer(height + goes_on)", f"put4(w, {layer} + l, air)", f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0")
             inner(f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, geometric(top) + {_BORDER}")
             inner("w[LOST + l] = w[LOST + l] if 0.0 <= height <= TOP else 1.0")
 

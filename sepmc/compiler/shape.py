@@ -397,9 +397,8 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
         count += motor.ignition > 0.0 or motor.delay > 0.0 or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
         count += math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
         count += len(motor.profile.time) if motor.profile else 0
-        for key in ("build_up", "tail_off"):  # only a brief one is a stretch of its own
-            constant = getattr(motor, key)
-            count += constant < brief_transient(scene) and (constant > 0.0 or f"{path}.{key}" in dispersed)
+        for key in ("build_up", "tail_off"):  # only a brief one is a stretch of its own, and some case may have one
+            count += 0.0 < getattr(motor, key) < brief_transient(scene) or f"{path}.{key}" in dispersed
     for load in scene.load:
         path = f"load.{load.name}"
         count += load.start > 0.0 or f"{path}.start" in dispersed

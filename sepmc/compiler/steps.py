@@ -9,6 +9,7 @@ import numpy as np
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.recorder import Scope, Value, total, where
+from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
 from sepmc.kernels.layout import GRAIN
 from sepmc.kernels.methods import Method, method
@@ -48,6 +49,7 @@ def emit_lengths(out: Text, c: Context) -> None:
         if stage.breaks:
             inner.lanes()("w[STEP + l] = min(w[STEP + l], w[PACE + l])")
         if stage.events:
+            hold_back(inner, c, stage, "w[WAY + l] < 1.0")
             inner(f"aim_{stage.name}(w, usual)")
         if c.paces(stage):
             _keep_pace(inner.lanes())
@@ -55,6 +57,13 @@ def emit_lengths(out: Text, c: Context) -> None:
     emit_spread(text, c, "STEP")
     if any(stage.events for stage in c.shape.stages):
         _emit_rest(out, c)
+
+
+def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
+    """Lines by which nothing is noted of the conditions of a phase but for the lanes that go now."""
+    if c.paces(stage):
+        c.slabs.add("HELD_BACK", 1)
+        text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 
 def _keep_pace(lane: Text) -> None:
@@ -80,6 +89,7 @@ def _emit_rest(out: Text, c: Context) -> None:
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
+            hold_back(inner, c, stage, "w[WAY + l] == 1.0")
             inner(f"aim_{stage.name}(w, math.inf)")
             if c.paces(stage):
                 inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
