@@ -25,7 +25,7 @@ _CORNERS = 3  # of the pilot, in plain Python
 
 
 def as_written(flown: Campaign) -> Campaign:
-    """A campaign without the fixed step, for which no kernel is written."""
+    """A campaign without its fixed step: each of its phases then has a number of steps."""
     solver = {key: value for key, value in flown.file.tree.get("solver", {}).items() if key != "step_s"}
     return Campaign(parse_campaign({**flown.file.tree, "solver": solver}, flown.name, None))
 
