@@ -74,7 +74,8 @@ def _keep_pace(lane: Text) -> None:
     an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
     """
     lane("h, way, ahead = w[STEP + l], w[WAY + l], w[END + l] - w[T + l]")
-    lane("left = larger(min(w[LEFT + l] - 1.0, np.ceil(h / w[PACE + l] - 1e-9)), 1.0)", "w[LEFT + l] = left")
+    lane("left, needed = w[LEFT + l] - 1.0, np.ceil(h / w[PACE + l] - 1e-9)")
+    lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN", "w[LEFT + l] = left")
     lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
     lane(f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h", "w[STEP + l] = step if way < 1.0 else 0.0")

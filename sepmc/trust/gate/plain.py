@@ -57,8 +57,9 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
         pace = _pace(usual, steps)
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace)
         sound = block.status == 0
-        if before is None and sound.any():
+        if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more, at their pace
             usual[:] = usual_lengths(ends, sound)
+            continue
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
