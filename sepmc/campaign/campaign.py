@@ -150,6 +150,8 @@ class Campaign(Definition):
             the case, its ``status``, the ``kernel`` that flew it, and ``notes``, sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
+        if kernel not in (None, "general"):
+            raise InputError(f'kernel = {kernel!r}: must be "general", or None for that of the scene where there is one')
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         found = None if kernel == "general" or unfit else fly_single(scene, self.outcome_columns, step_s)
         if found is None:

@@ -24,7 +24,7 @@ class Flight:
 
     ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages``
     (phases, and joints that are late in letting go) that usually last ``usual`` (stages,) s; where events divide a stage,
-    steps that are no longer than its ``pace`` (stages,) s are not divided further; ``step`` (s) is that of the
+    there are fewer if so none is longer than its ``pace`` (stages,) s, ``times`` as many as that takes; ``step`` (s) is that of the
     general one, or the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative to,
     see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
     error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
@@ -38,6 +38,7 @@ class Flight:
     usual: np.ndarray | None = None
     stages: list[str] = field(default_factory=list)
     pace: np.ndarray | None = None
+    times: int = 1
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
@@ -49,8 +50,8 @@ class Flight:
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
-        steps, pace, step = self.steps, self.pace, self.step
-        finer = replace(self, steps=None if steps is None else times * steps, pace=None if pace is None else pace / times)
+        steps, step = self.steps, self.step
+        finer = replace(self, steps=None if steps is None else times * steps, times=times * self.times)
         return replace(finer, step=None if step is None else step / times)
 
 
@@ -82,7 +83,9 @@ def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int 
     """Fly draws at the flight's steps, and none of them again."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step, draws, room)
-    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, flight.pace)[0]
+    return fly_specialised(
+        flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, flight.pace, flight.times
+    )[0]
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:

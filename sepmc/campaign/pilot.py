@@ -186,8 +186,8 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def flown(steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace)
+    def flown(steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None, times: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace, times=times)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
     spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
@@ -212,7 +212,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     for times in _PACES if given is None else ():
         slower = np.where(_is_divided(campaign), times * usual / steps, 0.0)
         further = search.largest(steps, slower)
-        (far, sane), (near, safe) = flown(steps, drawn, slower), flown(2 * steps, drawn, 0.5 * slower)
+        (far, sane), (near, safe) = flown(steps, drawn, slower), flown(2 * steps, drawn, slower, 2)
         changed = np.where((sane & safe)[:, None], errors(far, near, scale), 0.0)
         if slower.any() and max(further[decides].max(), changed[:, decides].max(initial=0.0)) <= search.goal and (sane == fair).all():
             pace, apart, found, one, finely = slower, further, changed, far, safe
@@ -230,7 +230,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stage_names(campaign), pace, given, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stage_names(campaign), pace, 1, given, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
@@ -323,7 +323,7 @@ def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: 
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
     limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
-    return Flight(why, None, None, None, [], None, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
+    return Flight(why, None, None, None, [], None, 1, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

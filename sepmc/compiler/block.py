@@ -19,7 +19,7 @@ _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joint
 _ARGUMENTS = (
     ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    ("scene, integers, numbers, pace", "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13)"),
+    ("scene, integers, numbers, pace, times", "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13), indices(a, 14)"),
 )
 
 
@@ -224,14 +224,14 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
 
 
 def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
-    """Each lane in as many steps as it needs for none to be longer than its pace, but no more than the phase has."""
+    """Each lane in as many steps as it needs for none to be longer than its pace, so many times, but in no more than the phase has."""
     size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
-    for slab in ("PACE", "LEFT", "WAY"):
+    for slab in ("PACE", "TIMES", "LEFT", "WAY"):
         c.slabs.add(slab, 1)
     inner = text.lanes()
     brief = " and w[BRIEF + l] == 0.0" if c.shape.switches and c.shape.scene.solver.step is None else ""
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0{brief} else {at.GRAIN}")
-    inner(f"w[LEFT + l], w[WAY + l] = 1.0 + steps[{number}], 0.0")
+    inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
     text("going = True")
     inner = text.block("while going:")
     inner(f"advance(w, {number}, {size}, 1, usual[{number}])", *awaited)
@@ -250,7 +250,7 @@ def _awaited(stage: Stage) -> list[str]:
 
 def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Steps of even length until all lanes are through: when a load will end the phase is not known."""
-    text(f"even, going = pace[{number}] if pace[{number}] > 0.0 else usual[{number}] / steps[{number}], True")
+    text(f"even, going = pace[{number}] / times[0] if pace[{number}] > 0.0 else usual[{number}] / steps[{number}], True")
     text(f"left = steps[{number}] if math.isinf(even) else 1")
     c.slabs.add("PACE", 1)
     text.lanes()(f"w[PACE + l] = max(even, {_LEAST_PACE} * (w[END + l] - w[T + l]))")

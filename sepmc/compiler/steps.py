@@ -67,14 +67,14 @@ def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
 
 
 def _keep_pace(lane: Text) -> None:
-    """Lines for the step of a lane: the way ahead in equal parts, of which no more are LEFT than there were, nor more than it takes for
-    none to be longer than PACE.
+    """Lines for the step of a lane: the way ahead in equal parts, of which no more are LEFT than there were, nor more than TIMES what it
+    takes for none to be longer than PACE.
 
     WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is the last; 2 if the last one was. Until
     an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
     """
     lane("h, way, ahead = w[STEP + l], w[WAY + l], w[END + l] - w[T + l]")
-    lane("left, needed = w[LEFT + l] - 1.0, np.ceil(h / w[PACE + l] - 1e-9)")
+    lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
     lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN", "w[LEFT + l] = left")
     lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")

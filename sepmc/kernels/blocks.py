@@ -119,10 +119,12 @@ def _fly_blocks(address, blocks, size, calls, arguments):
         _enter(address, room, calls.shape[0], number * LANES, arguments)
 
 
-def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, pace, usual, every, outcomes, ends, history, status) -> None:
+def fly(
+    kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, pace, times, usual, every, outcomes, ends, history, status
+) -> None:
     """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (stages,) steps a stage, that is a phase, or
     the time in which joints are late. It usually lasts ``usual`` (stages,) s. Where switches and events divide it, so many steps from one
-    to the next, or fewer if none of them is longer than ``pace`` (stages,) s; 0: never fewer.
+    to the next, or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace`` (stages,) s; 0: never fewer.
 
     Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0, or -1 if this kernel cannot vouch for
     a case. If it was written for separations over time, also speed and distance of every joint ``every`` so many seconds, into history
@@ -143,6 +145,7 @@ def fly(kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, pac
         whole,
         numbers,
         pace,
+        np.array([times], dtype=np.int64),
     )
     if kernel.plain is not None:
         with np.errstate(all="ignore"):  # as compiled code is
