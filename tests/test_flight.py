@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
+from sepmc.compiler import shape
 from sepmc.door import fly_block
 from sepmc.kernels.batch import max_threads
 from sepmc.scene.read import parse_campaign
@@ -55,8 +56,16 @@ def inertias(campaign):
         yield body.mass, np.diag(body.inertia) - np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _general():
+    """All flights of this file are the general kernel's, as those of scenes that no kernel is written for."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shape, "_obstacles", lambda scene: ["a test of the general kernel"])
+        yield
+
+
 @pytest.fixture(scope="module")
-def quiet(table2):
+def quiet(table2, _general):
     """Table 2 without histories, by the general kernel; `test_specialised.py` flies the other."""
     return table2.with_settings({"run.history_step_s": 0.0, "solver.step_s": 0.05})
 

@@ -60,13 +60,11 @@ def test_a_late_joint_is_late_in_the_next_phase():
 
 
 def test_what_the_kernel_does_not_vouch_for():
-    """A joint that is never released, and the full system: the general kernel flies them. A step that is given is taken."""
+    """A joint that is never released, and the full system: the general kernel flies them."""
     never = sepmc.load("table2.toml", {"phase.guided.until.stroke_mm": 1e5})
     assert single.fly_single(never.nominal().scene, never.outcome_columns, 0.1) is None
     full = sepmc.load("table2.toml", {"solver.formulation": "full"})
     assert single.fly_single(full.nominal().scene, full.outcome_columns, 0.1) is None
-    given = sepmc.load("table2.toml", {"solver.step_s": 0.01})
-    assert 50 <= given.simulate(step_s=0.1).attrs["outcomes"]["steps"] <= 56
 
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):

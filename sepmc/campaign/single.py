@@ -43,9 +43,8 @@ class _LostError(Exception):
 
 
 def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | None:
-    """A case, as ``scene`` has it, in its own steps, or in those at which its outcomes (``columns``) have settled to the accuracy asked: a
-    row every so many seconds, and two at each end of a phase. None if no kernel is written for the scene, or it does not vouch for the
-    case."""
+    """A case, as ``scene`` has it, in steps at which its outcomes (``columns``) have settled to the accuracy asked: a row every so many
+    seconds, and two at each end of a phase. None if no kernel is written for the scene, or the kernel does not vouch for the case."""
     plan = make_plan(scene)
     if reasons(plan, frozenset()):
         return None
@@ -53,8 +52,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     shape = make_shape(plan)
     with interpreted():
         kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))
-    given = scene.solver.step is not None
-    fewest = 1 if given else max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
+    fewest = max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
     usual, last, none = np.full(kernel.stages, np.inf), np.zeros(kernel.stages), np.empty((0, 2))
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +61,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
             raise _LostError
         pace = even_pace(usual, fewest)
         found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, pace, times, none)
-        if not sound and (given or steps >= max(_HOPELESS, 2 * fewest)):
+        if not sound and steps >= max(_HOPELESS, 2 * fewest):
             raise _LostError
         if sound and np.isinf(usual).all():
             usual[:] = usual_lengths(ends[:, None], np.ones(1, dtype=bool))
@@ -71,8 +69,7 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         return found[None, : len(columns)], np.array([Status.OK if sound else Status.UNRESOLVED])
 
     try:
-        flown(1.0, none)  # tells how long stages last
-        share, notes = (1.0, []) if given else settle_one(flown, 1.0, scene, columns)
+        share, notes = settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
     times = round(1.0 / share)
