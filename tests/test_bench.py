@@ -152,7 +152,7 @@ def test_flops_in_code():
 
 @pytest.mark.slow
 def test_flops_of_a_case(study):
-    counted = flops.count(study.campaign, np.array([1, 1, 1]))
+    counted = flops.count(study.campaign, np.array([1, 1, 1]), np.full(3, np.inf))
     assert set(counted.evaluations) == set(counted.each) == {"locked", "guided", "free"}
     assert counted.evaluations["free"] == 12
     assert 300.0 < counted.evaluation < 3000.0

@@ -163,7 +163,7 @@ def test_replay(campaign, tmp_path, from_folder):
 
 def test_replay_at_a_given_step(tmp_path):
     """The general kernel flies campaign and case: bit for bit, audit columns included."""
-    fly(tmp_path / "run", "--cases", 5, "--set", "solver.step_s=0.05")
+    fly(tmp_path / "run", "--cases", 5, "--set", "solver.step_s=0.05", "--set", "solver.formulation=full")
     call("run", tmp_path / "run", "--case", 3, "--out", tmp_path / "one", "--no-plots")
     told, row = manifest(tmp_path / "one"), rows(tmp_path / "run").iloc[3]
     assert {**told["inputs"], **told["outcomes"]} == row.drop(["case", "status"]).to_dict()

@@ -109,7 +109,7 @@ ALL = [(module, name) for module in HOMES for name in module._shapes if not name
 def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names)
-    return interpreted.load(f"GUARDS, STRETCHES = 0, ()\nfrom sepmc.kernels import {homes}").plain
+    return interpreted.load(f"GUARDS, STAGES = 0, 0\nfrom sepmc.kernels import {homes}").plain
 
 
 def _sizes(value):

@@ -196,8 +196,6 @@ class Chunks:
             said |= {"step_s": flight.step}
         elif flight.steps is not None:
             said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
-            if flight.pace is not None and flight.pace.any():
-                said["pace_s"] = flight.pace.tolist()
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
         if told.history is not None:

@@ -28,7 +28,6 @@ SAMPLE = 512  # trial cases drawn from the laws
 _OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample to find its step
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
-_PACES = (4.0, 2.0, 1.0, 0.5, 0.25)  # tried, of what a step of an undivided stage would be
 _EACH = 3  # corners at least with every value of a discrete law
 _SPREAD_STEPS, _MOST_SPREAD = 8, 512  # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
@@ -53,11 +52,6 @@ def stage_names(campaign: Definition) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
     found = shape.make_shape(campaign.plan, campaign.dispersed)
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
-
-
-def _is_divided(campaign: Definition) -> np.ndarray:
-    """Which stages of a campaign's kernel, (stages,), switches and events divide."""
-    return np.array([stage.stops > 1 and stage.breaks is None for stage in shape.make_shape(campaign.plan, campaign.dispersed).stages])
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -186,8 +180,8 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def flown(steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None, times: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace, times=times)
+    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], block.status == Status.OK
 
     spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
@@ -208,17 +202,8 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
         if given is not None or not len(beyond):
             break
-    pace, apart = np.zeros(kernel.stages), search.largest(steps)
-    for times in _PACES if given is None else ():
-        slower = np.where(_is_divided(campaign), times * usual / steps, 0.0)
-        further = search.largest(steps, slower)
-        (far, sane), (near, safe) = flown(steps, drawn, slower), flown(2 * steps, drawn, slower, 2)
-        changed = np.where((sane & safe)[:, None], errors(far, near, scale), 0.0)
-        if slower.any() and max(further[decides].max(), changed[:, decides].max(initial=0.0)) <= search.goal and (sane == fair).all():
-            pace, apart, found, one, finely = slower, further, changed, far, safe
-            break
-    largest = np.maximum(apart, found.max(axis=0, initial=0.0))
-    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]), pace=pace)
+    largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
+    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
     again, sound = trials.outcomes[:first, : len(units)], trials.status[:first] == Status.OK
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
@@ -230,7 +215,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stage_names(campaign), pace, 1, given, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stage_names(campaign), None, 1, given, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Search for the fewest steps of a specialised kernel: in every stage, such that some cases come within a goal of a reference."""
 
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,11 +14,7 @@ _FINER = 8  # times as fine as a step that is given is what it is held against
 _AT_ONCE = 1e-9  # of a flight
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
 
-
-class Fly(Protocol):
-    """Flies draws (n, d), SI, to outcomes (n, o) and what is sound (n,)."""
-
-    def __call__(self, steps: np.ndarray, draws: np.ndarray, pace: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]: ...
+Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
 
 
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
@@ -82,9 +78,9 @@ class Search:
         self._of_reference = np.zeros(len(self.scale))
         return steps if self.fair.mean() > 0.5 else None
 
-    def largest(self, steps: np.ndarray, pace: np.ndarray | None = None) -> np.ndarray:
-        """Largest error (o,) of each outcome with some steps at some pace; not less than that of the reference."""
-        found, sound = self.flown(steps, self.draws, pace)
+    def largest(self, steps: np.ndarray) -> np.ndarray:
+        """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
+        found, sound = self.flown(steps, self.draws)
         both = sound & self.fair
         return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
 
