@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sepmc.campaign.accuracy import errors
 from sepmc.campaign.campaign import Campaign, load
-from sepmc.campaign.pilot import relative_error
 from sepmc.door import interpreted
 from sepmc.trust import independent
 from sepmc.trust.flights import GENERAL, SCENES, SIZES, campaign
@@ -65,6 +65,8 @@ def _campaign(name: str, cases: int) -> list[Line]:
         result = flown.run(cases=cases)
     assert result.flight is not None
     assert result.accuracy is not None
+    scale = result.flight.scale  # what the error that is told is a share of
+    assert scale is not None
     kernel = WRITTEN if result.flight.kernel else GENERAL
     expected = [_fly(flown.case(number).to_dict()) for number in range(cases)]
     apart = sum(status != row.status for status, row in zip(result.table["status"], expected, strict=True))
@@ -77,11 +79,11 @@ def _campaign(name: str, cases: int) -> list[Line]:
         ("of impulses, ", [c for c in columns if "_impulse_" in c.name]),
     ):
         if chosen:
-            ours = np.array([result.table[c.name] for c in chosen]).T
-            should = np.array([[row.outcomes[c.name] for c in chosen] for row in expected])
-            errors = relative_error(ours, should, [c.unit for c in chosen])
+            ours = np.array([result.table[c.name] / c.scale for c in chosen]).T
+            should = np.array([[row.outcomes[c.name] / c.scale for c in chosen] for row in expected])
+            off = errors(ours, should, scale[[flown.outcome_columns.index(c) for c in chosen]]).max(axis=0)
             allowed = np.array([REPORTED * result.accuracy.errors[c.name] + CLOSE for c in chosen])
-            at = int(np.argmax(np.where(np.isnan(errors), np.inf, errors) / allowed))
+            at = int(np.argmax(np.where(np.isnan(off), np.inf, off) / allowed))
             said = f"{what or 'difference, '}{chosen[at].name}"
-            lines.append(Line(f"{name}, as shipped", said, 0.0, float(errors[at]), float(allowed[at]), kernel=kernel))
+            lines.append(Line(f"{name}, as shipped", said, 0.0, float(off[at]), float(allowed[at]), kernel=kernel))
     return lines
