@@ -89,11 +89,9 @@ def fly_specialised(
     slots: np.ndarray,
     draws: np.ndarray,
     room: int = 0,
-    pace: np.ndarray | None = None,
-    times: int = 1,
 ) -> tuple[Block, np.ndarray]:
-    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``, ``usual`` and ``pace``, each (stages,),
-    and ``times`` as `sepmc.kernels.blocks.fly` has them. A scene's ``solver.step`` is the pace of all its stages, and ``steps`` are in how
+    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps`` and ``usual``, each (stages,), as
+    `sepmc.kernels.blocks.fly` has them. A scene's ``solver.step`` is the pace of all its stages, and ``steps`` are in how
     many parts it is divided.
 
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (stages, n) at which phases end,
@@ -104,7 +102,7 @@ def fly_specialised(
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
-    _call(kernel, plan, steps, usual, pace, times, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
+    _call(kernel, plan, steps, usual, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
     rows = np.broadcast_to(np.arange(room) * plan.tableau.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
     block = Block(outcomes[: len(columns)].T, status, rows, phases, history, np.full(n, room), outcomes[len(columns) :].T)
@@ -112,26 +110,26 @@ def fly_specialised(
 
 
 def fly_everything(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, pace: np.ndarray, times: int, instants: np.ndarray
+    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI, whether the kernel vouches for
     them, the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
     columns, none = len(schema.result_columns(replace(plan.contents, specialised=True))), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
-    _call(kernel, plan, steps, usual, pace, times, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
+    _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
     return outcomes[:columns, 0], bool(status[0] == 0), ends[:, 0], history[0]
 
 
-def _call(kernel, plan, steps, usual, pace, times, slots, draws, every, outcomes, ends, history, status) -> None:
+def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
     """One call of the door of written kernels."""
     from sepmc.kernels.blocks import fly  # noqa: PLC0415
 
     model, nominal, drawn = plan.model, np.ascontiguousarray(plan.nominal), np.ascontiguousarray(draws.T)
     if plan.scene.solver.step is not None:
         times, steps, pace = int(steps.max()), np.full(kernel.stages, _NO_LIMIT), np.full(kernel.stages, plan.scene.solver.step)
-    elif pace is None:
-        pace = np.zeros(kernel.stages)
+    else:
+        times, pace = 1, np.zeros(kernel.stages)
     fly(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace, times, usual, every, outcomes, ends, history,
         status,

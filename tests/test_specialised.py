@@ -76,8 +76,7 @@ def general(campaign, drawn, step, formulation="reduced", room=0):
 
 def special(campaign, flight, drawn, steps=None):
     """A block of the specialised kernel alone, status -1 where it cannot vouch for a case."""
-    steps, pace = (flight.steps, flight.pace) if steps is None else (steps, None)
-    return fly_specialised(flight.kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn, pace=pace)[0]
+    return fly_specialised(flight.kernel, campaign.plan, flight.steps if steps is None else steps, flight.usual, campaign.slots, drawn)[0]
 
 
 def difference(campaign, found, expected):

@@ -23,8 +23,7 @@ class Flight:
     """How a campaign is flown.
 
     ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages``
-    (phases, and joints that are late in letting go) that usually last ``usual`` (stages,) s; where events divide a stage,
-    there are fewer if so none is longer than its ``pace`` (stages,) s, ``times`` as many as that takes; ``step`` (s) is that of the
+    (phases, and joints that are late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is that of the
     general one, or the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative to,
     see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
     error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
@@ -37,8 +36,6 @@ class Flight:
     steps: np.ndarray | None = None
     usual: np.ndarray | None = None
     stages: list[str] = field(default_factory=list)
-    pace: np.ndarray | None = None
-    times: int = 1
     step: float | None = None
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
@@ -51,8 +48,7 @@ class Flight:
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
         steps, step = self.steps, self.step
-        finer = replace(self, steps=None if steps is None else times * steps, times=times * self.times)
-        return replace(finer, step=None if step is None else step / times)
+        return replace(self, steps=None if steps is None else times * steps, step=None if step is None else step / times)
 
 
 def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
@@ -83,9 +79,7 @@ def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int 
     """Fly draws at the flight's steps, and none of them again."""
     if flight.kernel is None or flight.steps is None or flight.usual is None:
         return fly_general(campaign, flight.step, draws, room)
-    return fly_specialised(
-        flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, flight.pace, flight.times
-    )[0]
+    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:

@@ -215,7 +215,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     nominal = search.reference[0] if search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stage_names(campaign), None, 1, given, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stage_names(campaign), given, scale, limits, angles, error, told, nominal)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
@@ -308,7 +308,7 @@ def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: 
     told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
     nominal = two[0][0] if two[1][0] == Status.OK else None
     limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
-    return Flight(why, None, None, None, [], None, 1, step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
+    return Flight(why, None, None, None, [], step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
 
 
 def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:

@@ -39,11 +39,6 @@ def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
     return usual
 
 
-def even_pace(usual: np.ndarray, steps: int) -> np.ndarray:
-    """The pace, s, of stages (stages,) in so many steps: how long they are if nothing divides them; 0 where that is not known."""
-    return np.where(np.isfinite(usual), usual, 0.0) / steps
-
-
 class Search:
     """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,) against a reference at many steps.
 

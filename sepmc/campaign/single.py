@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc import schema
-from sepmc.campaign.search import even_pace, usual_lengths
+from sepmc.campaign.search import usual_lengths
 from sepmc.campaign.settle import longest_step, settle_case, settle_one
 from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import Plan, make_plan
@@ -56,11 +56,10 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     usual, last, none = np.full(kernel.stages, np.inf), np.zeros(kernel.stages), np.empty((0, 2))
 
     def flown(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        steps = (times := round(1.0 / share)) * fewest
+        steps = round(fewest / share)
         if steps > _MOST:
             raise _LostError
-        pace = even_pace(usual, fewest)
-        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, pace, times, none)
+        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
         if not sound and steps >= max(_HOPELESS, 2 * fewest):
             raise _LostError
         if sound and np.isinf(usual).all():
@@ -72,10 +71,9 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         share, notes = settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
-    times = round(1.0 / share)
-    steps = np.full(kernel.stages, times * fewest)
+    steps = np.full(kernel.stages, round(fewest / share))
     instants, phases = _instants(shape, last, every_s)
-    found, _, _, rows = fly_everything(kernel, plan, steps, usual, even_pace(usual, fewest), times, instants)
+    found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
     return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)
 
 

@@ -15,7 +15,7 @@ from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.pilot import Flight
-from sepmc.campaign.search import even_pace, usual_lengths
+from sepmc.campaign.search import usual_lengths
 from sepmc.campaign.settle import longest_step
 from sepmc.compiler.shape import brief_transient
 from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
@@ -54,10 +54,9 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     steps = np.full(kernel.stages, fewest, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
-        pace, times = even_pace(usual, fewest), steps.max() // fewest
-        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, pace=pace, times=times)
+        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
-        if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more, at their pace
+        if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more
             usual[:] = usual_lengths(ends, sound)
             continue
         now = block.outcomes[:, : len(units)], sound
@@ -67,15 +66,12 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
         if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
             flown = before if settled and before is not None else now
             if low_order:  # a step and its half can be off by the same
-                block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws, pace=pace, times=2 * times)
+                block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
                 both = flown[1] & (block.status == 0)
                 finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
                 errors = np.maximum(errors, finer) if both.any() else errors
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
-            times = chosen.max() // fewest
-            return Flight(
-                kernel=kernel, steps=chosen, usual=usual, pace=pace, times=times, scale=scale, error=float(errors.max()), achieved=told
-            )
+            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told)
         before, steps = now, 2 * steps
