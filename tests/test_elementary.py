@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 
 from sepmc.kernels.atmosphere import (
     NEAR,
-    R0,
     density_in_layer,
     density_near,
     density_series,
@@ -22,6 +21,7 @@ from sepmc.kernels.atmosphere import (
 from sepmc.kernels.elementary import arctan2, exponential, power_of_two, sine_cosine
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
 from sepmc.kernels.lanes import larger, nearest_turn, time_left
+from sepmc.kernels.us1976_table import R0
 
 SAMPLES = 1000
 INF, NAN = math.inf, math.nan

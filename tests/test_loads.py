@@ -7,10 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sepmc.kernels import layout
-from sepmc.kernels.atmosphere import R0, us1976
+from sepmc.kernels.atmosphere import us1976
 from sepmc.kernels.dynamics import _polynomials
 from sepmc.kernels.gravity import gravity
 from sepmc.kernels.propulsion import thrust_level
+from sepmc.kernels.us1976_table import R0
 from sepmc.kernels.wind import wind
 from sepmc.trust import lagrange
 from sepmc.trust.classical_loads import density

@@ -229,8 +229,7 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     for slab in ("PACE", "TIMES", "LEFT", "WAY"):
         c.slabs.add(slab, 1)
     inner = text.lanes()
-    brief = " and w[BRIEF + l] == 0.0" if c.shape.switches and c.shape.scene.solver.step is None else ""
-    inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0{brief} else {at.GRAIN}")
+    inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
     text("going = True")
     inner = text.block("while going:")
@@ -301,8 +300,7 @@ def _switches(text: Text, c: Context) -> None:
     """Stop at the next switch of a load, and note what acts until then."""
     text = text.lanes()
     text("t = w[T + l]", "end = min(w[END + l], next_break(t, m, p[l]))", "w[END + l] = end")
-    text("set_stretch(0.5 * (t + end), m, p[l])", "w[BRIEF + l] = 1.0 if is_brief(0.5 * (t + end), m, p[l]) else 0.0")
-    c.slabs.add("BRIEF", 1)
+    text("set_stretch(0.5 * (t + end), m, p[l])")
     for i, motor in enumerate(c.shape.scene.motor):
         c.slabs.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i

@@ -36,7 +36,7 @@ class Context:
         return f"LAYER_{body}" if self.shape.borders else "AIR"
 
     @property
-    def breaks(self) -> bool:
+    def ends_by_load(self) -> bool:
         """Whether what a joint carries ends a phase."""
         return any(stage.breaks for stage in self.shape.stages)
 

@@ -35,8 +35,8 @@ from sepmc.kernels import joints, peaks, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.kernels.atmosphere import NEAR, R0, density_near, density_series, geopotential, geopotential_rise, sound_speed
-from sepmc.kernels.atmosphere import TOP, geometric, layer
+from sepmc.kernels.atmosphere import NEAR, density_near, density_series, geopotential, geopotential_rise, sound_speed
+from sepmc.kernels.atmosphere import geometric, layer
 from sepmc.kernels.clearances import search_clearance
 from sepmc.kernels.elementary import arctan2, exponential
 from sepmc.kernels.gravity import inverse_square, inverse_square_near
@@ -48,7 +48,8 @@ from sepmc.kernels.observe import SINE_SINGULAR
 from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
 from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
 from sepmc.kernels.splines import hold_cell, is_held, put_cell
-from sepmc.kernels.stretches import is_brief, next_break, set_stretch
+from sepmc.kernels.stretches import next_break, set_stretch
+from sepmc.kernels.us1976_table import R0, TOP
 from sepmc.kernels.wind import wind
 '''
 
@@ -83,7 +84,7 @@ def _body(c: Context) -> Text:
         emit_extension(body, c)
     if c.history:
         emit_history(body, c)
-    if c.watched or c.breaks:
+    if c.watched or c.ends_by_load:
         emit_watch(body, c)
     if c.shape.scene.clearance:
         emit_clearances(body, c)

@@ -14,6 +14,7 @@ from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
+from sepmc.kernels.us1976_table import BORDERS
 from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import redundancies
@@ -379,8 +380,6 @@ def _heights(scene: Scene) -> tuple[float, float, float]:
 
 def _may_pass_borders(scene: Scene) -> bool:
     """Whether a border between layers of the standard atmosphere is as near as that."""
-    from sepmc.kernels.atmosphere import BORDERS  # noqa: PLC0415
-
     _, low, high = _heights(scene)
     return scene.environment.atmosphere == "us1976" and any(low < border < high for border in BORDERS)
 

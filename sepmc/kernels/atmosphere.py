@@ -4,25 +4,15 @@ import math
 
 from sepmc.kernels._jit import formula, stage
 from sepmc.kernels.elementary import exponential
+from sepmc.kernels.us1976_table import BASES, G0, LAPSES, M0, R0, R_STAR, TOP
 
-R0 = 6_356_766.0  # m, radius that ties geopotential to geometric height
-G0 = 9.80665  # m/s2
-R_STAR = 8314.32  # J/(kmol K), the value of the 1976 standard
-M0 = 28.9644  # kg/kmol
-TOP = 86_000.0  # m
 NEAR = 500.0  # m, rise for which the series about a height are used
-
-_H = (0.0, 11_000.0, 20_000.0, 32_000.0, 47_000.0, 51_000.0, 71_000.0, R0 * TOP / (R0 + TOP))  # m', base of each layer; the top
-_L = (-6.5e-3, 0.0, 1.0e-3, 2.8e-3, 0.0, -2.8e-3, -2.0e-3)  # K/m', lapse rate
-
-
-BORDERS = tuple(R0 * h / (R0 - h) for h in _H[1:-1])  # m, geometric
 
 
 def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Temperature (K) and pressure (Pa) at the base of each layer, built up from the ground."""
     temperature, pressure = [288.15], [101_325.0]
-    for low, high, lapse in zip(_H, _H[1:-1], _L, strict=False):
+    for low, high, lapse in zip(BASES, BASES[1:-1], LAPSES, strict=False):
         t0, p0 = temperature[-1], pressure[-1]
         t1 = t0 + lapse * (high - low)
         gmr = G0 * M0 / R_STAR
@@ -61,9 +51,9 @@ def layer(height):
     The layer: base, m', lapse rate over temperature at the base, 1/m', one over temperature, 1/K, and pressure, Pa, there.
     """
     h, k = geopotential(height), 0
-    while k < 6 and h >= _H[k + 1]:
+    while k < 6 and h >= BASES[k + 1]:
         k += 1
-    return (_H[k], _L[k] / _T[k], 1.0 / _T[k], _P[k]), _H[k + 1]
+    return (BASES[k], LAPSES[k] / _T[k], 1.0 / _T[k], _P[k]), BASES[k + 1]
 
 
 @formula

@@ -6,7 +6,7 @@ from sepmc.kernels import guides, joints, quat, vec3
 from sepmc.kernels import layout as at
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, air_angles
-from sepmc.kernels.atmosphere import TOP, density_in_layer, in_layer, sound_speed
+from sepmc.kernels.atmosphere import density_in_layer, in_layer, sound_speed
 from sepmc.kernels.cfe import attitude, joint_axes, joint_geometry, load_pair, separation, solve_motion
 from sepmc.kernels.gravity import gravity
 from sepmc.kernels.places import (
@@ -27,6 +27,7 @@ from sepmc.kernels.places import (
 from sepmc.kernels.propulsion import tail_off, thrust_level
 from sepmc.kernels.splines import curve, grid6
 from sepmc.kernels.springs import push
+from sepmc.kernels.us1976_table import TOP
 
 _FRICTION_ROUNDS = 60
 _FRICTION = 1e-12  # of the friction, or of all loads, whose round-off it has: then it and the joint wrench it depends on have settled

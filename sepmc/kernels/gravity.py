@@ -1,8 +1,8 @@
 """Gravity over a flat ground: along -y, constant or falling with the inverse square of the distance to the centre."""
 
 from sepmc.kernels._jit import formula
-from sepmc.kernels.atmosphere import R0
 from sepmc.kernels.layout import INVERSE_SQUARE, NO_GRAVITY
+from sepmc.kernels.us1976_table import R0
 
 
 @formula

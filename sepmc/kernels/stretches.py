@@ -48,20 +48,6 @@ def next_break(t, m, w):
 
 
 @stage
-def is_brief(middle, m, w):
-    """Whether some thrust builds up or tails off around ``middle``, so fast that a stretch of time ends with it."""
-    keep_apart()
-    brief, found = at.BRIEF / at.TRANSIENT * w[at.END_TIME], False
-    for i in range(m.scene.n_motors):
-        p = motor_params(i, m)
-        start, burn = _starts(i, m, w), w[p + at.BURN]
-        build_up, tail_off = w[p + at.BUILD_UP], w[p + at.TAIL_OFF]
-        found = found or (0.0 < build_up < brief and 0.0 < middle - start < at.TRANSIENT * build_up)
-        found = found or (0.0 < tail_off < brief and 0.0 < middle - start - burn < at.TRANSIENT * tail_off)
-    return found
-
-
-@stage
 def set_stretch(middle, m, w):
     """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
     keep_apart()
