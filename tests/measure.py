@@ -70,7 +70,7 @@ def agreement(campaign):
     result = campaign.run()
     cases, outcomes = result.to_pandas(), result.outcomes
     sigma = cases[outcomes].std()
-    step = campaign.with_settings({"solver.step_s": 0.05})  # the general kernel, which flies both
+    step = campaign.with_settings({"solver.step_s": 0.05})
     reduced, full = (step.with_settings({"solver.formulation": f}).run(cases=1000).to_pandas()[outcomes] for f in ("reduced", "full"))
     line("full against reduced, 1,000 cases, every outcome", "<= 1e-10", scaled_error(full, reduced, sigma))
     flown = cases[outcomes][:50].copy()

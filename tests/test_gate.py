@@ -7,10 +7,12 @@ import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
+from sepmc.door import interpreted
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate import compare, drive
@@ -117,7 +119,9 @@ def test_faults_are_told_apart():
     tree = SMALL | {"solver": {"step_s": 0.02}}  # the general kernel at once
 
     def reference(status, share):
-        return lambda case, rtol=1e-12: SimpleNamespace(status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=())
+        return lambda case, rtol=1e-12: SimpleNamespace(
+            status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=(), reached={}
+        )
 
     def broken(error):
         def reference(case, rtol=1e-12):
@@ -125,15 +129,24 @@ def test_faults_are_told_apart():
 
         return reference
 
-    assert compare.judge(tree, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
-    off = compare.judge(tree, "off", 2, reference("ok", 1e-3))
-    assert off.rows == {"silent": 2}
-    assert off.fails
-    assert compare.judge(tree, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
-    unknown = compare.judge(tree, "unknown", 2, broken(ValueError("motor.x")))
-    assert "motor.x" in unknown.not_flown
-    assert not unknown.fails
-    assert "KeyError" in compare.judge(tree, "broken", 2, broken(KeyError("y"))).crash
+    with interpreted():
+        assert compare.judge(tree, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
+        off = compare.judge(tree, "off", 2, reference("ok", 1e-3))
+        assert off.rows == {"silent": 2}
+        assert off.fails
+        assert compare.judge(tree, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
+        unknown = compare.judge(tree, "unknown", 2, broken(ValueError("motor.x")))
+        assert "motor.x" in unknown.not_flown
+        assert not unknown.fails
+        assert "KeyError" in compare.judge(tree, "broken", 2, broken(KeyError("y"))).crash
+
+
+def test_a_flat_peak_may_be_told_anywhere_on_it():
+    """Times of peaks count from the nearest at which the peak was as good as reached; a missing number stays one."""
+    flown = SimpleNamespace(reached={"pins_peak_force_time_s": (0.1, 0.2)})
+    columns = [SimpleNamespace(name="pins_peak_force_time_s"), SimpleNamespace(name="release_time_s")]
+    for found, expected in ((0.05, 0.1), (0.15, 0.15), (0.3, 0.2), (np.nan, 0.12)):
+        assert compare.as_reached(flown, np.array([found, 0.3]), np.array([0.12, 0.4]), columns).tolist() == [expected, 0.4]
 
 
 def _times(outcomes, share):

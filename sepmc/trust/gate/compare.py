@@ -148,7 +148,7 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
                 verdict.said.append(f"wrong: case {number} {status}: an outcome is infinite, not NaN")
             continue
         else:
-            off = differences(found[number], expected[number], columns) / scale[number]
+            off = differences(found[number], as_reached(flown[number], found[number], expected[number], columns), columns) / scale[number]
             unclear = [c.name in flown[number].vague or (status != "ok" and _is_peak_time(c.name)) for c in columns]
             off[_jumped(columns, table, number) | unclear] = 0.0
             asked = accuracy.asked if accuracy and status != "ok" else 0.0  # of such rows no error is reported
@@ -215,6 +215,12 @@ def differences(found: np.ndarray, expected: np.ndarray, columns: list[Column]) 
     difference = np.where(flow, np.minimum(difference, np.abs(360.0 - difference)), difference)
     difference = np.where(np.isnan(found) & np.isnan(expected), 0.0, difference)
     return np.where(np.isnan(difference), np.inf, difference)
+
+
+def as_reached(flown: Any, found: np.ndarray, expected: np.ndarray, columns: list[Column]) -> np.ndarray:
+    """What is expected (o,), the time of a peak that is as good as reached from one time to another as found, if that lies between."""
+    spans = [flown.reached.get(c.name, (value, value)) for c, value in zip(columns, expected, strict=True)]
+    return np.where(np.isnan(found), expected, np.clip(found, *np.array(spans).reshape(-1, 2).T))
 
 
 def _jumped(columns: list[Column], table: dict[str, np.ndarray], number: int) -> np.ndarray:

@@ -34,7 +34,8 @@ class Flown:
     ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where there is none; ``events`` are pairs
     of a time, s, and what happened. ``vague`` are outcomes that round-off decides: flow angles of a body that hardly moves against
     the air. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per second), and whether roll and
-    pitch may have jumped (yaw near 90 deg).
+    pitch may have jumped (yaw near 90 deg). ``reached`` are the earliest and latest time, s, at which a peak was as good as reached, by
+    the outcome that tells its time.
     """
 
     status: str
@@ -42,6 +43,7 @@ class Flown:
     events: list[tuple[float, str]] = field(default_factory=list)
     audit: dict[str, float] = field(default_factory=dict)
     vague: tuple[str, ...] = ()
+    reached: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 Value = Callable[[float, State], float]
@@ -303,7 +305,7 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
     }  # fmt: skip
     if status not in ("ok", "never-released"):
         return Flown(status, nothing, flight.sequence.log, audit)
-    return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight))
+    return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight), flight.watch.reached())
 
 
 def _has_tables(scene: dict[str, Any]) -> bool:

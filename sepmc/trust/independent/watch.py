@@ -128,6 +128,10 @@ class Watch:
             if last - first > _APART or self._best((name, what)) <= self.noise
         ]
 
+    def reached(self) -> dict[str, tuple[float, float]]:
+        """Earliest and latest time at which every peak of a joint load was as good as reached, by the outcome that tells its time."""
+        return {f"{name}_peak_{what}_time_s": span for (name, what), span in self.spans.items() if what in ("force", "moment")}
+
     def report(self) -> dict[str, float]:
         """Outcomes under their public names."""
         out: dict[str, float] = {}
