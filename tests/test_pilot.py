@@ -13,7 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import sepmc
 from sepmc import cli
 from sepmc.campaign import cases, chunks, flight, pilot, search
-from sepmc.campaign.accuracy import SAFETY, decisive, errors, scene_scales
+from sepmc.campaign.accuracy import SAFETY, achieved, decisive, errors, scene_scales
+from sepmc.campaign.remarks import unmet
 from sepmc.compiler.plan import make_plan
 from sepmc.door import fly_block
 from sepmc.schema import Status
@@ -583,3 +584,12 @@ def test_the_error_of_histories_is_that_of_the_middle_of_a_law_too():
     exact = 4000.0 / 400.0 * (0.1 + tau[late] * (1.0 - np.exp(-(t - 0.2) / tau[late])))
     error = np.abs(speed - exact) / np.maximum(exact, inputs["separation_speed_m_s"].std())
     assert 0.0 < error.max() <= 3.0 * result.accuracy.history
+
+
+def test_no_trial_case_tells_no_error(table2):
+    """The error is not known then, which is not that it is zero; a step that is given does not change that."""
+    told = achieved(table2, np.zeros(len(table2.outcome_columns)), 0)
+    assert set(told.errors.values()) == {np.inf}
+    assert not told.met
+    for fixed in (False, True):
+        assert "no numerical error can be told" in unmet(told, fixed)[0]

@@ -135,8 +135,8 @@ def _largest(errors_by_name: dict[str, float]) -> tuple[str, float]:
 
 
 def achieved(campaign: Definition, largest: np.ndarray, cases: int) -> Achieved:
-    """What trial cases tell: the ``largest`` (o,) error of each outcome they show."""
+    """What ``cases`` trial cases tell: the ``largest`` (o,) error of each outcome they show; infinite if there are none."""
     columns = campaign.outcome_columns
-    told = {column.name: float(SAFETY * error) for column, error in zip(columns, largest, strict=True)}
+    told = {column.name: float(SAFETY * error) if cases else np.inf for column, error in zip(columns, largest, strict=True)}
     places = frozenset(column.name for column, decides in zip(columns, decisive(columns), strict=True) if not decides)
     return Achieved(campaign.scene.solver.accuracy, told, cases, places)

@@ -19,10 +19,10 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:
     """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy; none if it is met."""
-    if fixed or told.met:
-        return []
     if not told.cases:
         return ["no trial case came to its end by the kernel that flies the campaign, so no numerical error can be told"]
+    if fixed or told.met:
+        return []
     beyond = {name: error for name, error in told.errors.items() if name not in told.places and error > told.asked}
     names = sorted(beyond, key=lambda name: -beyond[name])
     shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")

@@ -10,7 +10,7 @@ from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign, Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
-from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes, spread_of
+from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes, spread_of, told_errors
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.spellings import SPELLINGS, spelt
@@ -72,7 +72,7 @@ def _same(one: Result, two: Result, spelling: str, tree: Tree) -> list[str]:
 
 
 def _reported(result: Result) -> float:
-    return max(result.accuracy.errors.values(), default=0.0) if result.accuracy else 0.0
+    return max(told_errors(result.accuracy).values(), default=0.0)
 
 
 def _off(found: Any, expected: Any, columns: list[Column], result: Result, share: float, what: str, more: float = 0.0) -> list[str]:
