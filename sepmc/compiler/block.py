@@ -226,8 +226,6 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
 def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Each lane in as many steps as it needs for none to be longer than its pace, so many times, but in no more than the phase has."""
     size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
-    for slab in ("PACE", "TIMES", "LEFT", "WAY"):
-        c.slabs.add(slab, 1)
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
@@ -251,7 +249,6 @@ def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Steps of even length until all lanes are through: when a load will end the phase is not known."""
     text(f"even, going = pace[{number}] / times[0] if pace[{number}] > 0.0 else usual[{number}] / steps[{number}], True")
     text(f"left = steps[{number}] if math.isinf(even) else 1")
-    c.slabs.add("PACE", 1)
     text.lanes()(f"w[PACE + l] = max(even, {_LEAST_PACE} * (w[END + l] - w[T + l]))")
     inner = text.block("while going:")
     size = f"{c.shape.active(stage)} * LANES"
@@ -283,7 +280,7 @@ def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tup
     if joint in c.shape.scene.output.tip_off:
         for body in c.shape.scene.joint[joint].bodies:
             if body != GROUND:
-                c.slabs.add(f"TIP_OFF_{joint}_{body}", 3)
+                c.slabs.add(f"TIP_OFF_{joint}_{body}", 3, optional=True)
                 leader = stage.leader(body)
                 yield f"TIP_OFF_{joint}_{body}", ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
 

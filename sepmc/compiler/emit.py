@@ -80,19 +80,13 @@ def _body(c: Context) -> Text:
     emit_lengths(body, c)
     emit_settle(body, c)
     emit_guard(body, c)
-    if c.extends:
-        emit_extension(body, c)
-    if c.history:
-        emit_history(body, c)
-    if c.watched or c.ends_by_load:
-        emit_watch(body, c)
-    if c.shape.scene.clearance:
-        emit_clearances(body, c)
     emit_advance(body, c)
     if any(stage.events for stage in c.shape.stages):
         emit_approach(body, c)
         emit_meet(body, c)
     emit_report(body, c)
+    with c.slabs.optional():
+        _optional(body, c)
     block = Text()
     emit_block(block, c)  # it is entered, so it stands last; what comes before a flight is known when all else is written
     emit_prepare(body, c)
@@ -100,18 +94,32 @@ def _body(c: Context) -> Text:
     return body
 
 
+def _optional(body: Text, c: Context) -> None:
+    """Functions for what happens between the ends of steps."""
+    if c.extends:
+        emit_extension(body, c)
+    if c.watched or c.ends_by_load:
+        emit_watch(body, c)
+    if c.shape.scene.clearance:
+        emit_clearances(body, c)
+    if c.history:
+        emit_history(body, c)
+
+
 def _first_slabs(c: Context) -> None:
     """Slabs that every module has."""
     for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
         c.slabs.add(name, c.size)
-    for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
-        c.slabs.add(f"K{i}", c.size)
     for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS", "UNEVEN"):
         c.slabs.add(name, 1)
-    c.slabs.add("DOUBT", c.size), c.slabs.add("GUARD", len(c.guards))
-    c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
-    if c.idles:
-        c.slabs.add("BEFORE", c.size)
+    c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
+    with c.slabs.optional():
+        c.slabs.add("GUARD", len(c.guards))
+        if c.idles:
+            for name, count in (("PACE", 1), ("TIMES", 1), ("LEFT", 1), ("WAY", 1), ("HELD_BACK", 1), ("BEFORE", c.size)):
+                c.slabs.add(name, count)
+        for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
+            c.slabs.add(f"K{i}", c.size)
 
 
 def _head(c: Context) -> Text:

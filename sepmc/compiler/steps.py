@@ -62,7 +62,6 @@ def emit_lengths(out: Text, c: Context) -> None:
 def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
     """Lines by which nothing is noted of the conditions of a phase but for the lanes that go now."""
     if c.paces(stage):
-        c.slabs.add("HELD_BACK", 1)
         text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 

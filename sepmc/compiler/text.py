@@ -1,6 +1,8 @@
 """Lines of a module that is being written, and the slabs of its workspace."""
 
+import contextlib
 import textwrap
+from collections.abc import Iterator
 
 WIDTH = 132
 _LONGEST = 120  # docstring on one line
@@ -73,17 +75,34 @@ class Text:
 
 
 class Slabs:
-    """Names of slabs and how many quantities stand in each; their places follow from the order."""
+    """Names of slabs and how many quantities stand in each; their places follow from the order.
+
+    What depends on outputs, histories or a given step stands behind all else: so that the text of functions that have nothing to do
+    with these is the same with and without them, and is compiled once.
+    """
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
+        self._last: list[str] = []
+        self._optional = False
 
-    def add(self, name: str, count: int) -> bool:
-        """Add a slab if it is new. Returns whether it is."""
+    def add(self, name: str, count: int, optional: bool = False) -> bool:
+        """Add a slab if it is new, one that not all flights of a scene have if ``optional``. Returns whether it is new."""
         if name in self.counts:
             return False
         self.counts[name] = count
+        if optional or self._optional:
+            self._last.append(name)
         return True
+
+    @contextlib.contextmanager
+    def optional(self) -> Iterator[None]:
+        """All slabs that are added meanwhile are optional."""
+        self._optional = True
+        try:
+            yield
+        finally:
+            self._optional = False
 
     def has(self, name: str) -> bool:
         """Whether a slab of that name was added before."""
@@ -92,7 +111,8 @@ class Slabs:
     def lines(self) -> list[str]:
         """Places of all slabs as named constants, and the sizes of a state and of the workspace."""
         lines, start = [], 0
-        for name, count in self.counts.items():
+        for name in [*(name for name in self.counts if name not in self._last), *self._last]:
+            count = self.counts[name]
             lines.append(f"{name} = {start} * LANES" + (f"  # {count}" if count > 1 else ""))
             start += count
-        return [*lines, f"SIZE_Y, SIZE_W = {self.counts['Y']} * LANES, {start} * LANES"]
+        return [*lines, f"SIZE_Y = {self.counts['Y']} * LANES", f"SIZE_W = {start} * LANES"]
