@@ -47,14 +47,15 @@ CACHE_FOLDER = cache_folder()
 
 
 @contextlib.contextmanager
-def one_at_a_time():
-    """Let one process at a time fill the cache: several at once can spoil it (numba #4807), and would each take as long."""
+def one_at_a_time(what):
+    """Let one process at a time fill the cache with the general kernel or with pieces of others, which is ``what`` says: several at once
+    can spoil it (numba #4807), and would each take as long."""
     try:
         import fcntl  # noqa: PLC0415  (not on every system)
     except ImportError:
         yield
         return
-    with open(CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.lock", "w") as lock:
+    with open(CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 

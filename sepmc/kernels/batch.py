@@ -44,7 +44,7 @@ def compile_apart() -> bool:
     program = [sys.executable, "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
     environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
-        with one_at_a_time():
+        with one_at_a_time("general"):
             return is_compiled() or subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0
     except OSError:
         return False

@@ -71,7 +71,7 @@ def compile_apart(names: Sequence[str]) -> bool:
     """
     environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
-        with one_at_a_time():
+        with one_at_a_time("pieces"):
             programs = [[_PIECES, *share] for share in _shares(missing(names), os.cpu_count() or 1) if share]
             programs += [] if is_module_cached("blocks") else [[_BLOCKS]]
             quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
