@@ -70,7 +70,8 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
                 both = flown[1] & (block.status == 0)
                 finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
                 errors = np.maximum(errors, finer) if both.any() else errors
-            told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), int(sound.sum()))
+            # the rows are the trial cases: those that no step suits tell their error when they are flown again
+            told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
             return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told)
