@@ -178,9 +178,12 @@ class Chunks:
     @property
     def accuracy(self) -> Achieved:
         """Error of the run: what trial cases show, and cases that the general kernel flew in place of the specialised one."""
-        assert self.flight.achieved is not None
+        told = self.flight.achieved
+        assert told is not None
+        if not told.cases and self.finer + self.left:  # no trial case tells anything, but cases that were flown again do
+            told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
         own = {c.name: float(SAFETY * x) for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)}
-        return self.flight.achieved.with_errors(own).with_errors(self._earlier_errors)
+        return told.with_errors(own).with_errors(self._earlier_errors)
 
     @property
     def _earlier_errors(self) -> dict[str, float]:

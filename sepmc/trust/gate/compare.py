@@ -173,8 +173,9 @@ def _compare(verdict: Verdict, result: Result, table: dict[str, np.ndarray], ref
 
 
 def told_errors(accuracy: Achieved | None) -> dict[str, float]:
-    """Errors by outcome that a run tells; none if it knows none, which is told as infinite: any row would do."""
-    return accuracy.errors if accuracy and accuracy.cases else {}
+    """Errors by outcome that a run tells; none if no case tells any, which is told as infinite: any row would do."""
+    known = accuracy is not None and (accuracy.cases > 0 or not all(math.isinf(error) for error in accuracy.errors.values()))
+    return accuracy.errors if accuracy and known else {}
 
 
 def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
