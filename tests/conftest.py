@@ -6,7 +6,6 @@ import pytest
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.door import interpreted
 from sepmc.scene.read import parse_campaign
 
 # Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing acts on them.
@@ -42,9 +41,7 @@ def table2():
     return sepmc.load("table2.toml")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def pair():
-    """Maker of campaigns of two bodies in empty space, with values put in place by TOML path: ``pair({path: value})``. Their kernels are
-    flown as plain Python: a compiled one for every scene of a few cases would take ten seconds each."""
-    with interpreted():
-        yield lambda settings=None: Campaign(parse_campaign(tomllib.loads(_PAIR), "pair", settings))
+    """Maker of campaigns of two bodies in empty space, with values put in place by TOML path: ``pair({path: value})``."""
+    return lambda settings=None: Campaign(parse_campaign(tomllib.loads(_PAIR), "pair", settings))

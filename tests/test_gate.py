@@ -116,7 +116,7 @@ def test_other_spellings_are_read(spelling):
 
 def test_faults_are_told_apart():
     """What rows are called beside a reference that is right, off by 1e-3, of another status, does not know the scene, or breaks."""
-    tree = SMALL | {"solver": {"step_s": 0.02}}  # the general kernel at once
+    tree = SMALL | {"solver": {"step_s": 0.02}}
 
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(

@@ -121,7 +121,7 @@ class Side:
         self.gap = fore.apply(columns("pins_gap_*_m"))
 
 
-@pytest.fixture(params=["reduced", "full"])
+@pytest.fixture(scope="module", params=["reduced", "full"])
 def flight(request, pair):
     """A spinning, lopsided pair pushed apart, every 10 ms: its phases and both sides of the joint."""
     history = pair(SPINNING | {"phase": GUIDED, "solver.formulation": request.param, "solver.step_s": 0.01}).simulate(step_s=0.01)
