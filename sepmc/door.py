@@ -20,6 +20,7 @@ from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
 _NO_LIMIT = 2**40  # to the number of steps
+_EVERY_S = 5.0  # between two words on how far the compiling is
 
 
 @dataclass
@@ -201,6 +202,19 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting = before
 
 
+def _now_and_then(announce: Callable[[str], None]) -> Callable[[int, int], None]:
+    """What tells how far the compiling is, every few seconds."""
+    told = time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        nonlocal told
+        if time.monotonic() - told > _EVERY_S:
+            told = time.monotonic()
+            announce(f"compiled {done} of {total}")
+
+    return progress
+
+
 def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there what of it is not yet."""
     if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
@@ -215,5 +229,5 @@ def specialised_kernel(text: str, announce: Callable[[str], None] | None = None)
     if left:
         if announce:
             announce(f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some ten seconds) ...")
-        specialised.compile_apart(names)
+        specialised.compile_apart(names, _now_and_then(announce or (lambda text: None)))
     return specialised.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])

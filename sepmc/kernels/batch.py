@@ -41,7 +41,7 @@ def compile_apart() -> bool:
     Code as compiled in a process and the same code loaded from the cache can differ in the last bit (the linker picks other
     copies of inlined functions). Every campaign flies what the cache holds, so that every run of a case gives the same bits.
     """
-    program = [sys.executable, "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
+    program = [sys.executable, "-P", "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
     environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
         with one_at_a_time("general"):

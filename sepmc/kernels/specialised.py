@@ -3,24 +3,17 @@
 import hashlib
 import importlib.util
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any
 
-from sepmc.kernels._jit import BARE, CACHE_FOLDER, config, is_module_cached, one_at_a_time
+from sepmc.kernels._jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
 from sepmc.kernels.blocks import compile_blocks
+from sepmc.kernels.compilers import Progress, compile_all
 from sepmc.kernels.kernel import Kernel
 from sepmc.kernels.pieces import table
 
-_BLOCKS = "from sepmc.kernels.blocks import compile_blocks; compile_blocks()"
-_PIECES = """
-import sys
-from sepmc.kernels import specialised
-for name in sys.argv[1:]:
-    specialised.module(name)
-"""
+_BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
 
 def write(texts: Sequence[str]) -> list[str]:
@@ -64,27 +57,28 @@ def missing(names: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(names) if name not in held]
 
 
-def compile_apart(names: Sequence[str]) -> bool:
-    """Compile pieces, and the loop over blocks, into the disk cache, in a process for each core. Returns whether that worked.
+def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
+    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own, the longest first; ``progress`` is told
+    after each. Returns whether that worked.
 
     Every campaign flies what the cache holds: code as compiled and the same code loaded can differ in the last bit.
     """
-    environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
         with one_at_a_time("pieces"):
-            programs = [[_PIECES, *share] for share in _shares(missing(names), os.cpu_count() or 1) if share]
-            programs += [] if is_module_cached("blocks") else [[_BLOCKS]]
-            quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            started = [subprocess.Popen([sys.executable, "-c", *program], env=environment, **quiet) for program in programs]
-            return all([process.wait() == 0 for process in started])
+            left = sorted(missing(names), key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size)
+            return compile_all(left if is_module_cached("blocks") else [_BLOCKS, *left], progress)
     except OSError:
         return False
 
 
-def _shares(names: Sequence[str], count: int) -> list[list[str]]:
-    """Names dealt to so many processes, the longest texts first, each to who has least."""
-    sizes = {name: (CACHE_FOLDER / f"{name}.py").stat().st_size for name in names}
-    shares: list[list[str]] = [[] for _ in range(count)]
-    for name in sorted(names, key=lambda name: -sizes[name]):
-        min(shares, key=lambda share: sum(sizes[one] for one in share)).append(name)
-    return shares
+def serve() -> None:
+    """Compile what the lines of the standard input name, and give each name back when that is done."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what anything prints is no answer
+    for line in sys.stdin:
+        name = line.strip()
+        if name == _BLOCKS:
+            compile_blocks()
+        else:
+            module(name)
+        print(name, file=answers, flush=True)

@@ -23,7 +23,7 @@ class Worker:
         environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
         self.limit_s, self.stopped = limit_s, False
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "sepmc.trust.gate.worker"],
+            [sys.executable, "-P", "-m", "sepmc.trust.gate.worker"],
             env=environment,
             text=True,
             stdin=subprocess.PIPE,

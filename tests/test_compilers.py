@@ -1,0 +1,60 @@
+"""Processes that compile: they are kept for the next kernel, replaced when they die, and what they cannot compile is said."""
+
+import pytest
+
+from sepmc.kernels import compilers, specialised
+
+PLAIN = '"""Nothing to compile, number {}."""\n'
+
+
+@pytest.fixture(autouse=True)
+def none_running():
+    """No process of another test, and none left."""
+    compilers.end_all()
+    yield
+    compilers.end_all()
+    assert compilers.running() == []
+
+
+def names(*numbers):
+    return specialised.write([PLAIN.format(number) for number in numbers])
+
+
+def test_processes_are_kept():
+    seen = []
+    assert compilers.compile_all(names(1, 2, 3), lambda done, total: seen.append((done, total)))
+    first = compilers.running()
+    assert sorted(seen) == [(1, 3), (2, 3), (3, 3)]
+    assert first
+    assert compilers.compile_all(names(4))
+    assert compilers.running() == first
+
+
+def test_one_that_died_is_replaced():
+    assert compilers.compile_all(names(1))
+    (first,) = compilers.running()
+    first.process.kill()
+    first.process.wait()
+    assert compilers.compile_all(names(2))
+    assert first not in compilers.running()
+
+
+def test_what_cannot_be_compiled():
+    """The call says so, and whoever loads the module then gets the error itself."""
+    (bad,) = specialised.write(["raise ValueError('no kernel')\n"])
+    assert not compilers.compile_all([bad])
+    assert compilers.running() == []
+    with pytest.raises(ValueError, match="no kernel"):
+        specialised.module(bad)
+
+
+def test_they_end_by_themselves(monkeypatch):
+    monkeypatch.setattr(compilers, "IDLE_S", 0.05)
+    assert compilers.compile_all(names(1))
+    (one,) = compilers.running()
+    assert one.process.wait(timeout=30.0) != 0
+
+
+def test_nothing_to_do():
+    assert compilers.compile_all([])
+    assert compilers.running() == []
