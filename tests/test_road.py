@@ -92,6 +92,12 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
     assert (told["complete"], told["cases_held"], told["failures"]) == (True, 50, result.status_counts["never-released"])
 
 
+def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_path):
+    campaign.run(cases=50, seed=7, out=tmp_path)
+    (tmp_path / "histories" / "part-0000000020.parquet").unlink()
+    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
+
+
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):
     def told(done, left, failures):
         if done >= 25:

@@ -147,3 +147,32 @@ def test_no_gust_is_jumped_over(pair):
     expected = fly(campaign.case(0).to_dict()).outcomes["fore_omega_x_deg_s"]
     assert abs(expected) > 0.1
     assert_allclose(found, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("by", ["thrust", "a law of speed", "a law of altitude"])
+def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
+    """The nominal start is at rest or far away; the gust is where the motor, or the law of the first state, takes the vehicle."""
+    speeds = [0.0, 0.0, 0.0, 10.0, 40.0, 10.0, 0.0, 0.0, 0.0]
+    heights = [0.0, *(2030.0 + np.arange(-3, 4)), 80_000.0]
+    rows = {"altitude_m": heights, "speed_m_s": speeds, "direction_deg": [90.0] * len(speeds)}
+    air = {"reference_area_m2": 0.1, "reference_length_m": 1.0, "roll": {"beta": 1.0}}
+    settings = {
+        "environment": {"atmosphere": "us1976", "gravity": "none", "wind": {"profile": rows}},
+        "body.fore.aerodynamics": air,
+        "initial": {"altitude_m": 2000.0, "speed_m_s": 0.0, "pitch_deg": 90.0},
+        "phase": [{"name": "together", "joints": {"pins": "fixed"}}],
+        "run.end_time_s": 0.5,
+        "solver": {"accuracy": 1e-6},
+    }
+    if by == "thrust":
+        settings |= {"motor": [{"name": "m", "body": "fore", "thrust_N": 4000.0, "station_m": 0.0, "cant_deg": 0.0}]}
+    elif by == "a law of speed":
+        settings |= {"dispersion": {"initial.speed_m_s": {"uniform": [400.0, 500.0]}}}
+    else:
+        settings["initial"] = {"altitude_m": 9000.0, "speed_m_s": 100.0, "pitch_deg": 90.0}
+        settings |= {"dispersion": {"initial.altitude_m": {"uniform": [2010.0, 2020.0]}}}
+    campaign = pair(settings)
+    found = campaign.run(cases=3).table["fore_omega_x_deg_s"]
+    expected = np.array([fly(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)])
+    assert np.abs(expected).min() > 1e-3
+    assert_allclose(found, expected, rtol=1e-5)

@@ -7,6 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
+import sepmc
+from sepmc.campaign.remarks import overshooting
 from sepmc.kernels.atmosphere import sound_speed, us1976
 
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
@@ -273,3 +275,20 @@ def test_two_proximity_entries_add_and_vary(pair):
     table = pair(TUNNEL | laws | {"proximity": entries}).run(cases=50).to_pandas()
     axial = 0.001 * table["in_proximity_one_factor"] + 0.002 * table["in_proximity_two_factor"]
     assert_allclose(table["separation_speed_m_s"], 100.0 - 100.0 / (1.0 + 100.0 * axial * 0.2), rtol=1e-9)
+
+
+def test_a_wind_profile_that_overshoots_is_said():
+    """Through 0, 80 and 0 m/s at uneven heights a smooth curve goes far beyond them; through even rows of a gust it does not."""
+    scene = sepmc.load(
+        "table2.toml", {"environment.wind.profile": wind([0.0, 1000.0, 1030.0, 1060.0, 5000.0], [0.0, 0.0, 80.0, 0.0, 0.0])}
+    ).scene
+    (said,) = overshooting(scene)
+    assert "environment.wind.profile" in said
+    assert "80 m/s at most" in said
+    gust = [0.0, 0.0, 5.0, 20.0, 40.0, 20.0, 5.0, 0.0, 0.0]
+    assert overshooting(sepmc.load("table2.toml", {"environment.wind.profile": wind(list(np.arange(9.0)), gust)}).scene) == []
+    assert overshooting(sepmc.load("table2.toml").scene) == []
+
+
+def wind(altitudes, speeds):
+    return {"altitude_m": altitudes, "speed_m_s": speeds, "direction_deg": [90.0] * len(speeds)}

@@ -275,6 +275,8 @@ class Campaign(Definition):
                 raise store.StoreError(
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
                 )
+        if self.scene.run.history_step > 0.0 and self.plan.joints:
+            store.drop_incomplete(folder)
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:
             raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")

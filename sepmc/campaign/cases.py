@@ -5,11 +5,15 @@ number i of each stream: one more parameter, or more cases, changes no other dra
 """
 
 import hashlib
+from collections.abc import Sequence
 
 import numpy as np
 
+from sepmc.scene import parameters
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.model import Scene
 
+_RARE = 1e-6  # of the probability of a law: less is beyond its ends
 _PER_BLOCK = 4  # Philox 4x64 gives four numbers per counter value
 
 
@@ -69,3 +73,12 @@ def draw(dispersions: tuple[Dispersion, ...], seed: int, first: int, count: int)
     for row, dispersion in zip(table, dispersions, strict=True):
         row[:] = quantile(dispersion, stream(seed, dispersion.parameter.path, first, count))
     return table.T
+
+
+def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
+    """The scene with all dispersed parameters at the lower ends of their laws, and at the upper; none if nothing is dispersed."""
+    if not dispersions:
+        return ()
+    ends = [quantile(d, np.array([_RARE, 1.0 - _RARE])) * d.parameter.factor for d in dispersions]
+    values = ({d.parameter.path: float(end[k]) for d, end in zip(dispersions, ends, strict=True)} for k in (0, 1))
+    return tuple(parameters.replace(scene, each) for each in values)

@@ -65,6 +65,7 @@ class Definition:
     def plan(self) -> Plan:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table would have one name."""
         plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         plan = replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
         names = Counter(column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)])
         if twice := [name for name, count in names.items() if count > 1]:

@@ -182,7 +182,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        return block.outcomes[:, : len(units)], block.status == Status.OK
+        return block.outcomes[:, : len(units)], _vouched(block, given)
 
     spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
     few, sound = flown(np.full(kernel.stages, spread), some)
@@ -204,7 +204,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
     trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
-    again, sound = trials.outcomes[:first, : len(units)], trials.status[:first] == Status.OK
+    again, sound = trials.outcomes[:first, : len(units)], _vouched(trials, given)[:first]
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
@@ -216,6 +216,12 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
     return Flight([], kernel, steps, usual, stage_names(campaign), given, scale, limits, angles, error, told, nominal)
+
+
+def _vouched(block: Block, given: float | None) -> np.ndarray:
+    """Which cases (n,) a kernel vouches for: those with a guard that is not known are flown again, unless the step is ``given``."""
+    assert block.guards is not None
+    return (block.status == Status.OK) & (given is not None or ~np.isnan(block.guards).any(axis=1))
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:

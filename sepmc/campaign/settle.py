@@ -8,10 +8,10 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
-from sepmc.campaign.cases import quantile
+from sepmc.campaign.cases import extremes, quantile
 from sepmc.campaign.definition import Definition
+from sepmc.compiler.heights import rows_step
 from sepmc.compiler.plan import make_plan
-from sepmc.compiler.shape import rows_step
 from sepmc.door import Block, fly_block
 from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.kernels.methods import method
@@ -54,7 +54,7 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
     constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
     nodes = method(scene.solver.method).c
     transients = _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
-    return min(transients, max(rows_step(scene), scene.run.end_time / _MOST_FIRST))
+    return min(transients, max(rows_step(scene, extremes(scene, laws)), scene.run.end_time / _MOST_FIRST))
 
 
 def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:

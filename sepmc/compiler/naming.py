@@ -67,6 +67,7 @@ class Names:
         return replace(
             plan,
             scene=self.scene(plan.scene),
+            extremes=tuple(map(self.scene, plan.extremes)),
             slots={self.path(path): place for path, place in plan.slots.items()},
             bodies=[self._body(name) for name in plan.bodies],
             joints={self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()},

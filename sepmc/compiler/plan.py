@@ -100,6 +100,7 @@ class Plan:
     """What a kernel needs to fly a scene.
 
     ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI. ``bodies`` are those that move.
+    ``extremes`` are the scene with every dispersed parameter at its least, and at its largest.
     """
 
     scene: Scene
@@ -111,6 +112,7 @@ class Plan:
     joints: dict[str, tuple[str, str]]
     phases: list[str]
     contents: Contents
+    extremes: tuple[Scene, ...] = ()
 
 
 _USUAL_STEP = 0.05  # s, where neither the scene nor its caller says

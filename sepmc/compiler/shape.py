@@ -8,20 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
-
 from sepmc.compiler.conditions import Leaf, make_conditions
+from sepmc.compiler.heights import may_pass_borders, rows_step
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
-from sepmc.kernels.us1976_table import BORDERS
 from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import redundancies
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
-_ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
 _MOST_ROWS = 256  # steps of such a length that a flight may have
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -179,7 +176,7 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    found = _obstacles(plan.scene)
+    found = _obstacles(plan)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
     asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
     stages = make_shape(plan, dispersed).stages if asked and not found else []
@@ -192,9 +189,9 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     return found
 
 
-def _obstacles(scene: Scene) -> list[str]:
+def _obstacles(plan: Plan) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
-    found = []
+    scene, found = plan.scene, []
     joints = scene.joint.values()
     if scene.output.guide:
         found.append("outputs of pin loads")
@@ -202,7 +199,7 @@ def _obstacles(scene: Scene) -> list[str]:
         found.append("guide friction")
     if scene.release:
         found.append("releases apart from phases")
-    if rows_step(scene) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
+    if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
         found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
@@ -259,7 +256,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             stage.released = _released(scene, before, phase)
             _add_late(stages, stage, scene, before, phase, plan, dispersed)
         stages.append(stage)
-    borders = not any(stage.breaks for stage in stages) and _may_pass_borders(scene)
+    borders = not any(stage.breaks for stage in stages) and may_pass_borders(scene, plan.extremes)
     for stage in stages:
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
@@ -360,28 +357,6 @@ def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
     between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.goes]
     return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
-
-
-def rows_step(scene: Scene) -> float:
-    """Step, s, that passes no more rows of a table over height than its stages see."""
-    climb, low, high = _heights(scene)
-    tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
-    passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
-    closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
-    return _ROWS * closest / climb if climb > 0.0 else math.inf
-
-
-def _heights(scene: Scene) -> tuple[float, float, float]:
-    """How fast a vehicle climbs or falls at most, m/s, and between which heights, m, it therefore flies, by its nominal start."""
-    end, start = scene.run.end_time, scene.initial
-    climb = abs(start.speed * math.sin(start.pitch - start.alpha)) + scene.environment.surface_gravity * end
-    return climb, start.altitude - climb * end, start.altitude + climb * end
-
-
-def _may_pass_borders(scene: Scene) -> bool:
-    """Whether a border between layers of the standard atmosphere is as near as that."""
-    _, low, high = _heights(scene)
-    return scene.environment.atmosphere == "us1976" and any(low < border < high for border in BORDERS)
 
 
 def brief_transient(scene: Scene) -> float:

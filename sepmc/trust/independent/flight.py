@@ -72,6 +72,7 @@ class Flight:
         self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
         self.watch = Watch(self.motion, scene["output"])
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
+        self.rows = _heights_of_rows(scene["environment"])
         self.steps, self.drift, self.step = 0, 0.0, math.nan
 
     def state(self, t: float, y: Array) -> State:
@@ -191,6 +192,7 @@ class Flight:
         self.loads.set_stretch(0.5 * (self.t + stop))
         watched, solver = self.watched(), self._solver(self.t, self.y, stop)
         while solver.status == "running":
+            solver.max_step = self._seen(solver)
             solver.step()
             self.steps += 1
             if solver.status == "failed" and self.motion.jammed:
@@ -229,6 +231,21 @@ class Flight:
             atol=0.01 * self.rtol,
             first_step=first,
         )
+
+    def _seen(self, solver: DOP853) -> float:
+        """The longest step in which no body flies by more than one row of a table over height: a step sees nothing between its stages."""
+        step = solver.h_abs
+        while len(self.rows) and step > GRAIN:
+            now, then = self.state(solver.t, solver.y), self.state(solver.t + step, solver.y + step * solver.f)
+            passed = []
+            for flow in self.loads.flows:
+                speed = max(abs(s.v[flow.body, 1] + self.vehicle.velocity[1]) for s in (now, then))
+                height = self.vehicle.height(solver.t, now, flow.body)
+                passed.append(np.count_nonzero(np.abs(self.rows - height) < speed * step))
+            if max(passed, default=0) <= 1:
+                break
+            step *= 0.5
+        return step
 
     def _first(self, watched: list[Watched], dense: Dense, before: float, after: float) -> tuple[Watched | None, float]:
         """The first of what is watched that happens in a step, and when."""
@@ -312,6 +329,12 @@ def _has_tables(scene: dict[str, Any]) -> bool:
     environment = scene["environment"]
     profiles = environment["air"], environment["wind"]["profile"]
     return any(profiles) or bool(scene["proximity"]) or any((body["aerodynamics"] or {}).get("table") for body in scene["body"].values())
+
+
+def _heights_of_rows(environment: dict[str, Any]) -> Array:
+    """Heights, m, of the rows of the tables of air and wind."""
+    tables = [table for table in (environment["air"], environment["wind"]["profile"]) if table]
+    return np.array([height for table in tables for height in table["altitude"]])
 
 
 def _nowhere(_: float) -> Array:
