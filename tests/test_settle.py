@@ -149,6 +149,12 @@ def test_no_gust_is_jumped_over(pair):
     assert_allclose(found, expected, rtol=1e-5)
 
 
+def test_extremes_of_a_discrete_law(table2):
+    """Its values stand in any order."""
+    campaign = table2.with_settings({"dispersion": {"initial.altitude_m": {"discrete": [500.0, 9000.0, 100.0]}}})
+    assert [scene.initial.altitude for scene in campaign.plan.extremes] == [100.0, 9000.0]
+
+
 @pytest.mark.parametrize("by", ["thrust", "a law of speed", "a law of altitude"])
 def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
     """The nominal start is at rest or far away; the gust is where the motor, or the law of the first state, takes the vehicle."""

@@ -79,6 +79,13 @@ def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ..
     """The scene with all dispersed parameters at the lower ends of their laws, and at the upper; none if nothing is dispersed."""
     if not dispersions:
         return ()
-    ends = [quantile(d, np.array([_RARE, 1.0 - _RARE])) * d.parameter.factor for d in dispersions]
+    ends = [_ends(d) * d.parameter.factor for d in dispersions]
     values = ({d.parameter.path: float(end[k]) for d, end in zip(dispersions, ends, strict=True)} for k in (0, 1))
     return tuple(parameters.replace(scene, each) for each in values)
+
+
+def _ends(law: Dispersion) -> np.ndarray:
+    """Least and largest value (2,) of a law, in the unit of the parameter's key."""
+    if law.law == "discrete":
+        return np.array([min(law.numbers), max(law.numbers)])
+    return quantile(law, np.array([_RARE, 1.0 - _RARE]))
