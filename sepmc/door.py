@@ -52,6 +52,12 @@ class Block:
     guards: np.ndarray | None = None  # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`); NaN: not known
     again: Again | None = None
 
+    @property
+    def guarded(self) -> np.ndarray:
+        """Which cases (n,) have guards that are all known; others are flown again."""
+        assert self.guards is not None
+        return np.asarray(~np.isnan(self.guards).any(axis=1))
+
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
     """One call of the general kernel's door; draws (n, d) in SI. Its audit columns are all there are, whatever the plan's contents say."""
@@ -202,13 +208,13 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting = before
 
 
-def _now_and_then(announce: Callable[[str], None]) -> Callable[[int, int], None]:
+def _now_and_then(announce: Callable[[str], None] | None) -> Callable[[int, int], None]:
     """What tells how far the compiling is, every few seconds."""
     told = time.monotonic()
 
     def progress(done: int, total: int) -> None:
         nonlocal told
-        if time.monotonic() - told > _EVERY_S:
+        if announce and time.monotonic() - told > _EVERY_S:
             told = time.monotonic()
             announce(f"compiled {done} of {total}")
 
@@ -229,5 +235,5 @@ def specialised_kernel(text: str, announce: Callable[[str], None] | None = None)
     if left:
         if announce:
             announce(f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some ten seconds) ...")
-        specialised.compile_apart(names, _now_and_then(announce or (lambda text: None)))
+        specialised.compile_apart(names, _now_and_then(announce))
     return specialised.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])

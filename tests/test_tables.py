@@ -279,10 +279,8 @@ def test_two_proximity_entries_add_and_vary(pair):
 
 def test_a_wind_profile_that_overshoots_is_said():
     """Through 0, 80 and 0 m/s at uneven heights a smooth curve goes far beyond them; through even rows of a gust it does not."""
-    scene = sepmc.load(
-        "table2.toml", {"environment.wind.profile": wind([0.0, 1000.0, 1030.0, 1060.0, 5000.0], [0.0, 0.0, 80.0, 0.0, 0.0])}
-    ).scene
-    (said,) = overshooting(scene)
+    uneven = wind([0.0, 1000.0, 1030.0, 1060.0, 5000.0], [0.0, 0.0, 80.0, 0.0, 0.0])
+    (said,) = overshooting(sepmc.load("table2.toml", {"environment.wind.profile": uneven}).scene)
     assert "environment.wind.profile" in said
     assert "80 m/s at most" in said
     gust = [0.0, 0.0, 5.0, 20.0, 40.0, 20.0, 5.0, 0.0, 0.0]

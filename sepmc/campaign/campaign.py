@@ -275,7 +275,7 @@ class Campaign(Definition):
                 raise store.StoreError(
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
                 )
-        if self.scene.run.history_step > 0.0 and self.plan.joints:
+        if self.has_histories:
             store.drop_incomplete(folder)
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:

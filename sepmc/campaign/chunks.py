@@ -56,7 +56,7 @@ class Chunks:
         self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
-        self.separation = schema.separation_columns(joints) if run.history_step > 0.0 and joints and not stats_only else []
+        self.separation = schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
         self.room = history_rows(campaign.scene) if self.separation else 0
         bytes_a_case = 8 * (self.room * (2 + len(self.separation)) + 2 * len(campaign.columns))
         self.size = max(1, min(run.chunk, _ROOM // bytes_a_case))

@@ -79,6 +79,11 @@ class Definition:
         return frozenset(d.parameter.path for d in self.file.dispersions)
 
     @property
+    def has_histories(self) -> bool:
+        """Whether rows come with separation over time: asked for, of a scene with joints."""
+        return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
+
+    @property
     def reference(self) -> dict[str, dict[str, float]] | None:
         """Statistics to compare with, by outcome: those given of mean, sigma, min, max."""
         if self.file.reference is None:

@@ -105,8 +105,7 @@ def _fly_hard(
     given = campaign.scene.solver.step is not None
     before = _rows(block, hard)
     found = _settle(campaign, flight, block, hard, 1.0, flown)
-    assert block.guards is not None
-    held = found.settled & (found.status == Status.OK) & ~np.isnan(block.guards[hard]).any(axis=1)
+    held = found.settled & (found.status == Status.OK) & block.guarded[hard]
     change = found.change
     if given:
         assert flight.scale is not None

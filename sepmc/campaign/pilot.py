@@ -220,14 +220,13 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
 
 def _vouched(block: Block, given: float | None) -> np.ndarray:
     """Which cases (n,) a kernel vouches for: those with a guard that is not known are flown again, unless the step is ``given``."""
-    assert block.guards is not None
-    return (block.status == Status.OK) & (given is not None or ~np.isnan(block.guards).any(axis=1))
+    return (block.status == Status.OK) & (given is not None or block.guarded)
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
     assert trials.guards is not None
-    sound = trials.guards[(trials.status == Status.OK) & ~np.isnan(trials.guards).any(axis=1)]
+    sound = trials.guards[(trials.status == Status.OK) & trials.guarded]
     speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))

@@ -5,6 +5,7 @@ import numpy as np
 from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
+from sepmc.compiler.packing import along_ground
 from sepmc.scene.model import Scene
 
 _BETWEEN, _OVERSHOOT = 17, 1.25  # points between two rows of a wind profile; times the rows' largest speed that these may have
@@ -28,11 +29,11 @@ def overshooting(scene: Scene) -> list[str]:
         return []
     from scipy.interpolate import CubicSpline  # noqa: PLC0415  (that other scenes do not need)
 
-    speed, where, heights = np.array(profile.speed), np.array(profile.direction), np.array(profile.altitude)
-    curve = CubicSpline(heights, np.array([speed * np.cos(where), speed * np.sin(where)]).T, bc_type="clamped")
+    heights = np.array(profile.altitude)
+    curve = CubicSpline(heights, along_ground(profile).T, bc_type="clamped")
     between = np.unique(np.linspace(heights[:-1], heights[1:], _BETWEEN))
     found = np.hypot(*curve(between).T)
-    worst, most = int(np.argmax(found)), float(np.abs(speed).max())
+    worst, most = int(np.argmax(found)), max(map(abs, profile.speed))
     if found[worst] <= _OVERSHOOT * most:
         return []
     return [

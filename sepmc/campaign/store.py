@@ -186,12 +186,11 @@ def _read_part(part: Path, columns: Sequence[str] | None = None, metadata: Any =
         raise StoreError(f"{part.parent}: cannot be read: {error}") from None
 
 
-def drop_incomplete(folder: Path) -> int:
-    """Delete the parts of cases whose part of histories is gone, so that they are flown again. Returns how many there were."""
-    left = [part for part in _parts(folder, CASES) if not (folder / HISTORIES / part.name).is_file()]
-    for part in left:
-        part.unlink()
-    return len(left)
+def drop_incomplete(folder: Path) -> None:
+    """Delete the parts of cases whose part of histories is gone, so that they are flown again."""
+    for part in _parts(folder, CASES):
+        if not (folder / HISTORIES / part.name).is_file():
+            part.unlink()
 
 
 def cases_done(folder: Path) -> np.ndarray:

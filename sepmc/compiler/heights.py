@@ -19,10 +19,12 @@ _ROWS = 4.0  # of a table over height that a step passes at most: its stages the
 
 def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
     """Step, s, that passes no more rows of a table over height than its stages see."""
-    scenes = [scene, *extremes]
-    speed = max(abs(s.initial.speed) for s in scenes) + gained(scenes)
-    low, high = _between(scenes, speed)
     tables = [table.altitude for table in (scene.environment.wind.profile, scene.environment.air) if table is not None]
+    if not tables:
+        return math.inf
+    scenes = [scene, *extremes]
+    speed = max(abs(s.initial.speed) for s in scenes) + _gained(scenes)
+    low, high = _between(scenes, speed)
     passed = [np.diff(rows)[(np.array(rows[1:]) > low) & (np.array(rows[:-1]) < high)] for rows in tables]
     closest = min((float(gaps.min()) for gaps in passed if len(gaps)), default=math.inf)
     return _ROWS * closest / speed if speed > 0.0 else math.inf
@@ -31,7 +33,7 @@ def rows_step(scene: Scene, extremes: Sequence[Scene] = ()) -> float:
 def may_pass_borders(scene: Scene, extremes: Sequence[Scene] = ()) -> bool:
     """Whether a border between layers of the standard atmosphere lies where the vehicle may climb or fall."""
     scenes = [scene, *extremes]
-    climb = max(abs(s.initial.speed * math.sin(s.initial.pitch - s.initial.alpha)) for s in scenes) + gained(scenes)
+    climb = max(abs(s.initial.speed * math.sin(s.initial.pitch - s.initial.alpha)) for s in scenes) + _gained(scenes)
     low, high = _between(scenes, climb)
     return scene.environment.atmosphere == "us1976" and any(low < border < high for border in BORDERS)
 
@@ -42,7 +44,7 @@ def _between(scenes: Sequence[Scene], speed: float) -> tuple[float, float]:
     return min(heights) - way, max(heights) + way
 
 
-def gained(scenes: Sequence[Scene]) -> float:
+def _gained(scenes: Sequence[Scene]) -> float:
     """Speed, m/s, that a mass centre gains over a flight at most: by gravity, by what pushes it or what it hangs together with, by wind."""
     gravity = max(abs(s.environment.surface_gravity) if s.environment.gravity != "none" else 0.0 for s in scenes)
     return gravity * scenes[0].run.end_time + 2.0 * max(map(_wind, scenes)) + _pushed(scenes)
@@ -60,10 +62,11 @@ def _pushed(scenes: Sequence[Scene]) -> float:
     masses = {name: min((s.body[name].mass for s in scenes if s.body[name].mass > 0.0), default=math.inf) for name in scene.body}
     weights = [(group, sum(masses[name] for name in group if name != GROUND)) for group in groups]
     gains = dict.fromkeys(scene.body, 0.0)
-    for same in zip(*map(_pushes, scenes), strict=True):
+    for of_scenes in zip(*map(_pushes, scenes), strict=True):
+        body, pushes = of_scenes[0][0], [push for _, push in of_scenes]
         for name in gains:
-            shared = [mass for group, mass in weights if name in group and same[0][0] in group]
-            gains[name] += max((push(mass) for mass in shared for _, push in same), default=0.0)
+            shared = [mass for group, mass in weights if name in group and body in group]
+            gains[name] += max((push(mass) for mass in shared for push in pushes), default=0.0)
     return max(gains.values())
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sepmc.compiler.splines import pack
 from sepmc.kernels import layout as at
-from sepmc.scene.model import Motor, Proximity, Scene
+from sepmc.scene.model import Motor, Proximity, Scene, WindProfile
 
 COEFFICIENTS = {"axial": at.AXIAL, "normal": at.NORMAL, "side": at.SIDE, "roll": at.ROLLING, "yaw": at.YAWING, "pitch": at.PITCHING}
 
@@ -78,8 +78,13 @@ def add_wind(pool: Pool, scene: Scene) -> int:
     profile = scene.environment.wind.profile
     if profile is None:
         return -1
+    return pool.add(pack([profile.altitude], along_ground(profile), ends="flat"))
+
+
+def along_ground(profile: WindProfile) -> np.ndarray:
+    """Wind of the rows of a profile along ground x and z, m/s, shape (2, rows)."""
     speed, where = np.array(profile.speed), np.array(profile.direction)
-    return pool.add(pack([profile.altitude], np.array([speed * np.cos(where), speed * np.sin(where)]), ends="flat"))
+    return np.array([speed * np.cos(where), speed * np.sin(where)])
 
 
 def add_profile(pool: Pool, motor: Motor) -> tuple[int, int]:

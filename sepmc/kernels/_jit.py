@@ -7,6 +7,7 @@ function and would miss a change in one it inlines (numba #1833). Nothing outsid
 import contextlib
 import hashlib
 import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,12 @@ def one_at_a_time(what):
     with open(CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+def compiling(program: str) -> dict[str, Any]:
+    """Command and environment of a process that only fills the cache, by a program text; it imports nothing from the working folder."""
+    path = os.pathsep.join(each for each in sys.path if each)
+    return {"args": [sys.executable, "-P", "-c", program], "env": {**os.environ, BARE: "1", "PYTHONPATH": path}}
 
 
 def is_cached(function) -> bool:

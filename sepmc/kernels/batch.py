@@ -1,13 +1,11 @@
 """The door: one parallel call flies a block of cases. Nothing raises inside; every case leaves a status."""
 
-import os
 import subprocess
-import sys
 
 import numpy as np
 from numba import get_num_threads, prange, set_num_threads
 
-from sepmc.kernels._jit import BARE, config, door, is_cached, one_at_a_time
+from sepmc.kernels._jit import compiling, config, door, is_cached, one_at_a_time
 from sepmc.kernels.flight import fly_case
 from sepmc.kernels.layout import STRUCTURE, Model, Tableau
 
@@ -41,11 +39,10 @@ def compile_apart() -> bool:
     Code as compiled in a process and the same code loaded from the cache can differ in the last bit (the linker picks other
     copies of inlined functions). Every campaign flies what the cache holds, so that every run of a case gives the same bits.
     """
-    program = [sys.executable, "-P", "-c", "from sepmc.kernels.batch import compile_door; compile_door()"]
-    environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    process = compiling("from sepmc.kernels.batch import compile_door; compile_door()")
     try:
         with one_at_a_time("general"):
-            return is_compiled() or subprocess.run(program, env=environment, capture_output=True, check=False).returncode == 0
+            return is_compiled() or subprocess.run(**process, capture_output=True, check=False).returncode == 0
     except OSError:
         return False
 

@@ -8,13 +8,12 @@ import contextlib
 import itertools
 import os
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from sepmc.kernels._jit import BARE
+from sepmc.kernels._jit import compiling
 
 Progress = Callable[[int, int], None]  # done, total
 IDLE_S = 60.0  # after which they end
@@ -28,14 +27,8 @@ class Compiler:
     """A process that compiles one module after the other."""
 
     def __init__(self) -> None:
-        environment = {**os.environ, BARE: "1", "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _SERVE],
-            env=environment,
-            text=True,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            **compiling(_SERVE), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
 
     def compile_from(self, left: deque[str], done: Callable[[], None]) -> bool:
@@ -65,20 +58,12 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
     global _end  # noqa: PLW0603
     if not names:
         return True
-    left, count = deque(names), itertools.count(1)
+    count = itertools.count(1)
     with _compiling:
         if _end is not None:
             _end.cancel()
-        crew = _ready(min(os.cpu_count() or 1, len(names)))
         try:
-            with ThreadPoolExecutor(len(crew)) as threads:
-                try:
-                    lived = all(list(threads.map(lambda one: one.compile_from(left, lambda: progress(next(count), len(names))), crew)))
-                except BaseException:  # interrupted: the threads end with the processes
-                    left.clear()
-                    for one in crew:
-                        one.process.kill()
-                    raise
+            lived = _share_out(deque(names), lambda: progress(next(count), len(names)))
         finally:
             _end = threading.Timer(IDLE_S, _end_idle)
             _end.daemon = True
@@ -86,6 +71,19 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
         if not lived:
             end_all()
     return lived
+
+
+def _share_out(left: deque[str], done: Callable[[], None]) -> bool:
+    """Let processes compile what is left. Returns whether all of them lived to do so."""
+    crew = _ready(min(os.cpu_count() or 1, len(left)))
+    with ThreadPoolExecutor(len(crew)) as threads:
+        try:
+            return all(list(threads.map(lambda one: one.compile_from(left, done), crew)))
+        except BaseException:  # interrupted: the threads end with the processes
+            left.clear()
+            for one in crew:
+                one.process.kill()
+            raise
 
 
 def running() -> list[Compiler]:

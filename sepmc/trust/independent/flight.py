@@ -234,9 +234,11 @@ class Flight:
 
     def _seen(self, solver: DOP853) -> float:
         """The longest step in which no body flies by more than one row of a table over height: a step sees nothing between its stages."""
-        step = solver.h_abs
-        while len(self.rows) and step > GRAIN:
-            now, then = self.state(solver.t, solver.y), self.state(solver.t + step, solver.y + step * solver.f)
+        if not len(self.rows):
+            return math.inf
+        step, now = solver.h_abs, self.state(solver.t, solver.y)
+        while step > GRAIN:
+            then = self.state(solver.t + step, solver.y + step * solver.f)
             passed = []
             for flow in self.loads.flows:
                 speed = max(abs(s.v[flow.body, 1] + self.vehicle.velocity[1]) for s in (now, then))
