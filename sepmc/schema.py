@@ -168,7 +168,7 @@ def outcome_columns(contents: Contents) -> list[Column]:
 # Those that a specialised kernel writes, in its order.
 _SPECIALISED_AUDIT = (
     *("joint_gap_residual_m", "joint_angle_residual_rad", "joint_gap_rate_residual_m_s", "joint_angle_rate_residual_rad_s"),
-    *("attitude_drift", "event_residual_s", "attitude_singular", "steps"),
+    *("attitude_drift", "event_residual_s", "attitude_singular", "steps", "redundant_rows"),
 )
 
 

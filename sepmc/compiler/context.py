@@ -55,9 +55,25 @@ class Context:
         """Joints whose loads are followed over the flight."""
         return self.shape.scene.output.loads
 
+    @property
+    def guides(self) -> tuple[str, ...]:
+        """Joints whose pins are followed over the flight."""
+        return self.shape.scene.output.guide
+
+    def pins(self, joint: str) -> int:
+        """Number of pins of a joint."""
+        guide = self.shape.scene.joint[joint].guide
+        assert guide is not None
+        return guide.pins
+
+    @property
+    def node_size(self) -> int:
+        """Numbers that are followed: force and moment of joints; of guides what drives them, and each pin's forces at both ends."""
+        return 6 * len(self.followed) + sum(3 * (1 + 2 * self.pins(joint)) for joint in self.guides)
+
     def watches(self, stage: Stage) -> bool:
-        """Whether a joint whose loads are asked for holds something in a phase."""
-        return any(stage.holds(joint) for joint in self.watched)
+        """Whether a joint whose loads are asked for holds something in a phase, or pins may slide that are."""
+        return any(stage.holds(joint) for joint in self.watched) or any(any(stage.slides(joint)) for joint in self.guides)
 
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""

@@ -9,6 +9,7 @@ from sepmc.compiler.clearances import emit_clearances
 from sepmc.compiler.context import Context
 from sepmc.compiler.events import emit_aim, emit_await, emit_meet
 from sepmc.compiler.extension import emit_extension
+from sepmc.compiler.guides import emit_rub
 from sepmc.compiler.history import emit_history
 from sepmc.compiler.loads import emit_centre, emit_layers
 from sepmc.compiler.motion import emit_correct, emit_rates
@@ -19,6 +20,7 @@ from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit
 from sepmc.compiler.tables import has_tables_over_height, looks_up
 from sepmc.compiler.text import Text
 from sepmc.compiler.watch import emit_watch
+from sepmc.compiler.wrenches import emit_shares
 from sepmc.kernels.layout import FULL_HISTORY, NO_HISTORY
 from sepmc.kernels.methods import method
 
@@ -31,7 +33,7 @@ import math
 
 import numpy as np
 
-from sepmc.kernels import joints, peaks, quat, springs, vec3
+from sepmc.kernels import guides, joints, linear, peaks, quat, springs, vec3
 from sepmc.kernels._jit import keep_apart, stage
 from sepmc.kernels.blocks import Arrays, block, indices, record, table, vector
 from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
@@ -68,6 +70,8 @@ def _body(c: Context) -> Text:
     body = Text()
     emit_rates(body, c)
     for stage in c.shape.stages:
+        emit_rub(body, c, stage)
+    for stage in c.shape.stages:
         if stage.rows:
             emit_correct(body, c, stage)
         if stage.events:
@@ -98,7 +102,9 @@ def _optional(body: Text, c: Context) -> None:
     """Functions for what happens between the ends of steps."""
     if c.extends:
         emit_extension(body, c)
-    if c.watched or c.ends_by_load:
+        for stage in c.shape.stages:
+            emit_shares(body, c, stage)
+    if c.watched or c.guides or c.ends_by_load:
         emit_watch(body, c)
     if c.shape.scene.clearance:
         emit_clearances(body, c)
@@ -167,7 +173,9 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "rates at release": bool(scene.output.tip_off),
         "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
         "wind or air over height": has_tables_over_height(shape),
+        "friction of pins": any(shape.rubbing(stage) for stage in shape.stages),
         "joint loads": bool(scene.output.loads),
+        "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
         "work of the loads": False,
     }

@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.compiler.context import Context, height, part
 from sepmc.compiler.formulas import ZERO, scalar, square_root, vec3
-from sepmc.compiler.geometry import Line, State, relative_acceleration
+from sepmc.compiler.geometry import Line, State
 from sepmc.compiler.loads import add_all
 from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Event, Stage
@@ -180,12 +180,8 @@ def _spin_rate(s: State, body: str) -> Any:
 def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
     """Second derivative of a distance along a line, from the derivative K1."""
     moving = {body: s.scope.load(f"K1 + V_{body}", 3) for body in s.shape.bodies}
-    found = vec3.dot(line.e, relative_acceleration(moving, bodies)) - line.gamma
-    for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
-        leader = s.stage.leader(body)
-        if leader != GROUND:
-            found = found + vec3.dot(vec3.unrotate(s.attitude(leader), arm), s.scope.load(f"K1 + OMEGA_{leader}", 3))
-    return found
+    turning = {leader: s.scope.load(f"K1 + OMEGA_{leader}", 3) for leader in s.stage.leaders}
+    return s.lengthening(bodies, line, moving, turning)
 
 
 def emit_meet(out: Text, c: Context) -> None:

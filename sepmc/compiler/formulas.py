@@ -26,6 +26,14 @@ joints: Any = Formulas(
         "rod": (3, 3, 3, NUMBER),
     },
 )
+guides: Any = Formulas(
+    "guides",
+    {
+        "bearing_forces": ((NUMBER, NUMBER), (NUMBER, NUMBER)),
+        **dict.fromkeys(("around_circle", "pin_force"), (NUMBER, NUMBER)),
+        "friction_force": NUMBER,
+    },
+)
 loads: Any = Formulas(
     "",
     {

@@ -114,6 +114,32 @@ class State:
         distance = apart * (vec3.dot(pair.d, e) - start)
         return Line(e, arm_a, arm_b, gamma, distance.called("distance"), apart * translation_rate(pair, e))
 
+    def sliding(self, joint: str) -> Any:
+        """1 while the pins of a joint may slide, 0 before or after, in a phase in which they may."""
+        slides, still_slides = self.stage.slides(joint)
+        if slides and still_slides:
+            return 1.0
+        held = self.scope.load(f"HELD_{joint}")
+        return held if slides else 1.0 - held
+
+    def friction(self, joint: str) -> Any:
+        """Friction on the second body of a joint, N, in the direction of separation; None if there is none."""
+        rubbing = self.shape.rubbing(self.stage)
+        return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
+
+    def lengthening(
+        self, bodies: tuple[str, str], line: Line, accelerations: dict[str, Any], spin_rates: dict[str, Any], moving: bool = True
+    ) -> Any:
+        """Second derivative of a distance along a line, from accelerations of bodies and angular accelerations of groups; or what these
+        add to it, apart from what bodies do that are ``moving``."""
+        found = vec3.dot(line.e, relative_acceleration(accelerations, bodies))
+        found = found - line.gamma if moving else found
+        for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
+            leader = self.stage.leader(body)
+            if leader != GROUND:
+                found = found + vec3.dot(vec3.unrotate(self.attitude(leader), arm), spin_rates[leader])
+        return found
+
     def rod(self, pair: Pair) -> Line:
         """Along the line between two points."""
         e, arm_a, arm_b, gamma = joints.rod(pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b).called("line")
@@ -162,7 +188,7 @@ def translation_rate(pair: Pair, e: Any) -> Any:
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
     """Acceleration of the second body's mass centre less that of the first's; the ground has none."""
-    a, b = bodies
-    if a == GROUND:
-        return accelerations[b]
-    return vec3.scale(-1.0, accelerations[a]) if b == GROUND else vec3.sub(accelerations[b], accelerations[a])
+    of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
+    if of_a is ZERO:
+        return of_b
+    return vec3.scale(-1.0, of_a) if of_b is ZERO else vec3.sub(of_b, of_a)

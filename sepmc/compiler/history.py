@@ -5,13 +5,11 @@ from typing import Any
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, quat, scalar, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.motion import make_motion
 from sepmc.compiler.outcomes import of_body
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
-from sepmc.compiler.tables import call_look_up
 from sepmc.compiler.text import Text
-from sepmc.compiler.wrenches import force_of, moment_of
+from sepmc.compiler.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernels import layout as at
 
 
@@ -62,9 +60,9 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     """A function for a row of a full history, in the order of `sepmc.schema.history_columns`."""
     says = f"All there is to know of the state S of phase {stage.name} at the times CLOCK, into ROW."
     text = out.function(f"row_{stage.name}(w)", says)
-    call_look_up(text, c, stage)
+    before_wrenches(text, c, stage)
     s = State(c, c.scope(), stage, "S")
-    motion, joints = make_motion(s), c.shape.scene.joint
+    motion, joints = make_wrenches(s), c.shape.scene.joint
     row = [x for body in c.shape.bodies for x in of_body(s, body, _angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)

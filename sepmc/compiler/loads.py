@@ -49,6 +49,20 @@ def body_loads(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
     return force, {body: add_all(acting.moments) for body, acting in found.items()}
 
 
+def add_friction(s: State, force: dict[str, Any], moment: dict[str, Any]) -> None:
+    """Add the friction of guides, which is known, to the loads."""
+    for joint, held in s.shape.scene.joint.items():
+        friction = s.friction(joint)
+        if friction is None:
+            continue
+        s.scope.comment(f"friction of {joint}")
+        line, push = s.separation(joint), (s.case.apart(joint) * friction).called("rub")
+        for body, signed, arm in zip(held.bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):
+            if body != GROUND:
+                force[body] = add_all([force[body], vec3.scale(signed, line.e)])
+                moment[body] = add_all([moment[body], vec3.scale(push, vec3.unrotate(s.attitude(body), arm))])
+
+
 def add_all(vectors: list[Any]) -> Any:
     """Sum of vectors; zero if there are none."""
     there = [vector for vector in vectors if vector is not ZERO]

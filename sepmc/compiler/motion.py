@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.compiler.context import Context, part
-from sepmc.compiler.formulas import quat, vec3
+from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.loads import add_all, body_loads
+from sepmc.compiler.loads import add_all, add_friction, body_loads
 from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
@@ -29,7 +29,7 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     what = [" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1]
     what.append(f"{len(stage.rows)} constraint rows" if stage.rows else "nothing is constrained")
     text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: {', '.join(what)}.")
-    call_look_up(text, c, stage)
+    before_motion(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_motion(s)
     for body in c.shape.bodies:
@@ -41,24 +41,41 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
 
 
+def before_motion(text: Text, c: Context, stage: Stage, rubs: bool = True) -> None:
+    """Lines for what has to be known of a state S before its motion: what tables give, and friction."""
+    call_look_up(text, c, stage)
+    if rubs and c.shape.rubbing(stage):
+        text(f"rub_{stage.name}(w)")
+
+
 @dataclass
 class Motion:
     """The moment of the loads on every body (body axes), accelerations of mass centres (ground axes) and angular accelerations of groups
-    (body axes, by leader), and the rows of the joints with their multipliers."""
+    (body axes, by leader), and the rows of the joints with their multipliers; or by how much a force changes all these, whatever the
+    bodies do that are ``moving``."""
 
     moment: dict[str, Any]
     acceleration: dict[str, Any]
     spin_rate: dict[str, Any]
-    rows: list[JointRow] = field(default_factory=list)
     multipliers: list[Any] = field(default_factory=list)
+    system: Rows | None = None
+    factors: Factors | None = None
+    moving: bool = True
+    shared: bool = False  # whether the rows are those of bodies that turn apart, the multipliers those of least sum of squares
+
+    @property
+    def rows(self) -> list[JointRow]:
+        return self.system.rows if self.system else []
 
 
-def make_motion(s: State) -> Motion:
-    """The motion at a state."""
+def make_motion(s: State, rubs: bool = True) -> Motion:
+    """The motion at a state; with the friction of guides, which has to be known, if it ``rubs``."""
     force, moment = body_loads(s)
+    if rubs:
+        add_friction(s, force, moment)
     s.scope.comment("motion without the joints")
     acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
-    spin_rate = {group[0]: _spin_rate(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
+    spin_rate = {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
     if not s.stage.rows:
         return Motion(moment, acceleration, spin_rate)
     rows = Rows(s)
@@ -67,18 +84,42 @@ def make_motion(s: State) -> Motion:
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
-    return Motion(moment, _plus(acceleration, linear), _plus(spin_rate, angular), rows.rows, multipliers)
+    return Motion(moment, _plus(acceleration, linear), _plus(spin_rate, angular), multipliers, rows, factors)
 
 
-def _spin_rate(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
+def make_drive(s: State, motion: Motion, joint: str) -> Motion:
+    """By how much 1 N changes a motion that drives the bodies of a joint apart along its x axis."""
+    assert motion.system is not None
+    assert motion.factors is not None
+    acceleration, moment = dict.fromkeys(s.shape.bodies, ZERO), dict.fromkeys(s.shape.bodies, ZERO)
+    line, apart = s.separation(joint), s.case.apart(joint)
+    for body, sign, arm in zip(s.shape.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True):
+        if body != GROUND:
+            acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
+            moment[body] = vec3.scale(apart, vec3.unrotate(s.attitude(body), arm))
+    spin_rate = dict.fromkeys(s.stage.leaders, ZERO)
+    for group in s.stage.groups:
+        turning = add_all([moment[body] for body in group if body != GROUND])
+        if group[0] in spin_rate and turning is not ZERO:
+            spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), turning)
+    multipliers = motion.factors.solve(motion.system.without_joints(acceleration, spin_rate, moving=False))
+    linear, angular = motion.system.act(multipliers)
+    changed = _plus(acceleration, linear), _plus(spin_rate, angular)
+    return Motion(moment, *changed, multipliers, motion.system, motion.factors, moving=False)
+
+
+def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
     """Euler's equations of bodies that turn as one."""
-    omega = s.rate(group[0])
-    turning = vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega))
-    return vec3.rotate(s.case.inverse_inertia(group), vec3.sub(add_all([moment[body] for body in group]), turning))
+    leader, felt = s.stage.leader(group[0]), add_all([moment[body] for body in group])
+    if leader != GROUND:
+        omega = s.rate(leader)
+        felt = vec3.sub(felt, vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega)))
+    return vec3.rotate(s.case.inverse_inertia(group), felt)
 
 
 def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
-    return {name: vector if others[name] is None else vec3.add(vector, others[name]) for name, vector in vectors.items()}
+    added = {name: ZERO if other is None else other for name, other in others.items()}
+    return {name: add_all([vector, added[name]]) for name, vector in vectors.items()}
 
 
 def emit_correct(out: Text, c: Context, stage: Stage) -> None:
@@ -95,6 +136,10 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     coupling = rows.coupling()
     factors = Factors(coupling)
     lose_dependent(s.scope, coupling, factors)
+    dropped = Rows(s, s.stage.dropped)
+    dropped.note_residuals()
+    for one in dropped.rows:
+        rows.lose_independent(one, factors)
     if corrects:
         _correct(s, rows, factors)
     s.scope.write(text)

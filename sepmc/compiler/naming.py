@@ -59,7 +59,7 @@ class Names:
             phase=tuple(self._phase(phase) for phase in scene.phase),
             proximity=tuple(change(x, body=self._body(x.body), joint=self.of["joint"][x.joint]) for x in scene.proximity),
             clearance=tuple(change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after]) for x in scene.clearance),
-            output=change(scene.output, loads=self._joints(scene.output.loads), tip_off=self._joints(scene.output.tip_off)),
+            output=change(scene.output, **{key: self._joints(getattr(scene.output, key)) for key in ("loads", "tip_off", "guide")}),
         )
 
     def plan(self, plan: Plan) -> Plan:

@@ -7,6 +7,7 @@ from typing import Any
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, loads, quat, vec3
 from sepmc.compiler.geometry import State
+from sepmc.compiler.guides import guide_outcomes
 from sepmc.compiler.tables import call_look_up, has_wind_profile
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
@@ -22,6 +23,8 @@ def emit_report(out: Text, c: Context) -> None:
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, stage)
+    if c.guides:
+        c.slabs.add("OF_GUIDES", sum(2 + c.pins(joint) for joint in c.guides), optional=True)
     s = State(c, c.scope(), stage, "Y")
     o = 0
     for body in shape.bodies:
@@ -34,6 +37,8 @@ def emit_report(out: Text, c: Context) -> None:
         for k, value in enumerate((line.rate, line.length, s.scope.load(f"RELEASE_{joint}"))):
             s.scope.store(part("OUT", o + k), value)
         o += at.JOINT_OUTCOMES
+    for k, value in enumerate(guide_outcomes(s)):
+        s.scope.store(part("OF_GUIDES", k), value)
     s.scope.write(text)
 
 
@@ -62,7 +67,7 @@ def emit_results(text: Text, c: Context) -> None:
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
-    for slab in ("PEAKS", "CLEARANCES"):
+    for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES"):
         if slab in c.slabs.counts:
             text.block(f"for k in range({c.slabs.counts[slab]}):")(f"outcomes[{o} + k, i] = w[{slab} + k * LANES + l]")
             o += c.slabs.counts[slab]
@@ -75,7 +80,8 @@ def emit_results(text: Text, c: Context) -> None:
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
     for k, name in enumerate(("DRIFT", "EVENT_ERROR", "TURNED_FAR", "STEPS")):
         text(f"outcomes[{o + 4 + k}, i] = w[{name} + l]")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 8} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
+    text(f"outcomes[{o + 8}, i] = {float(max(stage.redundant for stage in shape.stages))}")
+    text.block("for k in range(GUARDS):")(f"outcomes[{o + 9} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     text("status[i] = 0 if sound else -1")

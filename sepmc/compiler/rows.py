@@ -12,7 +12,7 @@ from sepmc.compiler.shape import Row
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
-_DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the general kernel, which finds redundant rows, decides
+DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the general kernel, which finds redundant rows, decides
 
 
 @dataclass
@@ -31,14 +31,45 @@ class JointRow:
     held: Any = 1.0  # 0 once its joint has let go of it
 
 
-class Rows:
-    """The rows of a phase at a state."""
+class Factors:
+    """L D L^T of a symmetric matrix, given below and on its diagonal."""
 
-    def __init__(self, s: State):
+    def __init__(self, a: list[list[Any]]):
+        n = len(a)
+        a = [list(row) for row in a]
+        self.lower: list[list[Any]] = [[0.0] * n for _ in range(n)]
+        self.diagonal, self.inverse = [], []
+        for j in range(n):
+            self.diagonal.append(a[j][j])
+            self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
+            for i in range(j + 1, n):
+                self.lower[i][j] = called(a[i][j] * self.inverse[j], "factor")
+            for i in range(j + 1, n):
+                for k in range(j + 1, i + 1):
+                    a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
+
+    def solve(self, side: list[Any]) -> list[Any]:
+        """The solution for a right-hand side."""
+        x, n = list(side), len(side)
+        for i in range(1, n):
+            x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
+        for i in reversed(range(n)):
+            x[i] = x[i] * self.inverse[i]
+            for j in range(i + 1, n):
+                x[i] = x[i] - self.lower[j][i] * x[j]
+            x[i] = called(x[i], "m")
+        return x
+
+
+class Rows:
+    """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as one, or of bodies ``apart``."""
+
+    def __init__(self, s: State, rows: list[Row] | None = None, apart: bool = False):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
-        self.inverse = {group[0]: s.case.inverse_inertia(group) for group in s.stage.groups if GROUND not in group}
+        self.apart, groups = apart, [(body,) for body in s.shape.bodies] if apart else s.stage.groups
+        self.inverse = {group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group}
         self.rows: list[JointRow] = []
-        for row in s.stage.rows:
+        for row in s.stage.rows if rows is None else rows:
             if not self.rows or row.joint != self.rows[-1].row.joint:
                 s.scope.comment(f"joint {row.joint}")
             self.rows.append(self._row(row))
@@ -48,7 +79,7 @@ class Rows:
         e, arm_a, arm_b, gamma, value, rate = self._turning(row, pair) if row.turns else self._moving(row, pair)
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
-            leader = s.stage.leader(body)
+            leader = body if self.apart else s.stage.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
         if s.shape.scene.solver.drift == "baumgarte":
@@ -95,15 +126,23 @@ class Rows:
         found = one.held * two.held * total(terms) if terms else 0.0
         return found + (1.0 - one.held) if one is two else found
 
-    def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any]) -> list[Any]:
-        """What accelerations without the joints leave of each row."""
+    def lose_independent(self, one: JointRow, factors: Factors) -> None:
+        """A case is lost where a row does not follow from these."""
+        side = [self._coupling(one, other) for other in self.rows]
+        own = self._coupling(one, one)
+        left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
+        lose(self.s.scope, left <= DEPENDENT * own)
+
+    def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True) -> list[Any]:
+        """What accelerations without the joints leave of each row; by themselves, apart from what bodies do that are ``moving``."""
         found = []
         for one in self.rows:
-            side = one.gamma
+            side = one.gamma if moving else 0.0
             if not one.row.turns:
-                side = side - vec3.dot(one.e, relative_acceleration(acceleration, self.bodies[one.row.joint]))
+                apart = relative_acceleration(acceleration, self.bodies[one.row.joint])
+                side = side if apart is ZERO else side - vec3.dot(one.e, apart)
             for leader, normal in one.normals.items():
-                side = side - vec3.dot(normal, spin_rate[leader])
+                side = side if spin_rate[leader] is ZERO else side - vec3.dot(normal, spin_rate[leader])
             found.append(one.held * side)
         return found
 
@@ -132,38 +171,8 @@ class Rows:
                 scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
 
 
-class Factors:
-    """L D L^T of a symmetric matrix, given below and on its diagonal."""
-
-    def __init__(self, a: list[list[Any]]):
-        n = len(a)
-        a = [list(row) for row in a]
-        self.lower: list[list[Any]] = [[0.0] * n for _ in range(n)]
-        self.diagonal, self.inverse = [], []
-        for j in range(n):
-            self.diagonal.append(a[j][j])
-            self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
-            for i in range(j + 1, n):
-                self.lower[i][j] = called(a[i][j] * self.inverse[j], "factor")
-            for i in range(j + 1, n):
-                for k in range(j + 1, i + 1):
-                    a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
-
-    def solve(self, side: list[Any]) -> list[Any]:
-        """The solution for a right-hand side."""
-        x, n = list(side), len(side)
-        for i in range(1, n):
-            x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
-        for i in reversed(range(n)):
-            x[i] = x[i] * self.inverse[i]
-            for j in range(i + 1, n):
-                x[i] = x[i] - self.lower[j][i] * x[j]
-            x[i] = called(x[i], "m")
-        return x
-
-
 def lose_dependent(scope: Scope, coupling: list[list[Any]], factors: Factors) -> None:
     """A case is lost where a pivot keeps too little of its diagonal, so that rows follow from others, or nearly do."""
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Value):
-            lose(scope, pivot > _DEPENDENT * row[-1])
+            lose(scope, pivot > DEPENDENT * row[-1])

@@ -15,7 +15,7 @@ from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
 from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
-from sepmc.scene.redundancy import redundancies
+from sepmc.scene.redundancy import dependent_rows, redundancies
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
@@ -84,6 +84,10 @@ class Stage:
     groups: list[tuple[str, ...]]
     rows: list[Row]
     welds: list[str]  # joints that let nothing turn, whose bodies turn as one
+    held: "Kinds"  # what joints hold, by the codes of their rows; and what they still hold once all have let go that do so within it
+    still_held: "Kinds"
+    dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
+    redundant: int = 0  # how many would, if each body turned by itself: what joints carry is then not unique
     events: list[Event] = field(default_factory=list)
     breaks: Event | None = None  # the condition on what a joint carries that ends it
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
@@ -97,6 +101,11 @@ class Stage:
     set_free: list[str] = field(default_factory=list)  # joints that become free within it
     stops: int = 1
 
+    @property
+    def every_row(self) -> list[Row]:
+        """What all joints hold, each body turning by itself."""
+        return [Row(joint, code) for joint, codes in self.held.items() for code in codes]
+
     def leader(self, body: str) -> str:
         """The body whose attitude is that of a body, or the ground."""
         return next(group[0] for group in self.groups if body in group)
@@ -104,6 +113,10 @@ class Stage:
     def holds(self, joint: str) -> bool:
         """Whether a joint holds something."""
         return joint in self.welds or any(row.joint == joint for row in self.rows)
+
+    def slides(self, joint: str) -> tuple[bool, bool]:
+        """Whether the pins of a joint are engaged and may slide: at first, and once it has let go."""
+        return _slides(self.held[joint]), _slides(self.still_held[joint])
 
     @property
     def masked(self) -> list[str]:
@@ -168,6 +181,11 @@ class Shape:
         """Numbers of the state that are integrated in a phase."""
         return 6 * len(self.bodies) + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
 
+    def rubbing(self, stage: Stage) -> list[str]:
+        """Joints whose pins may slide in a phase, with friction."""
+        guides = {name: joint.guide for name, joint in self.scene.joint.items() if joint.guide is not None and any(stage.slides(name))}
+        return [name for name, guide in guides.items() if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)]
+
     def plain_axes(self, joint: str) -> bool:
         """Whether a joint's axes are those of its first body."""
         j = self.scene.joint[joint]
@@ -178,7 +196,7 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     found = _obstacles(plan)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
-    asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
+    asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends) or redundancies(plan.scene)
     stages = make_shape(plan, dispersed).stages if asked and not found else []
     if any(stage.breaks and stage.events for stage in stages):
         found.append("a spring whose stroke may end while a joint's load is waited for")
@@ -186,17 +204,17 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
         found.append("a joint's load that ends a phase and is waited for while another joint is late")
     if any(stage.clauses and stage.after_late for stage in stages):
         found.append("several conditions that end a phase and are waited for while a joint is late")
+    for stage in stages:
+        if stage.redundant and stage.masked:
+            found.append(f"redundant rows while joints are late after phase {stage.phase}")
+        elif stage.redundant and any(any(stage.slides(name)) for name, joint in plan.scene.joint.items() if joint.guide is not None):
+            found.append(f"pins of a guide in phase {stage.phase}, in which rows are redundant")
     return found
 
 
 def _obstacles(plan: Plan) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     scene, found = plan.scene, []
-    joints = scene.joint.values()
-    if scene.output.guide:
-        found.append("outputs of pin loads")
-    if any(j.guide is not None and j.guide.friction > 0.0 for j in joints):
-        found.append("guide friction")
     if scene.release:
         found.append("releases apart from phases")
     if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
@@ -206,7 +224,6 @@ def _obstacles(plan: Plan) -> list[str]:
     for phase in scene.phase:
         if phase.until is not None and _is_manifold(phase.until) and _has_load(phase.until):
             found.append(f"a joint's load among the conditions that end phase {phase.name}")
-    found += [f"redundant rows in phase {item.phase}" for item in redundancies(scene)]
     return found
 
 
@@ -381,6 +398,11 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
+def _slides(codes: tuple[int, ...]) -> bool:
+    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are engaged."""
+    return codes.count(1) == codes.count(2) == 1 and 0 not in codes and sum(at.ROTATION <= code < at.ROD for code in codes) >= 2
+
+
 def _kinds(scene: Scene, phase: Phase) -> "Kinds":
     """Codes of the rows of every joint in a phase."""
     return {name: tuple(rows_of(joint, phase.joints.get(name, "free"))) for name, joint in scene.joint.items()}
@@ -394,8 +416,10 @@ def _stage(
 ) -> Stage:
     """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. With ``late`` joints, what all hold
     ``after`` it."""
-    made = Stage(name, phase, [], [], [], late=late or {})
-    staying = kinds if after is None or not made.masked else after
+    made = Stage(name, phase, [], [], [], kinds, kinds, late=late or {})
+    if after is not None and made.masked:
+        made.still_held = after
+    staying = made.still_held
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
     order = [*bodies, GROUND]
     turns = {joint: sum(at.ROTATION <= code < at.ROD for code in staying[joint]) for joint in kinds}
@@ -413,5 +437,9 @@ def _stage(
         rows += [Row(joint, code, code not in staying[joint]) for code in codes if not (at.ROTATION <= code < at.ROD and turn_as_one)]
     named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
     found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
-    made.groups, made.rows, made.welds = found, rows, welds
+    dependent = dependent_rows(scene, [(row.joint, row.code) for row in rows], [group for group in found if group != (GROUND,)])
+    every = [(row.joint, row.code) for row in made.every_row]
+    made.groups, made.welds, made.redundant = found, welds, len(dependent_rows(scene, every, []))
+    made.rows = [row for number, row in enumerate(rows) if number not in dependent]
+    made.dropped = [rows[number] for number in dependent]
     return made

@@ -3,10 +3,13 @@
 import math
 
 from sepmc.compiler.context import Context, part
+from sepmc.compiler.formulas import ZERO, vec3
+from sepmc.compiler.geometry import State
+from sepmc.compiler.guides import note_guides, watch_guide
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
-from sepmc.compiler.wrenches import emit_wrenches
+from sepmc.compiler.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernels import layout as at
 
 _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
@@ -19,12 +22,19 @@ def emit_watch(out: Text, c: Context) -> None:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
         c.slabs.add("PEAKS", 6 * len(c.watched))
+    place = 0
+    for joint in c.guides:  # time, least friction that jams; peak, its time and nothing of each end of a pin
+        for value in (0.0, math.inf, *(2 * c.pins(joint) * _AT_FIRST)):
+            c.case.scope.store(part("GUIDES", place), value)
+            place += 1
+    if c.guides:
+        c.slabs.add("GUIDES", place)
     if not stages:
         return
-    numbers = 6 * len(c.followed)
-    c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", at.PEAK_SCRATCH)
+    numbers = c.node_size
+    c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", _scratch(c))
     for stage in stages.values():
-        emit_wrenches(out, c, stage)
+        _wrenches(out, c, stage)
     text = out.function("load_joints(w, phase: int)", "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.")
     inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
@@ -36,13 +46,18 @@ def emit_watch(out: Text, c: Context) -> None:
     for number, stage in stages.items():
         if stage.breaks:
             _break(out, c, number, stage)
-    if c.watched:
-        _watch(out, c)
+    if c.watched or c.guides:
+        _watch(out, c, stages)
 
 
-def _watch(out: Text, c: Context) -> None:
+def _scratch(c: Context) -> int:
+    """Numbers, so many to a lane, that following loads works in."""
+    return max([at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.guides)])
+
+
+def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
     """A function for peaks and impulses."""
-    numbers = 6 * len(c.followed)
+    numbers = c.node_size
     text = out.function("watch(w, phase: int)", "Peaks and integrals of the loads of joints over the step just made, into PEAKS.")
     text("load_joints(w, phase)")
     inner = text.lanes().block(f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all")
@@ -51,6 +66,9 @@ def _watch(out: Text, c: Context) -> None:
         places = part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k)), c.guard(c.load_guards[k // 3])
         nodes, found, other, guard = (f"{place} + l" for place in places)
         inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, w[BEGIN_T + l], h)")
+    for number, stage in stages.items():
+        if any(any(stage.slides(joint)) for joint in c.guides):
+            note_guides(inner.block(f"if phase == {number}:"), c, stage, numbers)
 
 
 def _other(k: int) -> int:
@@ -61,7 +79,7 @@ def _other(k: int) -> int:
 def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     """A function that ends a phase where its load is reached within the step just made: by the continuous extension."""
     assert stage.breaks is not None
-    numbers, first = 6 * len(c.followed), 6 * c.followed.index(stage.breaks.which) + (3 if stage.breaks.what == at.AT_MOMENT else 0)
+    numbers, first = c.node_size, 6 * c.followed.index(stage.breaks.which) + (3 if stage.breaks.what == at.AT_MOMENT else 0)
     c.slabs.add("MET", c.size)
     says = f"End phase {stage.name} in the step just made where the load that ends it is reached."
     text = out.function(f"break_{stage.name}(w)", says)
@@ -82,3 +100,25 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     emit_spread(inner, c, "MET")
     inner(f"sample(w, {number})")
     inner.block(f"for e in range({c.shape.active(stage)} * LANES):")("w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]")
+
+
+def _wrenches(out: Text, c: Context, stage: Stage) -> None:
+    """A function for the loads of the joints that are followed, in a phase in which one of them holds."""
+    says = "Force and moment of every joint that is followed at the state S and the times CLOCK, in axes of its first body, into WRENCH"
+    says += "; and what is followed of guides." if c.guides else "."
+    text = out.function(f"wrenches_{stage.name}(w)", says)
+    c.slabs.add("WRENCH", c.node_size)
+    before_wrenches(text, c, stage)
+    s = State(c, c.scope(), stage, "S")
+    motion = make_wrenches(s)
+    for i, joint in enumerate(c.followed):
+        r = s.attitude(c.shape.scene.joint[joint].bodies[0])
+        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
+            s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
+    first = 6 * len(c.followed)
+    for joint in c.guides:
+        vectors = watch_guide(s, motion, joint) if any(stage.slides(joint)) else []
+        for k, vector in enumerate(vectors):
+            s.scope.store(part("WRENCH", first + 3 * k), vector)
+        first += 3 * (1 + 2 * c.pins(joint))
+    s.scope.write(text)

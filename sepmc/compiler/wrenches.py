@@ -1,31 +1,52 @@
 """What joints carry: force and moment on the second body of a joint, at its own copy of the joint point."""
 
+from dataclasses import replace
 from typing import Any
 
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.loads import add_all
-from sepmc.compiler.motion import Motion, make_motion
+from sepmc.compiler.loads import add_all, body_loads
+from sepmc.compiler.motion import Motion, before_motion, make_motion, spin_rate_of
+from sepmc.compiler.rows import Rows
 from sepmc.compiler.shape import Stage
-from sepmc.compiler.tables import call_look_up
 from sepmc.compiler.text import Text
 from sepmc.scene.model import GROUND
 
 
-def emit_wrenches(out: Text, c: Context, stage: Stage) -> None:
-    """A function for the loads of the joints that are followed, in a phase in which one of them holds."""
-    says = "Force and moment of every joint that is followed at the state S and the times CLOCK, in axes of its first body, into WRENCH."
-    text = out.function(f"wrenches_{stage.name}(w)", says)
-    c.slabs.add("WRENCH", 6 * len(c.followed))
-    call_look_up(text, c, stage)
+def emit_shares(out: Text, c: Context, stage: Stage) -> None:
+    """A function for what joints carry in a phase in which rows are redundant: that of least sum of squares."""
+    if not stage.redundant:
+        return
+    says = f"What the joints of phase {stage.name} carry at the state S and the times CLOCK: of all that would do the multipliers of least"
+    text = out.function(f"shares_{stage.name}(w)", says + " sum of squares, into SHARES.")
     s = State(c, c.scope(), stage, "S")
-    motion = make_motion(s)
-    for i, joint in enumerate(c.followed):
-        r = s.attitude(c.shape.scene.joint[joint].bodies[0])
-        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
-            s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
+    force, moment = body_loads(s)
+    rows, count = Rows(s, stage.every_row, apart=True), len(stage.every_row)
+    acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in c.shape.bodies}
+    spin_rate = {body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.shape.bodies}
+    system = [x for row in rows.coupling() for x in row] + rows.without_joints(acceleration, spin_rate)
+    c.slabs.add("SYSTEM", len(system)), c.slabs.add("SHARES", count), c.slabs.add("SYSTEM_SCRATCH", 3 * count**2 + 5 * count)
+    for k, value in enumerate(system):
+        s.scope.store(part("SYSTEM", k), value)
     s.scope.write(text)
+    text.lanes()(f"linear.share(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
+
+
+def before_wrenches(text: Text, c: Context, stage: Stage) -> None:
+    """Lines for what has to be known of a state S before what joints carry."""
+    before_motion(text, c, stage)
+    if stage.redundant:
+        text(f"shares_{stage.name}(w)")
+
+
+def make_wrenches(s: State) -> Motion:
+    """The motion at a state, with multipliers that tell what joints carry."""
+    motion = make_motion(s)
+    if not s.stage.redundant:
+        return motion
+    rows = Rows(s, s.stage.every_row, apart=True)
+    return replace(motion, multipliers=[s.scope.load(part("SHARES", k)) for k in range(len(rows.rows))], system=rows, shared=True)
 
 
 def force_of(motion: Motion, joint: str) -> Any:
@@ -36,7 +57,7 @@ def force_of(motion: Motion, joint: str) -> Any:
 
 def moment_of(s: State, motion: Motion, joint: str) -> Any:
     """Moment on the second body of a joint, ground axes: what its rows of rotation do, or else what its bodies need to turn as one."""
-    if joint in s.stage.welds:
+    if joint in s.stage.welds and not motion.shared:
         return _moment_of_weld(s, motion, joint)
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return add_all([vec3.scale(m, one.arms[1]) for m, one in rows if one.row.joint == joint and one.row.turns])
@@ -71,8 +92,8 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
             inertial: Any = ZERO
         else:
             omega, inertia = s.rate(leader), case.inertia(body)
-            turning = vec3.cross(omega, vec3.rotate(inertia, omega))
-            inertial = vec3.add(vec3.rotate(inertia, motion.spin_rate[leader]), turning)
+            turning = vec3.cross(omega, vec3.rotate(inertia, omega)) if motion.moving else ZERO
+            inertial = add_all([vec3.rotate(inertia, motion.spin_rate[leader]), turning])
         moment = motion.moment[body]
         if inertial is not ZERO or moment is not ZERO:
             left = inertial if moment is ZERO else vec3.sub(inertial, moment)

@@ -6,6 +6,7 @@ The matrix stands row by row at w[a], n entries a row; the right-hand side at w[
 import math
 
 from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels.lanes import LANES
 
 # A pivot that keeps less than this share of its diagonal means dependent rows.
 _DEPENDENT = 1e-13
@@ -132,6 +133,24 @@ def solve_semidefinite(w, a, b, n):
     for i in range(n):
         w[b + i] = w[out + i]
     return rank, smallest
+
+
+@stage
+def share(w, place, n, scratch, out):
+    """`solve_semidefinite` for one lane: from its matrix, the lower triangle by rows, and right-hand side at ``place`` the solution at
+    ``out``; not numbers if there is none. ``scratch`` is room for 3 n^2 + 5 n numbers."""
+    keep_apart()
+    k, b = place, scratch + 3 * n * n
+    for i in range(n):
+        for j in range(i + 1):
+            w[scratch + i * n + j] = w[k]
+            k += LANES
+    for i in range(n):
+        w[b + i] = w[k]
+        k += LANES
+    rank, _ = solve_semidefinite(w, scratch, b, n)
+    for i in range(n):
+        w[out + i * LANES] = w[b + i] if rank > 0 else math.nan
 
 
 @stage

@@ -61,12 +61,24 @@ def _size(theta, w, scratch):
 
 
 @stage
-def _highest(low, high, w, scratch):
-    """Where between two shares of the step the size is greatest: Brent's search, by parabolas within a golden section (1973, ch. 5)."""
+def _height(theta, w, scratch, ends):
+    """What is highest at a peak: the size of a vector; or, of a guide with pins, how little drives them apart for what they carry."""
+    if ends == 0:
+        return _size(theta, w, scratch)
+    load = 0.0
+    for end in range(1, ends + 1):
+        load += _size(theta, w, scratch + 3 * COUNT * end)
+    drive = _at(2.0 * theta - 1.0, w, scratch)[0]
+    return -max(drive, 0.0) / load if load > 0.0 else -math.inf
+
+
+@stage
+def _highest(low, high, w, scratch, ends):
+    """Where between two shares of the step `_height` is greatest: Brent's search, by parabolas within a golden section (1973, ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     best = low + golden * (high - low)
     second = third = best
-    f_best = _size(best, w, scratch)
+    f_best = _height(best, w, scratch, ends)
     f_second = f_third = f_best
     move, last_move = 0.0, 0.0
     for _ in range(_ROUNDS):
@@ -86,7 +98,7 @@ def _highest(low, high, w, scratch):
             last_move = (high if best < middle else low) - best
             move = golden * last_move
         trial = best + (move if abs(move) >= _CLOSE else math.copysign(_CLOSE, move))
-        f = _size(trial, w, scratch)
+        f = _height(trial, w, scratch, ends)
         if f >= f_best:
             low, high = (best, high) if trial >= best else (low, best)
             second, third, best = best, second, trial
@@ -170,6 +182,48 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
 
 
 @stage
+def note_peak(w, nodes, apart, scratch, out, t, h):
+    """`note_size` without the integral."""
+    keep_apart()
+    greatest, highest, sizes = 0.0, 0, scratch + 3 * COUNT
+    for i in range(COUNT):
+        k = nodes + i * apart
+        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        w[sizes + i] = size
+        greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
+    if not greatest <= _SAME * w[out]:
+        w[out], w[out + LANES] = greatest, t + THETA[highest] * h
+    if greatest > _NEAR * w[out] and _has_summit(sizes, w):
+        _set_coefficients(nodes, apart, w, scratch)
+        _note_summits(sizes, w, scratch, out, t, h)
+
+
+@stage
+def note_least_share(w, nodes, apart, ends, scratch, out):
+    """Follow the least of what drives a guide apart over the sum of what its pins carry at their ``ends``, into ``out``.
+
+    Of a node the vectors at ``nodes`` are: the drive and two zeros, then a force for each end. ``scratch`` has room for the coefficients
+    of all these, and for a number at each node.
+    """
+    keep_apart()
+    shares = scratch + 3 * COUNT * (1 + ends)
+    for i in range(COUNT):
+        k, load = nodes + i * apart, 0.0
+        for end in range(1, ends + 1):
+            y, z = w[k + (3 * end + 1) * LANES], w[k + (3 * end + 2) * LANES]
+            load += math.sqrt(y * y + z * z)
+        w[shares + i] = max(w[k], 0.0) / load if load > 0.0 else math.inf
+        w[out] = min(w[out], w[shares + i])
+    for end in range(ends + 1):
+        _set_coefficients(nodes + 3 * end * LANES, apart, w, scratch + 3 * COUNT * end)
+    for i in range(COUNT):
+        low, high = max(i - 1, 0), min(i + 1, COUNT - 1)
+        if w[shares + i] <= min(w[shares + low], w[shares + high]) and 0.0 < w[shares + i] < math.inf:
+            place = _highest(THETA[low], THETA[high], w, scratch, ends)
+            w[out] = min(w[out], -_height(place, w, scratch, ends))
+
+
+@stage
 def _set_coefficients(nodes, apart, w, scratch):
     """Coefficients of the components from their values at the nodes."""
     keep_apart()
@@ -210,7 +264,7 @@ def _note_summits(sizes, w, scratch, out, t, h):
     keep_apart()
     for i in range(COUNT):
         if _rises(sizes, w, i):
-            place = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch)
+            place = _highest(THETA[max(i - 1, 0)], THETA[min(i + 1, COUNT - 1)], w, scratch, 0)
             size = _size(place, w, scratch)
             if size > _SAME * w[out]:
                 w[out], w[out + LANES] = size, t + place * h
@@ -239,7 +293,7 @@ def first_reached(w, nodes, apart, scratch, threshold):
         if w[sizes + i + 1] < threshold:
             if not (_rises(sizes, w, i) or _rises(sizes, w, i + 1)):
                 continue
-            high = _highest(low, high, w, scratch)
+            high = _highest(low, high, w, scratch, 0)
             if _size(high, w, scratch) < threshold:
                 continue
         start, best, best_size = low, high, _size(high, w, scratch)

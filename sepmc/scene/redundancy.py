@@ -13,6 +13,7 @@ from sepmc.scene.model import GROUND, Joint, Scene
 # Singular values of the rows as shares of the largest: below the first a direction is held twice, between the two it is held so
 # weakly that round-off decides whether it is.
 _TWICE, _WEAKLY = 1e-14, 1e-6
+_INDEPENDENT = 1e-9  # of a row that is left when what others hold is taken off
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def _directions(scene: Scene) -> Iterator[tuple[str, list[str], np.ndarray, np.n
     values as shares of the largest."""
     for phase in scene.phase:
         with np.errstate(over="ignore", invalid="ignore"):
-            rows, owners = _rows(scene, phase.joints)
+            held = [(name, code) for name, kind in phase.joints.items() for code in rows_of(scene.joint[name], kind)]
+            rows, owners = _rows(scene, held).reshape(len(held), 6 * len(scene.body)), [name for name, _ in held]
         if len(rows) and np.isfinite(rows).all():
             left, sizes, _ = np.linalg.svd(rows)
             yield phase.name, owners, left, sizes / sizes[0]
@@ -71,29 +73,50 @@ def _among(vectors: np.ndarray, owners: list[str]) -> list[str]:
     return list(dict.fromkeys(owner for owner, is_in in zip(owners, involved, strict=True) if is_in))
 
 
-def _rows(scene: Scene, joints: dict[str, str]) -> tuple[np.ndarray, list[str]]:
-    """Constraint rows (rows, 6 bodies) on velocities and rates of the moving bodies at the start, and the joint of each.
+def _rows(scene: Scene, held: list[tuple[str, int]]) -> np.ndarray:
+    """Constraint rows (rows, bodies, 6) on velocities and rates of the moving bodies at the start, given by joint and code.
 
     Rates count as speeds at the end of the longest arm, and rows have unit length, so that no choice of units makes one weak.
     """
     bodies = list(scene.body)
-    rows, owners = [], []
-    for name, kind in joints.items():
+    found = np.zeros((len(held), len(bodies) + 1, 6))  # the last body is the ground, which does not move
+    for row, (name, code) in zip(found, held, strict=True):
         joint = scene.joint[name]
-        for code in rows_of(joint, kind):
-            row = np.zeros((len(bodies) + 1, 6))  # the last for the ground, which does not move
-            for place, (body, share) in enumerate(zip(joint.bodies, _shares(joint, code, scene), strict=True)):
-                row[bodies.index(body) if body != GROUND else -1] += share * (-1.0 if place == 0 else 1.0)
-            rows.append(row[:-1].ravel())
-            owners.append(name)
-    if not rows:
-        return np.zeros((0, 0)), owners
-    by_body = np.array(rows).reshape(len(rows), -1, 6)
-    arms = [float(np.linalg.norm(row[:, 3:], axis=1).max()) for row in by_body if row[:, :3].any()]
-    by_body[:, :, 3:] /= max([1.0, *arms])
-    found = by_body.reshape(len(rows), -1)
-    sizes = np.linalg.norm(found, axis=1, keepdims=True)
-    return found / np.where(sizes > 0.0, sizes, 1.0), owners
+        for place, (body, share) in enumerate(zip(joint.bodies, _shares(joint, code, scene), strict=True)):
+            row[bodies.index(body) if body != GROUND else -1] += share * (-1.0 if place == 0 else 1.0)
+    found = found[:, :-1]
+    arms = [float(np.linalg.norm(row[:, 3:], axis=1).max()) for row in found if row[:, :3].any()]
+    found[:, :, 3:] /= max([1.0, *arms])
+    return _of_unit_length(found)
+
+
+def _of_unit_length(rows: np.ndarray) -> np.ndarray:
+    sizes = np.sqrt((rows**2).sum(axis=(1, 2), keepdims=True))
+    return np.asarray(rows / np.where(sizes > 0.0, sizes, 1.0))
+
+
+def dependent_rows(scene: Scene, held: list[tuple[str, int]], groups: list[tuple[str, ...]]) -> list[int]:
+    """Which of the rows, given by joint and code, follow at the start from those before them; bodies of a group turn as one."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = _rows(scene, held)
+    bodies = list(scene.body)
+    for group in groups:
+        first, *others = (bodies.index(body) for body in group if body != GROUND)
+        for other in others:
+            rows[:, first, 3:] += rows[:, other, 3:]
+            rows[:, other, 3:] = 0.0
+        if GROUND in group:
+            rows[:, first, 3:] = 0.0
+    found, kept = [], np.zeros((0, 6 * len(bodies)))
+    for number, row in enumerate(_of_unit_length(rows).reshape(len(held), 6 * len(bodies))):
+        left = row
+        for _ in range(2):  # the second time takes off what round-off left of the first
+            left = left - kept.T @ (kept @ left)
+        if np.linalg.norm(left) > _INDEPENDENT:
+            kept = np.vstack([kept, left / np.linalg.norm(left)])
+        else:
+            found.append(number)
+    return found
 
 
 def _shares(joint: Joint, code: int, scene: Scene) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.campaign import pilot
+from sepmc.campaign.accuracy import scene_scales
 from sepmc.campaign.campaign import Campaign, Result
 from sepmc.campaign.pilot import kernel_text, reasons
 from sepmc.compiler.shape import make_shape
@@ -89,7 +90,8 @@ def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
 
 def _change(before: Array, after: Array, campaign: Campaign) -> float:
     """Largest change of an outcome, over the largest outcome of its unit or what counts as large."""
-    size = dict(SIZES)
+    units = {column.unit for column in campaign.outcome_columns}.difference(SIZES)
+    size = SIZES | dict(zip(units, scene_scales(campaign.scene, units).tolist(), strict=True))
     for column, value in zip(campaign.outcome_columns, after, strict=True):
         size[column.unit] = max(size[column.unit], abs(float(value * column.scale))) if np.isfinite(value) else size[column.unit]
     worst = 0.0

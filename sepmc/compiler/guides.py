@@ -1,0 +1,127 @@
+"""Pins of guides in a written kernel: friction in balance with the loads that it changes, and what each pin carries."""
+
+import math
+from typing import Any
+
+from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.formulas import ZERO, guides, scalar, vec3
+from sepmc.compiler.geometry import State
+from sepmc.compiler.motion import Motion, make_drive, make_motion
+from sepmc.compiler.recorder import Value, total, where
+from sepmc.compiler.rows import DEPENDENT
+from sepmc.compiler.shape import Stage
+from sepmc.compiler.text import Text
+from sepmc.compiler.wrenches import force_of, moment_of
+from sepmc.kernels import layout as at
+from sepmc.kernels.guides import LEAST_ENGAGED
+from sepmc.scene.model import GROUND
+
+Ends = list[tuple[Any, Any]]  # lateral forces (y, z) of pins: of every pin at the mouth and at the tip
+
+
+def emit_rub(out: Text, c: Context, stage: Stage) -> None:
+    """A function for the friction of a phase's guides; the other functions of the phase take it as a load that is known."""
+    joints = c.shape.rubbing(stage)
+    if not joints:
+        return
+    says = f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, into FRICTION; a case that jams is lost."
+    text = out.function(f"rub_{stage.name}(w)", says)
+    ends = [2 * c.pins(joint) for joint in joints]
+    c.slabs.add("FRICTION", len(c.shape.scene.joint))
+    c.slabs.add(f"RUBBING_{stage.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
+    s = State(c, c.scope(), stage, "S")
+    motion, place = make_motion(s, rubs=False), 0
+    drives = [make_drive(s, motion, joint) for joint in joints]
+    for joint in joints:
+        s.scope.comment(f"pins of {joint}")
+        numbers = [_friction_per_newton(s, joint)]
+        for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
+            numbers += [x for force in forces for x in force]
+        for number in numbers:
+            s.scope.store(part(f"RUBBING_{stage.name}", place), number)
+            place += 1
+    s.scope.write(text)
+    inner = text.lanes().block(f"if not guides.balance(w, RUBBING_{stage.name} + l, {tuple(ends)}, FRICTION + l):")
+    inner("w[LOST + l] = 1.0")
+
+
+def _place(s: State, joint: str) -> int:
+    """Where the parameters of a joint start."""
+    return int(s.c.model.joints_p) + at.JOINT_SIZE * list(s.shape.scene.joint).index(joint)
+
+
+def _friction_per_newton(s: State, joint: str) -> Any:
+    """What 1 N on the pins of a joint rubs, along the direction of separation."""
+    p, speed = _place(s, joint), s.separation(joint).rate
+    friction = guides.friction_force(s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED))
+    return friction * s.sliding(joint)
+
+
+def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
+    """Lateral forces of all pins of a joint, or by how much a force changes them."""
+    c, p, count = s.case, _place(s, joint), s.c.pins(joint)
+    axes = [s.axis(joint, k) for k in range(3)]
+    force, moment = (
+        tuple(0.0 if vector is ZERO else vec3.dot(vector, axis) for axis in axes)
+        for vector in (force_of(motion, joint), moment_of(s, motion, joint))
+    )
+    closed = c.number(p + at.ENGAGED)
+    engaged = scalar.larger(closed - s.separation(joint).length, LEAST_ENGAGED * closed).called("engaged")
+    mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
+    found = []
+    for pin in range(count):
+        around = guides.around_circle(float(pin), float(count), c.number(p + at.CIRCLE), c.number(p + at.PIN_CLOCK)).called("around")
+        around = (around[0], around[1])
+        found += [tuple(guides.pin_force(tuple(end), moment[0], around, float(count)).called("pin")) for end in (mouth, tip)]
+    return found
+
+
+def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
+    """Numbers of a guide at a state, vectors all: what drives it apart, and what each pin carries at both ends."""
+    line, per_newton = s.separation(joint), make_drive(s, motion, joint)
+    pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
+    faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
+    mobility = apart * s.lengthening(pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False)
+    alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
+    sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone  # what else holds them along x would share the drive
+    lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives)
+    drive = faster / mobility  # less friction: what would hold the joint along x if that were all there is
+    friction = s.friction(joint)
+    drive = drive if friction is None else drive - friction
+    return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in pin_forces(s, motion, joint))]
+
+
+def note_guides(text: Text, c: Context, stage: Stage, numbers: int) -> None:
+    """Lines for one lane that follow the guides of a phase over the step just made, of length h; of the ``numbers`` at a node theirs
+    come last."""
+    first, place = 6 * len(c.followed), 0
+    for joint in c.guides:
+        ends = 2 * c.pins(joint)
+        slides, still_slides = stage.slides(joint)
+        if slides or still_slides:
+            inner = text
+            if slides != still_slides:
+                inner = text.block(f"if w[HELD_{joint} + l] {'>' if slides else '=='} 0.0:")
+            nodes = [f"{part('WRENCHES', first + 3 * k)} + l, {numbers} * LANES" for k in range(1 + ends)]
+            inner(f"w[{part('GUIDES', place)} + l] += h")
+            for k in range(ends):
+                peak = part("GUIDES", place + 2 + 3 * k)
+                inner(f"peaks.note_peak(w, {nodes[1 + k]}, SCRATCH, {peak} + l, w[BEGIN_T + l], h)")
+            inner(f"peaks.note_least_share(w, {nodes[0]}, {ends}, SCRATCH, {part('GUIDES', place + 1)} + l)")
+        first += 3 * (1 + ends)
+        place += 2 + 3 * ends
+
+
+def guide_outcomes(s: State) -> list[Any]:
+    """Of every guide that is watched: time for which its pins slid, greatest load of each, least friction that would jam them."""
+    found, place = [], 0
+    for joint in s.c.guides:
+        ends = 2 * s.c.pins(joint)
+        time, jams = s.scope.load(part("GUIDES", place)), s.scope.load(part("GUIDES", place + 1))
+        peaks = [s.scope.load(part("GUIDES", place + 2 + 3 * k)) for k in range(ends)]
+        slid = time > 0.0
+        found.append(time)
+        found += [where(slid, scalar.larger(*peaks[k : k + 2]), math.nan) for k in range(0, ends, 2)]
+        found.append(where(jams < math.inf, jams, math.nan))
+        place += 2 + 3 * ends
+    return found

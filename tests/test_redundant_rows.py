@@ -1,0 +1,123 @@
+"""Rows that follow from others, in written kernels: left out of the motion, and what joints carry shared by least squares."""
+
+import math
+
+import pytest
+from numpy.testing import assert_allclose
+
+from sepmc.campaign import pilot
+from sepmc.door import interpreted
+from sepmc.scene.redundancy import dependent_rows
+from sepmc.trust import independent
+from sepmc.trust.written import LEFT, Written, as_written
+
+PUSH = {"name": "push", "body": "aft", "force_N": [-6.0, 1.0, -0.5], "moment_N_m": [0.2, 0.3, -0.4], "point_m": [3.2, 0.1, 0.0]}
+LOPSIDED = {"body.fore.cg_m": [1.0, 0.05, -0.02], "body.aft.cg_m": [3.0, -0.04, 0.03], "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15]}
+TURNING = LOPSIDED | {"initial.omega_rad_s": [0.3, 0.2, -0.4], "load": [PUSH], "run.end_time_s": 0.4, "solver.step_s": 0.01}
+BOTH = ["fore", "aft"]
+HINGES = {"near": (BOTH[0], "mid", [1.0, 0.0, 0.0]), "far": ("mid", BOTH[1], [2.0, 0.0, 1.0]), "low": ("aft", "bar", [3.0, 0.0, 0.3])}
+HINGES["end"] = ("bar", "fore", [2.5, 0.0, -0.5])
+SCENES = {
+    "two bolts, then two rails": (
+        {
+            "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
+            "phase": [
+                {"name": "bolted", "joints": {"pins": "fixed", "again": "fixed"}, "until": {"time_s": 0.2}},
+                {"name": "guided", "joints": {"pins": "slider", "again": "slider"}, "until": {"joint": "pins", "stroke_mm": 30.0}},
+                {"name": "free"},
+            ],
+            "output": {"loads": ["pins", "again"], "tip_off": ["pins"]},
+        },
+        6,
+    ),
+    "three ball joints, until one of them breaks": (
+        {
+            "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
+            "joint.third": {"bodies": BOTH, "point_m": [2.1, -0.2, 0.3]},
+            "load": [PUSH | {"end_s": 0.3}],
+            "motor": [{"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}],
+            "phase": [
+                {
+                    "name": "held",
+                    "joints": dict.fromkeys(("pins", "again", "third"), "spherical"),
+                    "until": {"joint": "again", "force_N": 2.5},
+                },
+                {"name": "free"},
+            ],
+            "output": {"loads": ["pins", "again", "third"]},
+        },
+        3,
+    ),
+    "four hinges in a plane": (
+        {
+            "body.mid": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2.0, 0.1, 0.5]},
+            "body.bar": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2.0, 0.1, 1.5]},
+            "joint": {
+                name: {"bodies": [a, b], "point_m": point, "x_axis": [0.0, 1.0, 0.0], "y_axis": [1.0, 0.0, 0.0]}
+                for name, (a, b, point) in HINGES.items()
+            },
+            "phase": [{"name": "linked", "joints": dict.fromkeys(HINGES, "revolute")}],
+            "output": {"loads": ["near", "low"]},
+        },
+        3,
+    ),
+    "both bolted to the ground and to each other": (
+        {
+            "initial.omega_rad_s": [0.0, 0.0, 0.0],
+            "initial.speed_m_s": 0.0,
+            "joint.first": {"bodies": ["ground", "fore"], "point_m": [0.5, 0.0, 0.0]},
+            "joint.second": {"bodies": ["ground", "aft"], "point_m": [3.5, 0.0, 0.0]},
+            "phase": [
+                {"name": "bolted", "joints": {"first": "fixed", "second": "fixed", "pins": "fixed"}, "until": {"time_s": 0.2}},
+                {"name": "cut", "joints": {"first": "fixed", "pins": "fixed"}, "until": {"time_s": 0.3}},
+                {"name": "free"},
+            ],
+            "output": {"loads": ["first", "second", "pins"]},
+        },
+        6,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_as_the_independent_flight(pair, name):
+    """Motion, release and what each joint carries; the audit says how many rows follow from others."""
+    settings, redundant = SCENES[name]
+    campaign = pair(TURNING | settings)
+    assert pilot.reasons(as_written(campaign)) == []
+    with interpreted():
+        written = Written(campaign)
+    other = independent.fly(campaign.nominal().to_dict())
+    assert written.status == other.status == "ok"
+    compared, unclear = 0, ("force_time_s", "moment_time_s")  # as sharp as a peak is
+    if campaign.scene.initial.speed == 0.0:
+        unclear += ("alpha_deg", "beta_deg")  # of bodies at rest
+    for column in campaign.outcome_columns:
+        if column.name in other.outcomes and not column.name.endswith(unclear):
+            expected = other.outcomes[column.name]
+            assert_allclose(written.outcomes[column.name], expected, rtol=2e-8, atol=1e-8, err_msg=column.name)
+            compared += not math.isnan(expected)
+    assert compared > 20
+    assert written.outcomes["redundant_rows"] == redundant
+
+
+def test_rows_that_follow_only_at_the_start(pair):
+    """Two rods in one line hold the same direction, until the body between them turns: a kernel does not vouch for that."""
+    rod = {"bodies": BOTH, "point_m": [1.5, 0.0, 0.0], "second_point_m": [2.5, 0.0, 0.0]}
+    settings = {"joint": {"one": rod, "other": rod | {"second_point_m": [2.0, 0.0, 0.0]}}, "phase": [{"name": "held"}]}
+    settings["phase"][0]["joints"] = {"one": "rod", "other": "rod"}
+    campaign = pair(TURNING | settings | {"load": [], "initial.omega_rad_s": [0.0, 0.0, 0.0]})
+    assert len(dependent_rows(campaign.scene, [("one", 12), ("other", 12)], [])) == 1
+    with interpreted():
+        assert Written(campaign).status == "ok"  # nothing moves
+        push = {"load": [PUSH | {"force_N": [0.0, 5.0, 0.0]}]}
+        assert Written(campaign.with_settings(push)).status == LEFT
+
+
+def test_dependent_rows_are_those_that_come_later(pair):
+    """Of two joints that hold the same the first counts; bodies that turn as one leave nothing for rows of rotation."""
+    scene = pair({"joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]}}).scene
+    rows = [(joint, code) for joint in ("pins", "again") for code in (0, 1, 2)]
+    assert dependent_rows(scene, rows, []) == [4]  # two points fix all but a turn about the line through them
+    assert dependent_rows(scene, rows, [("fore", "aft")]) == [3, 4, 5]
+    assert dependent_rows(scene, [], []) == []
