@@ -119,14 +119,14 @@ def test_cases_fly(name, flown):
 def test_audit_is_small(name, flown):
     table = flown(name)
     unwatched = {column for column in AUDIT if column not in table}
-    assert unwatched == {"redundant_rows", "energy_residual"} & AUDIT.keys()  # which a kernel of its own does not follow
+    assert unwatched == {"energy_residual"} & AUDIT.keys()  # which a kernel of its own does not follow
     for column in AUDIT.keys() - unwatched:
         assert table[column].abs().max() <= AUDIT[column], column
 
 
 def test_boxes_keep_their_energy():
     """Nothing acts on the two boxes: the joint alone may not add or take energy."""
-    table = sepmc.load("nasa-fixed-joint", {"solver.formulation": "full", "solver.step_s": 0.05}).run(cases=8).to_pandas()
+    table = sepmc.load("nasa-fixed-joint", {"solver.formulation": "full", "solver.step_s": 0.05}).run(cases=2).to_pandas()
     assert table["energy_residual"].abs().max() <= 1e-12
 
 

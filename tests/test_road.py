@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -94,8 +95,11 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
 
 def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_path):
     campaign.run(cases=50, seed=7, out=tmp_path)
-    (tmp_path / "histories" / "part-0000000020.parquet").unlink()
-    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
+    part = tmp_path / "histories" / "part-0000000020.parquet"
+    count, said = pq.read_metadata(tmp_path / "cases" / part.name).num_rows, []
+    part.unlink()
+    same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True, announce=said.append), result)
+    assert f"{tmp_path}: the histories of {count} cases are gone, so these are flown again" in said
 
 
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):

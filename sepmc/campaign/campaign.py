@@ -234,7 +234,7 @@ class Campaign(Definition):
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
-        done = self._resumed(folder, seed, total) if folder and resume else np.empty(0, dtype=np.int64)
+        done = self._resumed(folder, seed, total, announce) if folder and resume else np.empty(0, dtype=np.int64)
         if announce:
             announce(f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}" + (f", into {folder}" if folder else ""))
         use_threads(threads)
@@ -260,7 +260,7 @@ class Campaign(Definition):
                 chunks.write_manifest(threads, complete=chunks.held == left)
         return Result(self, chunks.kept(), timing, seed, folder, chunks.notes, flight, chunks.accuracy)
 
-    def _resumed(self, folder: Path, seed: int, total: int) -> np.ndarray:
+    def _resumed(self, folder: Path, seed: int, total: int, announce: Callable[[str], None] | None) -> np.ndarray:
         """Cases a folder already holds, if it is the same campaign."""
         if not (folder / store.MANIFEST).is_file():
             return np.empty(0, dtype=np.int64)
@@ -275,9 +275,13 @@ class Campaign(Definition):
                 raise store.StoreError(
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
                 )
-        if self.has_histories:
-            store.drop_incomplete(folder)
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:
             raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")
-        return done
+        if not self.has_histories:
+            return done
+        store.drop_incomplete(folder)
+        left = store.cases_done(folder)
+        if announce and len(left) < len(done):
+            announce(f"{folder}: the histories of {len(done) - len(left)} cases are gone, so these are flown again")
+        return left

@@ -22,7 +22,7 @@ LEFT = "left to general"  # status of a case that a written kernel does not vouc
 UNMET = "accuracy not met"  # status of a case that goes on changing as its steps are halved; a run says so
 _DOUBLINGS = 4
 _STEP = 0.01  # s, where the scene has none
-_CORNERS = 3  # of the pilot, in plain Python
+_CORNERS, _SAMPLE = 3, 24  # trial cases of the pilot, in plain Python
 
 
 def as_written(flown: Campaign) -> Campaign:
@@ -102,19 +102,20 @@ def _change(before: Array, after: Array, campaign: Campaign) -> float:
 
 
 def fly_interpreted(flown: Campaign, cases: int) -> Result:
-    """Run a campaign, its written kernel as plain Python. The pilot then tries few corners, for each takes as long as a case.
+    """Run a campaign, its written kernel as plain Python. The pilot then has few trial cases, for each takes as long as a case.
 
     Raises
     ------
     ValueError
         If its pilot left the campaign to the general kernel.
     """
-    corners, pilot.CORNERS = pilot.CORNERS, _CORNERS
+    usual = pilot.CORNERS, pilot.SAMPLE
+    pilot.CORNERS, pilot.SAMPLE = _CORNERS, _SAMPLE
     try:
         with interpreted():
             result = flown.run(cases=cases)
     finally:
-        pilot.CORNERS = corners
+        pilot.CORNERS, pilot.SAMPLE = usual
     if result.flight is None or result.flight.kernel is None:
         raise ValueError(f"{flown.name}: left to the general kernel")
     return result
