@@ -5,7 +5,7 @@ import operator
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -60,11 +60,11 @@ class Block:
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
-    """One call of the general kernel's door; draws (n, d) in SI. Its audit columns are all there are, whatever the plan's contents say."""
+    """One call of the general kernel's door; draws (n, d) in SI."""
     from sepmc.kernels.batch import fly  # noqa: PLC0415
 
     n = len(draws)
-    outcomes = len(schema.result_columns(replace(plan.contents, specialised=False)))
+    outcomes = len(schema.result_columns(plan.contents))
     block = Block(
         np.full((n, outcomes), np.nan),
         np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),
@@ -104,7 +104,7 @@ def fly_specialised(
     Returns the block, whose status is -1 where another kernel has to fly a case, and the times (stages, n) at which phases end,
     and joints that are late have let go.
     """
-    n, columns = len(draws), schema.result_columns(replace(plan.contents, specialised=True))
+    n, columns = len(draws), schema.result_columns(plan.contents)
     outcomes, status = np.full((len(columns) + kernel.guards, n), np.nan), np.zeros(n, dtype=np.int64)
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
@@ -121,7 +121,7 @@ def fly_everything(
 ) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI, whether the kernel vouches for
     them, the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
-    columns, none = len(schema.result_columns(replace(plan.contents, specialised=True))), np.empty(0, dtype=np.int64)
+    columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)

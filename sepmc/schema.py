@@ -138,7 +138,6 @@ class Contents:
     guides: dict[str, int] = field(default_factory=dict)  # pins by joint
     clearances: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
-    specialised: bool = False  # flown by a kernel of its own, which does not follow energy and pivots
 
 
 def outcome_columns(contents: Contents) -> list[Column]:
@@ -165,22 +164,14 @@ def outcome_columns(contents: Contents) -> list[Column]:
     return columns
 
 
-# Those that a specialised kernel writes, in its order.
-_SPECIALISED_AUDIT = (
-    *("joint_gap_residual_m", "joint_angle_residual_rad", "joint_gap_rate_residual_m_s", "joint_angle_rate_residual_rad_s"),
-    *("attitude_drift", "event_residual_s", "attitude_singular", "steps", "redundant_rows"),
-)
-
-
-def audit_columns(specialised: bool = False) -> list[Column]:
+def audit_columns() -> list[Column]:
     """Numbers that say how well a case was integrated, in kernel order."""
-    columns = {name: Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT}
-    return [columns[name] for name in _SPECIALISED_AUDIT] if specialised else list(columns.values())
+    return [Column(name, unit, meaning) for name, unit, meaning, _ in _AUDIT]
 
 
 def result_columns(contents: Contents) -> list[Column]:
     """All that the kernel writes of a case, in its order: outcomes, then audit columns."""
-    return [*outcome_columns(contents), *audit_columns(contents.specialised)]
+    return [*outcome_columns(contents), *audit_columns()]
 
 
 def separation_columns(joints: list[str]) -> list[Column]:

@@ -12,7 +12,6 @@ import numpy as np
 from sepmc import schema
 from sepmc.campaign import cases
 from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.compiler.shape import reasons
 from sepmc.door import whole
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
@@ -66,7 +65,6 @@ class Definition:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table would have one name."""
         plan = make_plan(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
-        plan = replace(plan, contents=replace(plan.contents, specialised=not reasons(plan, self.dispersed)))
         names = Counter(column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)])
         if twice := [name for name, count in names.items() if count > 1]:
             said = "names of bodies and joints make two columns {!r}; rename one"
@@ -113,7 +111,7 @@ class Definition:
     @property
     def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
         """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
-        audits = schema.audit_columns(self.plan.contents.specialised)
+        audits = schema.audit_columns()
         return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
 
     @cached_property

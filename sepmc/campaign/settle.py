@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from sepmc import schema
 from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
 from sepmc.campaign.cases import extremes, quantile
 from sepmc.campaign.definition import Definition
@@ -39,11 +38,9 @@ Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and c
 
 
 def fly_general(campaign: Definition, step: float | None, draws: np.ndarray, room: int = 0) -> Block:
-    """Fly draws by the general kernel; of its columns those that the campaign keeps: one flown by a specialised kernel has fewer audits."""
+    """Fly draws by the general kernel."""
     width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    block = fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
-    names = [c.name for c in schema.result_columns(replace(campaign.plan.contents, specialised=False))]
-    return replace(block, outcomes=block.outcomes[:, [names.index(c.name) for c in campaign.result_columns]])
+    return fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:

@@ -2,7 +2,7 @@
 one."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,7 +48,6 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     plan = make_plan(scene)
     if reasons(plan, frozenset()):
         return None
-    plan = replace(plan, contents=replace(plan.contents, specialised=True))
     shape = make_shape(plan)
     with interpreted():
         kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))

@@ -44,6 +44,7 @@ def emit_block(out: Text, c: Context) -> None:
         text("m = Model(scene, integers, numbers)")
         text(f"p = np.zeros((LANES, {int(c.model.rows_w)}))  # as `sepmc.kernels.stretches` reads it")
         text.lanes().block("for k in range(nominal.shape[0]):")("p[l, k] = w[P + k * LANES + l]")
+    text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
     for number, stage in enumerate(c.shape.stages):
         _phase(text, c, number, stage)
     emit_results(text, c)

@@ -91,8 +91,8 @@ class Context:
 
     @property
     def size(self) -> int:
-        """Numbers of a state."""
-        return 13 * len(self.shape.bodies)
+        """Numbers of a state: of every body, and the work of all loads."""
+        return 13 * len(self.shape.bodies) + 1
 
     @property
     def guards(self) -> list[str]:

@@ -7,6 +7,7 @@ shape share it. `sepmc check --code` prints it.
 from sepmc.compiler.block import emit_block
 from sepmc.compiler.clearances import emit_clearances
 from sepmc.compiler.context import Context
+from sepmc.compiler.energy import emit_energy
 from sepmc.compiler.events import emit_aim, emit_await, emit_meet
 from sepmc.compiler.extension import emit_extension
 from sepmc.compiler.guides import emit_rub
@@ -72,6 +73,7 @@ def _body(c: Context) -> Text:
     for stage in c.shape.stages:
         emit_rub(body, c, stage)
     for stage in c.shape.stages:
+        emit_energy(body, c, stage)
         if stage.rows:
             emit_correct(body, c, stage)
         if stage.events:
@@ -149,9 +151,10 @@ def _head(c: Context) -> Text:
 
 
 def _places(shape: Shape) -> list[str]:
-    """Where places and speeds, then attitudes and rates, stand in a state."""
+    """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
     lines = [f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES" for i, body in enumerate(shape.bodies)]
-    start = 6 * len(shape.bodies)
+    lines.append(f"WORK = {6 * len(shape.bodies)} * LANES")
+    start = 6 * len(shape.bodies) + 1
     for i, body in enumerate(shape.turning):
         lines.append(f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES")
     return lines
@@ -177,6 +180,5 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "joint loads": bool(scene.output.loads),
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
-        "work of the loads": False,
     }
     return [name for name, there in parts.items() if there], [name for name, there in parts.items() if not there]

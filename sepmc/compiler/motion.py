@@ -4,9 +4,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.compiler.context import Context, part
+from sepmc.compiler.energy import power
 from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, add_friction, body_loads
+from sepmc.compiler.recorder import Value, where
 from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
@@ -38,6 +40,8 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     for leader in stage.leaders:
         s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))
         s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
+    s.scope.comment("power of the loads")
+    s.scope.store("D + WORK", power(s, motion.force, motion.moment))
     s.scope.write(text)
 
 
@@ -50,10 +54,11 @@ def before_motion(text: Text, c: Context, stage: Stage, rubs: bool = True) -> No
 
 @dataclass
 class Motion:
-    """The moment of the loads on every body (body axes), accelerations of mass centres (ground axes) and angular accelerations of groups
-    (body axes, by leader), and the rows of the joints with their multipliers; or by how much a force changes all these, whatever the
-    bodies do that are ``moving``."""
+    """Force (ground axes) and moment (body axes) of the loads on every body, accelerations of mass centres (ground axes) and angular
+    accelerations of groups (body axes, by leader), and the rows of the joints with their multipliers; or by how much a force changes all
+    these, whatever the bodies do that are ``moving``."""
 
+    force: dict[str, Any]
     moment: dict[str, Any]
     acceleration: dict[str, Any]
     spin_rate: dict[str, Any]
@@ -77,14 +82,14 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
     spin_rate = {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
     if not s.stage.rows:
-        return Motion(moment, acceleration, spin_rate)
+        return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
     factors = Factors(rows.coupling())
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
-    return Motion(moment, _plus(acceleration, linear), _plus(spin_rate, angular), multipliers, rows, factors)
+    return Motion(force, moment, _plus(acceleration, linear), _plus(spin_rate, angular), multipliers, rows, factors)
 
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
@@ -105,7 +110,7 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     multipliers = motion.factors.solve(motion.system.without_joints(acceleration, spin_rate, moving=False))
     linear, angular = motion.system.act(multipliers)
     changed = _plus(acceleration, linear), _plus(spin_rate, angular)
-    return Motion(moment, *changed, multipliers, motion.system, motion.factors, moving=False)
+    return Motion(dict.fromkeys(moment, ZERO), moment, *changed, multipliers, motion.system, motion.factors, moving=False)
 
 
 def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
@@ -136,6 +141,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     coupling = rows.coupling()
     factors = Factors(coupling)
     lose_dependent(s.scope, coupling, factors)
+    _note_pivots(c, s, coupling, factors)
     dropped = Rows(s, s.stage.dropped)
     dropped.note_residuals()
     for one in dropped.rows:
@@ -143,6 +149,17 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     if corrects:
         _correct(s, rows, factors)
     s.scope.write(text)
+
+
+def _note_pivots(c: Context, s: State, coupling: list[list[Any]], factors: Factors) -> None:
+    """The smallest share of a diagonal that a pivot kept, into PIVOT."""
+    c.start("PIVOT", 1.0)
+    least = s.scope.load("PIVOT")
+    for row, pivot in zip(coupling, factors.diagonal, strict=True):
+        if isinstance(pivot, Value):
+            share = pivot / row[-1]
+            least = where(share < least, share, least).called("least")
+    s.scope.store("PIVOT", least)
 
 
 def _correct(s: State, rows: Rows, factors: Factors) -> None:

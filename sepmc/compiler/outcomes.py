@@ -13,6 +13,8 @@ from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
+_UNRESOLVED = 1e-6  # drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
+
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
@@ -63,7 +65,8 @@ def emit_results(text: Text, c: Context) -> None:
     shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
     text("# outcomes", "report(w)")
     text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
-    text("i = first + l", "sound = w[LOST + l] == 0.0 and w[DRIFT + l] <= 1e-6 and w[T + l] >= w[RUN_END + l]")
+    text("i = first + l", "sound = w[LOST + l] == 0.0 and w[T + l] >= w[RUN_END + l]")
+    text("lost = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]", f"sound = sound and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED}")
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
@@ -78,10 +81,11 @@ def emit_results(text: Text, c: Context) -> None:
                     text(f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, TIP_OFF_{joint}_{body} + l)")
                 o += 3
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
-    for k, name in enumerate(("DRIFT", "EVENT_ERROR", "TURNED_FAR", "STEPS")):
-        text(f"outcomes[{o + 4 + k}, i] = w[{name} + l]")
-    text(f"outcomes[{o + 8}, i] = {float(max(stage.redundant for stage in shape.stages))}")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 9} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
+    pivot, redundant = "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0", float(max(stage.redundant for stage in shape.stages))
+    audits = ("w[DRIFT + l]", "lost", pivot, str(redundant), "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
+    for k, value in enumerate(audits):
+        text(f"outcomes[{o + 4 + k}, i] = {value}")
+    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     text("status[i] = 0 if sound else -1")

@@ -179,7 +179,7 @@ class Shape:
 
     def active(self, stage: Stage) -> int:
         """Numbers of the state that are integrated in a phase."""
-        return 6 * len(self.bodies) + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+        return 6 * len(self.bodies) + 1 + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
 
     def rubbing(self, stage: Stage) -> list[str]:
         """Joints whose pins may slide in a phase, with friction."""

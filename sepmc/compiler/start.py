@@ -68,6 +68,7 @@ def _start(c: Context) -> None:
         sound = heavy if sound is None else sound & heavy
     scope.store("LOST", where(sound, 0.0, 1.0))
     scope.store("T", 0.0)
+    scope.store("Y + WORK", 0.0)
     scope.store("RUN_END", case.number(at.END_TIME))
     slabs.add("ORIGIN_HEIGHT", 1), slabs.add("ORIGIN_CLIMB", 1)
     scope.store("ORIGIN_HEIGHT", case.number(at.ALTITUDE))

@@ -222,6 +222,8 @@ def emit_settle(out: Text, c: Context) -> None:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
     if c.idles:
         text.block("for e in range(SIZE_Y):")("w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]")
+    for number, stage in enumerate(shape.stages):
+        text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
 
 
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:

@@ -1,7 +1,6 @@
 """Case rows that no dispersion should draw: not finite, not physical, absurdly large; and scenes that must be refused."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,7 @@ def _block(plan: Plan, path: str, values: list[float]) -> Block:
 
 
 def _row(plan: Plan, block: Block, i: int) -> dict[str, float]:
-    return {c.name: x for c, x in zip(result_columns(replace(plan.contents, specialised=False)), block.outcomes[i], strict=True)}
+    return {c.name: x for c, x in zip(result_columns(plan.contents), block.outcomes[i], strict=True)}
 
 
 def _line(given: str, quantity: str, error: float, bound: Bound, plan: Plan, block: Block, i: int, resolved: bool = False) -> Stress:
@@ -85,7 +84,7 @@ def not_physical() -> list[Stress]:
 def absurd() -> list[Stress]:
     """Every parameter in turn at +-1e300 and 1e-300: what is called ok has finite outcomes."""
     plan, lines = _campaign().plan, []
-    columns = [c.name for c in result_columns(replace(plan.contents, specialised=False))]
+    columns = [c.name for c in result_columns(plan.contents)]
     needed = np.array([not name.endswith("release_time_s") for name in columns])
     for value in (HUGE, -HUGE, TINY):
         worst, shown, faults = None, "", 0
@@ -108,7 +107,6 @@ def vouched() -> list[Stress]:
     campaign = as_written(_campaign())
     dispersed = frozenset(campaign.plan.slots)
     plan, lines = make_plan(campaign.scene, dispersed=dispersed), []
-    plan = replace(plan, contents=replace(plan.contents, specialised=True))
     with interpreted():
         kernel = specialised_kernel(emit(make_shape(plan, dispersed), campaign.scene.solver.method))
     steps, usual = np.full(kernel.stages, 4), np.full(kernel.stages, math.inf)
