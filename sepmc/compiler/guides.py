@@ -13,7 +13,6 @@ from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import force_of, moment_of
 from sepmc.kernels import layout as at
-from sepmc.kernels.guides import LEAST_ENGAGED
 from sepmc.scene.model import GROUND
 
 Ends = list[tuple[Any, Any]]  # lateral forces (y, z) of pins: of every pin at the mouth and at the tip
@@ -66,7 +65,7 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
         for vector in (force_of(motion, joint), moment_of(s, motion, joint))
     )
     closed = c.number(p + at.ENGAGED)
-    engaged = scalar.larger(closed - s.separation(joint).length, LEAST_ENGAGED * closed).called("engaged")
+    engaged = scalar.larger(closed - s.separation(joint).length, at.LEAST_ENGAGED * closed).called("engaged")
     mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
     found = []
     for pin in range(count):

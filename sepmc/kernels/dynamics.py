@@ -230,7 +230,7 @@ def guide_bearing(y, j, m, w):
     """What the pins of joint j carry: forces at mouth and tip (y, z), torsion, and the sum of all pin loads, N and N m."""
     keep_apart()
     p = joint_params(j, m)
-    engaged = max(w[p + at.ENGAGED] - separation(y, j, m, w)[0], guides.LEAST_ENGAGED * w[p + at.ENGAGED])
+    engaged = max(w[p + at.ENGAGED] - separation(y, j, m, w)[0], at.LEAST_ENGAGED * w[p + at.ENGAGED])
     force, moment = guide_wrench(j, m, w)
     mouth, tip = guides.bearing_forces(force, moment, engaged, m.numbers[joint_axes_x(j) + 9])
     total = guides.total_load(mouth, tip, moment[0], m.table[m.scene.pins_i + j], w[p + at.CIRCLE], w[p + at.PIN_CLOCK])

@@ -6,7 +6,6 @@ from sepmc.kernels._jit import formula, keep_apart, stage
 from sepmc.kernels.elementary import sine_cosine
 from sepmc.kernels.lanes import LANES
 
-LEAST_ENGAGED = 0.01  # of the engaged length when closed: pins are never counted shorter
 _SETTLED = 1e-13  # of a friction force: what another round may change
 _ROUNDS, _TURNS = 40, 100  # of Newton's method for a guide; of all guides in turn
 

@@ -20,6 +20,7 @@ MOTOR_SIZE = 14
 # Offsets in a joint's block: its point on A and on B (not finite: the same), and what its releases and its pins are like.
 POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SPEED = 0, 3, 6, 7, 8, 9, 10, 11, 12
 JOINT_SIZE = 13
+LEAST_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
 # Offsets in a spring's block; its points as those of a joint.
 SPRING_FORCE, STIFFNESS, DAMPING, STROKE = 6, 7, 8, 9
 SPRING_SIZE = 10
