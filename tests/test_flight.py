@@ -60,7 +60,7 @@ def inertias(campaign):
 def _general():
     """All flights of this file are the general kernel's, as those of scenes that no kernel is written for."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shape, "_obstacles", lambda scene: ["a test of the general kernel"])
+        patch.setattr(shape, "_obstacles", lambda plan, dispersed: ["a test of the general kernel"])
         yield
 
 

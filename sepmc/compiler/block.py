@@ -7,8 +7,8 @@ from typing import Any
 from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
-from sepmc.compiler.recorder import Scope, total, where
-from sepmc.compiler.shape import Stage, met
+from sepmc.compiler.recorder import Scope, Value, total, where
+from sepmc.compiler.shape import APART, Stage, met
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -65,6 +65,10 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     _note_sides(text, c, stage)
     if stage.awaited:
         text(f"await_{stage.name}(w, 1.0)")
+    if stage.cuts:
+        _note_cuts(text, c, stage)
+    if stage.masked:
+        _let_go(text, c, stage)
     if stage.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
         if stage.clauses:
@@ -83,6 +87,16 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.write(text)
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
+    elif stage.cuts:
+        _lose_unreleased(text, c, stage)
+
+
+def _lose_unreleased(text: Text, c: Context, stage: Stage) -> None:
+    """A joint that was told to let go and holds at the end is another kernel's to report."""
+    scope = c.scope()
+    for cut in stage.cuts:
+        lose(scope, (scope.load(f"HELD_{cut.joint}") < 1.0) | scope.load(f"LETS_GO_{cut.joint}").equals(math.inf))
+    scope.write(text)
 
 
 def _note_sides(text: Text, c: Context, stage: Stage) -> None:
@@ -109,19 +123,40 @@ def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
 def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
     """Which of several conditions are times that have come, and whether a phase is at its end."""
     scope = c.scope()
+    done = (scope.load("DONE") > 0.0) | _holds(scope, c, stage.name, stage.clauses, stage.times)
+    scope.store("DONE", where(done, 1.0, 0.0))
+    scope.write(text)
+
+
+def _holds(scope: Scope, c: Context, stage: str, clauses: list[tuple[int, ...]], times: dict[int, tuple[int, ...]]) -> Value:
+    """Whether any of clauses is met, each all of conditions; of these ``times`` that have come are noted."""
     now, flags = scope.load("T"), {}
-    for number in stage.conditions:
-        flags[number] = scope.load(met(stage.name, number)) > 0.0
-    for number, places in stage.times.items():
+    for number in sorted({number for clause in clauses for number in clause}):
+        flags[number] = scope.load(met(stage, number)) > 0.0
+    for number, places in times.items():
         flags[number] = flags[number] | (now >= total([c.case.number(place) for place in places]) - _SAME_TIME)
-        scope.store(met(stage.name, number), where(flags[number], 1.0, 0.0))
-    done = scope.load("DONE") > 0.0
-    for clause in stage.clauses:
+        scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
+    found = None
+    for clause in clauses:
         together = flags[clause[0]]
         for number in clause[1:]:
             together = together & flags[number]
-        done = done | together
-    scope.store("DONE", where(done, 1.0, 0.0))
+        found = together if found is None else found | together
+    assert found is not None
+    return found
+
+
+def _note_cuts(text: Text, c: Context, stage: Stage) -> None:
+    """Which releases apart from phases have come: their joints let go after their delay."""
+    scope = c.scope()
+    for cut in stage.cuts:
+        for number in sorted({number for clause in cut.clauses for number in clause}):
+            c.start(met(APART, number), 0.0)
+        c.start(f"HELD_{cut.joint}", 1.0)
+        c.start(f"LETS_GO_{cut.joint}", math.inf)
+        lets_go = scope.load(f"LETS_GO_{cut.joint}")
+        told = _holds(scope, c, APART, cut.clauses, cut.times) & lets_go.equals(math.inf)
+        scope.store(f"LETS_GO_{cut.joint}", where(told, scope.load("T") + c.case.number(cut.delay), lets_go))
     scope.write(text)
 
 
@@ -180,8 +215,10 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     for joint in stage.masked:
         lets_go = scope.load(f"LETS_GO_{joint}")
         end = where((scope.load(f"HELD_{joint}") > 0.0) & (lets_go < end), scalar.larger(lets_go, now), end)
-    for condition, places in stage.times.items():
-        comes, waits = total([c.case.number(place) for place in places]), scope.load(met(stage.name, condition)).equals(0.0)
+    times = [(met(stage.name, number), places) for number, places in stage.times.items()]
+    times += [(met(APART, number), places) for cut in stage.cuts for number, places in cut.times.items()]
+    for flag, places in times:
+        comes, waits = total([c.case.number(place) for place in places]), scope.load(flag).equals(0.0)
         end = where(waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end)
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
@@ -207,6 +244,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         text.lanes()("w[T + l] = w[END + l]")
     if stage.clauses:
         _note_clauses(text, c, stage)
+    if stage.cuts:
+        _note_cuts(text, c, stage)
     if stage.masked:
         _let_go(text, c, stage)
 
@@ -320,8 +359,17 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
                 scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
             for k in range(2):
                 scope.store(part(f"ANGLES_{leader}", k), scope.load(part(f"ANGLES_{old}", k)))
+    cut = {cut.joint for cut in stage.cuts}
     for joint in after.released:
-        scope.store(f"RELEASE_{joint}", now)
+        held = scope.load(f"HELD_{joint}") > 0.0 if joint in cut else None  # or else it was released before
+        c.start(f"RELEASE_{joint}", math.nan)
+        scope.store(f"RELEASE_{joint}", now if held is None else where(held, now, scope.load(f"RELEASE_{joint}")))
         for place, rate in _tip_off(scope, c, stage, joint):
-            scope.store(place, rate)
+            if held is None:
+                scope.store(place, rate)
+                continue
+            for k in range(3):
+                scope.store(part(place, k), where(held, rate[k], scope.load(part(place, k))))
+        if held is not None:
+            scope.store(f"HELD_{joint}", 0.0)
     scope.write(text)

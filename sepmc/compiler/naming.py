@@ -16,6 +16,7 @@ _WORDS = {
     "spring": "spring",
     "load": "load",
     "phase": "phase",
+    "release": "release",
 }
 
 
@@ -57,6 +58,9 @@ class Names:
             spring=tuple(change(s, name=self.of["spring"][s.name], bodies=self._pair(s.bodies)) for s in scene.spring),
             load=tuple(change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load),
             phase=tuple(self._phase(phase) for phase in scene.phase),
+            release=tuple(
+                change(r, name=self.of["release"][r.name], joint=self.of["joint"][r.joint], when=self._until(r.when)) for r in scene.release
+            ),
             proximity=tuple(change(x, body=self._body(x.body), joint=self.of["joint"][x.joint]) for x in scene.proximity),
             clearance=tuple(change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after]) for x in scene.clearance),
             output=change(scene.output, **{key: self._joints(getattr(scene.output, key)) for key in ("loads", "tip_off", "guide")}),
@@ -88,7 +92,7 @@ class Names:
         return change(phase, name=self.of["phase"][phase.name], joints=joints, until=phase.until and self._until(phase.until))
 
     def _until(self, until: Until) -> Until:
-        """A condition of a phase, and its parts."""
+        """A condition, and its parts."""
         return change(
             until,
             joint=until.joint and self.of["joint"][until.joint],

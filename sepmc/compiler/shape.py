@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.heights import may_pass_borders, rows_step
@@ -40,13 +41,14 @@ class Row:
 @dataclass(frozen=True)
 class Event:
     """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where its threshold stands in w; whether it
-    ends its phase by itself, or else its number among the conditions that do so together."""
+    ends its phase by itself, or else its number among the conditions that do so together, or, ``apart`` from phases, release a joint."""
 
     what: int
     which: str
     threshold: int
     ends_phase: bool
     number: int = -1
+    apart: bool = False
 
     @property
     def name(self) -> str:
@@ -66,12 +68,27 @@ class Event:
             return f"ENTERS_{self.which}"
         if self.ends_phase:
             return "DONE"
-        return f"SPENT_{self.which}" if self.number < 0 else met(stage, self.number)
+        return f"SPENT_{self.which}" if self.number < 0 else met(APART if self.apart else stage, self.number)
+
+
+APART = "apart"  # in place of a phase, of a condition that releases a joint in any
 
 
 def met(stage: str, number: int) -> str:
     """Where it is noted that one of several conditions is met."""
     return f"MET_{stage}_{number}"
+
+
+@dataclass
+class Cut:
+    """A release apart from phases, of a joint: any of clauses, each all of conditions by number; those of these that are times, places of
+    what adds up to them, and others; the place of the joint's delay."""
+
+    joint: str
+    clauses: list[tuple[int, ...]]
+    times: dict[int, tuple[int, ...]]
+    events: list[Event]
+    delay: int
 
 
 @dataclass
@@ -97,6 +114,7 @@ class Stage:
     awaited: Event | None = None  # the condition that ends the phase after it and is waited for while joints are late
     clauses: list[tuple[int, ...]] = field(default_factory=list)  # of several conditions: any of these ends it, each all of its numbers
     times: dict[int, tuple[int, ...]] = field(default_factory=dict)  # which of them are times: places of what adds up to them
+    cuts: list[Cut] = field(default_factory=list)  # releases apart from phases of joints that it holds
     released: list[str] = field(default_factory=list)  # joints that become free as it begins
     set_free: list[str] = field(default_factory=list)  # joints that become free within it
     stops: int = 1
@@ -121,7 +139,7 @@ class Stage:
     @property
     def masked(self) -> list[str]:
         """Joints that let go within it: their rows count until then."""
-        return [joint for joint in self.late if len(self.late) > 1]
+        return [*(joint for joint in self.late if len(self.late) > 1), *dict.fromkeys(cut.joint for cut in self.cuts)]
 
     @property
     def conditions(self) -> list[int]:
@@ -194,12 +212,15 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    found = _obstacles(plan)
+    found = _obstacles(plan, dispersed)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
-    asked = any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends) or redundancies(plan.scene)
+    asked = bool(plan.scene.release or redundancies(plan.scene))
+    asked = asked or any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
     stages = make_shape(plan, dispersed).stages if asked and not found else []
     if any(stage.breaks and stage.events for stage in stages):
         found.append("a spring whose stroke may end while a joint's load is waited for")
+    if any(stage.breaks and stage.cuts for stage in stages):
+        found.append("a release apart from phases in a phase that a joint's load ends")
     if any(stage.breaks and stage.after_late for stage in stages):
         found.append("a joint's load that ends a phase and is waited for while another joint is late")
     if any(stage.clauses and stage.after_late for stage in stages):
@@ -212,11 +233,16 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     return found
 
 
-def _obstacles(plan: Plan) -> list[str]:
+def _obstacles(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     scene, found = plan.scene, []
-    if scene.release:
-        found.append("releases apart from phases")
+    for release in scene.release:
+        if _has_load(release.when):
+            found.append(f"release {release.name} by a joint's load")
+        if release.to != "free":
+            found.append(f"release {release.name} of a joint that goes on holding")
+        if _may_be_late(scene, release.joint, dispersed) and any(release.joint in _changed(scene, *pair) for pair in pairwise(scene.phase)):
+            found.append(f"release {release.name} of a joint that phases let go late")
     if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
         found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
@@ -262,8 +288,9 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     stages: list[Stage] = []
     spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
     switches = _breaks(scene, dispersed)
+    cuts = _cuts(plan, dispersed)
     for number, phase in enumerate(scene.phase):
-        stage = _stage(scene, phase.name, phase.name, _kinds(scene, phase), plan.bodies)
+        stage = _stage(scene, phase.name, phase.name, _kinds(scene, phase), plan.bodies, cuts)
         if phase.until is not None and _is_manifold(phase.until):
             _add_clauses(stage, number, plan, dispersed)
         else:
@@ -271,7 +298,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
         if number:
             before = scene.phase[number - 1]
             stage.released = _released(scene, before, phase)
-            _add_late(stages, stage, scene, before, phase, plan, dispersed)
+            _add_late(stages, stage, scene, before, phase, plan, dispersed, cuts)
         stages.append(stage)
     borders = not any(stage.breaks for stage in stages) and may_pass_borders(scene, plan.extremes)
     for stage in stages:
@@ -283,7 +310,9 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
         for body in plan.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
                 stage.events += [Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)]
-        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + len(stage.times) + switches + len(stage.masked)
+        stage.events += dict.fromkeys(event for cut in stage.cuts for event in cut.events)
+        times = len(stage.times) + sum(len(cut.times) for cut in stage.cuts)
+        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + times + switches + len(stage.masked)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
@@ -292,7 +321,9 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
     return Shape(plan, dispersed, names, stages, turning, failing, switches > 0, borders)
 
 
-def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
+def _add_late(
+    stages: list[Stage], stage: Stage, scene: Scene, before: Phase, phase: Phase, plan: Plan, dispersed: frozenset[str], cuts: list[Cut]
+) -> None:
     """What joints that are late in letting go between two phases add: a delay to the end of the first, if that is a time and no other joint
     changes; or else a stage of its own, in which those joints hold as before and all others as from now on.
 
@@ -307,12 +338,10 @@ def _add_late(stages: list[Stage], stage: Stage, scene: Scene, before: Phase, ph
         stages[-1].awaited = next((event for event in stage.events if event.ends_phase), None)
         return
     kinds = _kinds(scene, phase) | {name: _kinds(scene, before)[name] for name in late}
-    between = _stage(scene, f"{phase.name}_late", phase.name, kinds, plan.bodies, late, _kinds(scene, phase))
+    between = _stage(scene, f"{phase.name}_late", phase.name, kinds, plan.bodies, cuts, late, _kinds(scene, phase))
     free = stage.released
-    between.released, between.set_free = (
-        [joint for joint in free if joint not in late],
-        [joint for joint in free if joint in between.masked],
-    )
+    between.released = [joint for joint in free if joint not in late]
+    between.set_free += [joint for joint in free if joint in late and joint in between.masked]
     stage.released = [joint for joint in free if joint in late and joint not in between.masked]
     stage.after_late = True
     between.awaited = next((event for event in stage.events if event.ends_phase), None)
@@ -345,21 +374,40 @@ def _burn_out(plan: Plan, motor: str) -> tuple[int, ...]:
 
 
 def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
-    """Several conditions that end phase ``number``: any of clauses, each all of conditions."""
+    """Several conditions that end phase ``number``."""
+    stage.clauses, stage.times, events = _clauses(number, plan, dispersed)
+    stage.events += events
+
+
+def _clauses(number: int, plan: Plan, dispersed: frozenset[str]) -> tuple[list[tuple[int, ...]], dict[int, tuple[int, ...]], list[Event]]:
+    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of conditions; those that are times, and
+    others."""
     conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
     start, count = conditions.events[2 * number : 2 * number + 2]
+    clauses: list[tuple[int, ...]] = []
+    times: dict[int, tuple[int, ...]] = {}
+    events = []
     for clause in range(start, start + count):
         begin, size = conditions.clauses[2 * clause : 2 * clause + 2]
-        stage.clauses.append(tuple(conditions.clause_leaves[begin : begin + size]))
+        clauses.append(tuple(conditions.clause_leaves[begin : begin + size]))
     for k, leaf in enumerate(conditions.leaves):
         if leaf.event != number:
             continue
         if leaf.what == at.AT_TIME:
-            stage.times[k] = (first + k,)
+            times[k] = (first + k,)
         elif leaf.what == at.AT_BURN_OUT:
-            stage.times[k] = _burn_out(plan, leaf.which)
+            times[k] = _burn_out(plan, leaf.which)
         else:
-            stage.events.append(Event(leaf.what, leaf.which, first + k, False, k))
+            events.append(Event(leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase)))
+    return clauses, times, events
+
+
+def _cuts(plan: Plan, dispersed: frozenset[str]) -> list[Cut]:
+    """Releases apart from phases."""
+    found, first = [], len(plan.scene.phase)
+    for number, release in enumerate(plan.scene.release, first):
+        found.append(Cut(release.joint, *_clauses(number, plan, dispersed), plan.slots[f"joint.{release.joint}.delay"]))
+    return found
 
 
 def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
@@ -412,13 +460,22 @@ Kinds = dict[str, tuple[int, ...]]  # codes of the rows of every joint
 
 
 def _stage(
-    scene: Scene, name: str, phase: str, kinds: Kinds, bodies: list[str], late: dict[str, int] | None = None, after: Kinds | None = None
+    scene: Scene,
+    name: str,
+    phase: str,
+    kinds: Kinds,
+    bodies: list[str],
+    cuts: list[Cut],
+    late: dict[str, int] | None = None,
+    after: Kinds | None = None,
 ) -> Stage:
     """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. With ``late`` joints, what all hold
     ``after`` it."""
-    made = Stage(name, phase, [], [], [], kinds, kinds, late=late or {})
-    if after is not None and made.masked:
+    made = Stage(name, phase, [], [], [], kinds, kinds, late=late or {}, cuts=[cut for cut in cuts if kinds[cut.joint]])
+    if after is not None and len(made.late) > 1:
         made.still_held = after
+    made.still_held = made.still_held | {cut.joint: () for cut in made.cuts}
+    made.set_free = list(dict.fromkeys(cut.joint for cut in made.cuts))
     staying = made.still_held
     group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
     order = [*bodies, GROUND]
