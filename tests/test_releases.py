@@ -11,6 +11,7 @@ from sepmc.trust import independent
 from sepmc.trust.written import LEFT, Written, as_written
 
 PUSH = {"name": "push", "body": "aft", "force_N": [-6.0, 1.0, -0.5], "moment_N_m": [0.2, 0.3, -0.4], "point_m": [3.2, 0.1, 0.0]}
+BOTH = ["fore", "aft"]
 LOPSIDED = {"body.fore.cg_m": [1.0, 0.05, -0.02], "body.aft.cg_m": [3.0, -0.04, 0.03], "body.aft.inertia_products_kg_m2": [0.2, -0.1, 0.15]}
 TURNING = LOPSIDED | {"initial.omega_rad_s": [0.3, 0.2, -0.4], "load": [PUSH], "run.end_time_s": 0.4, "solver.step_s": 0.01}
 ONE = {"phase": [{"name": "held", "joints": {"pins": "fixed"}}], "output": {"loads": ["pins"], "tip_off": ["pins"]}}
@@ -24,6 +25,23 @@ TWO = {
     ],
     "output": {"loads": ["other"], "tip_off": ["other", "pins"]},
 }
+
+
+PULL = {"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}
+PULLED = {"motor": [PULL]}
+PUSHER = {
+    "name": "pusher",
+    "bodies": BOTH,
+    "point_m": [2.0, 0.2, 0.0],
+    "second_point_m": [2.5, 0.2, 0.0],
+    "force_N": 20.0,
+    "stroke_m": 0.02,
+}
+
+
+def until(condition, kind="fixed"):
+    """Held until a condition, then free."""
+    return {"phase": [{"name": "held", "joints": {"pins": kind}, "until": condition}, {"name": "free"}], "output": {"loads": ["pins"]}}
 
 
 def cut(joint, when, name="cut"):
@@ -44,6 +62,36 @@ SCENES = {
             cut("other", {"any": [{"all": [{"time_s": 0.2}, {"joint": "pins", "distance_mm": 3.0}]}, {"time_s": 0.39}]}),
             cut("pins", {"time_s": 0.22}, "second"),
         ],
+        None,
+    ),
+    "by a load": (ONE | PULLED, [cut("pins", {"joint": "pins", "force_N": 9.0})], None),
+    "by a load, late": (ONE | PULLED | {"joint.pins.delay_s": 0.03}, [cut("pins", {"joint": "pins", "force_N": 9.0})], None),
+    "by a load, or before it": (ONE | PULLED, [cut("pins", {"joint": "pins", "force_N": 9.0, "time_s": 0.05})], 0.05),
+    "of a joint that breaks before another ends the phase": (
+        TWO
+        | PULLED
+        | {
+            "phase": [
+                {"name": "held", "joints": {"pins": "fixed", "other": "fixed"}, "until": {"joint": "other", "force_N": 6.0}},
+                {"name": "rest", "joints": {"pins": "slider"}},
+            ]
+        },
+        [cut("pins", {"joint": "pins", "moment_N_m": 4.0})],
+        None,
+    ),
+    "none, but a phase ends by a load after a pusher is spent": (
+        PULLED | {"spring": [PUSHER]} | until({"joint": "pins", "force_N": 1.05}, "slider"),
+        [],
+        None,
+    ),
+    "none, but a phase ends by a load or a stroke": (
+        PULLED | until({"any": [{"joint": "pins", "moment_N_m": 90.0}, {"joint": "pins", "stroke_mm": 60.0}]}, "slider"),
+        [],
+        None,
+    ),
+    "none, but a phase ends by a load and a time": (
+        PULLED | until({"all": [{"joint": "pins", "force_N": 8.0}, {"time_s": 0.2}]}),
+        [],
         None,
     ),
 }
@@ -76,7 +124,6 @@ def test_a_joint_that_was_told_and_holds_at_the_end(pair):
 @pytest.mark.parametrize(
     ("settings", "when", "why"),
     [
-        ({}, {"joint": "pins", "force_N": 3.0}, "release cut by a joint's load"),
         ({"joint.pins.delay_s": 0.01}, {"time_s": 0.3}, "release cut of a joint that phases let go late"),
     ],
 )

@@ -14,7 +14,7 @@ from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
 _SAME_TIME = 1e-12  # s
-_LEAST_PACE = 2.0**-16  # of the time left: a step where a load usually ends a phase at once, for the cases in which it does not
+_LEAST_SHARE = 2.0**-16  # of the time left: a stretch where a load usually ends a phase at once, for the cases in which it does not
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _ARGUMENTS = (
     ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
@@ -231,15 +231,14 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
         text.block("if not going:")("break")
-    if stage.breaks:
-        _until_it_breaks(text, c, number, stage)
-        return
     if c.paces(stage):
         _at_a_pace(text, c, number, stage)
     else:
         _in_steps(text, c, number, stage)
     if stage.events:
         text(f"meet(w, {number})")
+    elif stage.waits_for_load:
+        text.lanes()(f"w[T + l] = w[END + l] if w[END + l] - w[T + l] <= {at.GRAIN} else w[T + l]")
     else:
         text.lanes()("w[T + l] = w[END + l]")
     if stage.clauses:
@@ -269,9 +268,11 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
+    if stage.waits_for_load:
+        inner(f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T + l]))")
     text("going = True")
     inner = text.block("while going:")
-    inner(f"advance(w, {number}, {size}, 1, usual[{number}])", *awaited)
+    inner(f"advance(w, {number}, {size}, 1, usual[{number}])", *([f"break_{stage.name}(w)"] if stage.loads else []), *awaited)
     if stage.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
@@ -283,18 +284,6 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
 def _awaited(stage: Stage) -> list[str]:
     """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
     return [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
-
-
-def _until_it_breaks(text: Text, c: Context, number: int, stage: Stage) -> None:
-    """Steps of even length until all lanes are through: when a load will end the phase is not known."""
-    text(f"even, going = pace[{number}] / times[0] if pace[{number}] > 0.0 else usual[{number}] / steps[{number}], True")
-    text(f"left = steps[{number}] if math.isinf(even) else 1")
-    text.lanes()(f"w[PACE + l] = max(even, {_LEAST_PACE} * (w[END + l] - w[T + l]))")
-    inner = text.block("while going:")
-    size = f"{c.shape.active(stage)} * LANES"
-    inner(f"advance(w, {number}, {size}, left, even)", f"break_{stage.name}(w)", *_noted(c, number))
-    inner("left, going = max(left - 1, 1), False")
-    inner.lanes()("going = going or w[T + l] < w[END + l]")
 
 
 def _let_go(text: Text, c: Context, stage: Stage) -> None:

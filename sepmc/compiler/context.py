@@ -29,7 +29,7 @@ class Context:
     @property
     def followed(self) -> tuple[str, ...]:
         """Joints whose loads are computed between the ends of steps: those that are watched, then those that break."""
-        return tuple(dict.fromkeys([*self.watched, *(stage.breaks.which for stage in self.shape.stages if stage.breaks)]))
+        return tuple(dict.fromkeys([*self.watched, *(load.which for stage in self.shape.stages for load in stage.loads)]))
 
     def layer(self, body: str) -> str:
         """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
@@ -37,18 +37,18 @@ class Context:
 
     @property
     def ends_by_load(self) -> bool:
-        """Whether what a joint carries ends a phase."""
-        return any(stage.breaks for stage in self.shape.stages)
+        """Whether what a joint carries ends a phase or releases a joint."""
+        return any(stage.loads for stage in self.shape.stages)
 
     @property
     def idles(self) -> bool:
         """Whether lanes may be through with a stage before others: steps of no length then leave a case as it is, to the last bit."""
-        return any(self.paces(stage) or stage.breaks for stage in self.shape.stages)
+        return any(self.paces(stage) for stage in self.shape.stages)
 
     def paces(self, stage: Stage) -> bool:
         """Whether lanes go through a phase each in steps of its own, and not all in as many: where events and switches divide it, or steps
         are to be no longer than so many seconds."""
-        return stage.breaks is None and (stage.stops > 1 or self.shape.scene.solver.step is not None)
+        return stage.stops > 1 or self.shape.scene.solver.step is not None
 
     @property
     def watched(self) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ class Context:
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""
-        return bool(self.history) or self.watches(stage) or bool(self.counted(stage)) or stage.breaks is not None
+        return bool(self.history) or self.watches(stage) or bool(self.counted(stage)) or bool(stage.loads)
 
     @property
     def extends(self) -> bool:
@@ -99,7 +99,7 @@ class Context:
         """Numbers that tell how hard a case is to integrate. Of every body, what a step may do wrong to its velocity V, attitude Q and rate
         OMEGA; of every event, how long its condition takes for a metre or a radian: the error of its time."""
         doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
-        events = [(stage, event) for stage in self.shape.stages for event in (*stage.events, *([stage.breaks] if stage.breaks else []))]
+        events = [(stage, event) for stage in self.shape.stages for event in (*stage.events, *stage.loads)]
         return [*doubts, *(f"{stage.name}_{event.name}" for stage, event in events), *self.load_guards]
 
     @property

@@ -124,7 +124,7 @@ def _first_slabs(c: Context) -> None:
     with c.slabs.optional():
         c.slabs.add("GUARD", len(c.guards))
         if c.idles:
-            for name, count in (("PACE", 1), ("TIMES", 1), ("LEFT", 1), ("WAY", 1), ("HELD_BACK", 1), ("BEFORE", c.size)):
+            for name, count in (("PACE", 1), ("TIMES", 1), ("LEFT", 1), ("WAY", 1), ("HELD_BACK", 1), ("USUALLY", 1), ("BEFORE", c.size)):
                 c.slabs.add(name, count)
         for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
             c.slabs.add(f"K{i}", c.size)

@@ -21,6 +21,7 @@ from sepmc.scene.redundancy import dependent_rows, redundancies
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 _MOST_ROWS = 256  # steps of such a length that a flight may have
+_UNTOLD = 2**17  # stretches of a phase that a load may end: each as long as the phase usually is, or a share of the time left
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -82,12 +83,13 @@ def met(stage: str, number: int) -> str:
 @dataclass
 class Cut:
     """A release apart from phases, of a joint: any of clauses, each all of conditions by number; those of these that are times, places of
-    what adds up to them, and others; the place of the joint's delay."""
+    what adds up to them, those on the state and those on loads; the place of the joint's delay."""
 
     joint: str
     clauses: list[tuple[int, ...]]
     times: dict[int, tuple[int, ...]]
     events: list[Event]
+    loads: list[Event]
     delay: int
 
 
@@ -106,7 +108,7 @@ class Stage:
     dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
     redundant: int = 0  # how many would, if each body turned by itself: what joints carry is then not unique
     events: list[Event] = field(default_factory=list)
-    breaks: Event | None = None  # the condition on what a joint carries that ends it
+    loads: list[Event] = field(default_factory=list)  # conditions on what joints carry
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
     delay: int | None = None  # place in w of the delay of the joint that lets go then
     late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
@@ -159,7 +161,12 @@ class Stage:
     @property
     def ends_by_state(self) -> bool:
         """Whether a condition on the state ends it, and not a time."""
-        return self.breaks is not None or bool(self.clauses) or any(event.ends_phase for event in self.events)
+        return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
+
+    @property
+    def waits_for_load(self) -> bool:
+        """Whether what a joint carries may end it: when that will be is not foretold."""
+        return any(not load.apart for load in self.loads)
 
 
 @dataclass
@@ -214,14 +221,9 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
     found = _obstacles(plan, dispersed)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
-    asked = bool(plan.scene.release or redundancies(plan.scene))
-    asked = asked or any(until.force is not None or until.moment is not None or _is_manifold(until) for until in ends)
+    asked = bool(plan.scene.release or redundancies(plan.scene)) or any(_has_load(until) or _is_manifold(until) for until in ends)
     stages = make_shape(plan, dispersed).stages if asked and not found else []
-    if any(stage.breaks and stage.events for stage in stages):
-        found.append("a spring whose stroke may end while a joint's load is waited for")
-    if any(stage.breaks and stage.cuts for stage in stages):
-        found.append("a release apart from phases in a phase that a joint's load ends")
-    if any(stage.breaks and stage.after_late for stage in stages):
+    if any(stage.waits_for_load and stage.after_late for stage in stages):
         found.append("a joint's load that ends a phase and is waited for while another joint is late")
     if any(stage.clauses and stage.after_late for stage in stages):
         found.append("several conditions that end a phase and are waited for while a joint is late")
@@ -237,8 +239,6 @@ def _obstacles(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     scene, found = plan.scene, []
     for release in scene.release:
-        if _has_load(release.when):
-            found.append(f"release {release.name} by a joint's load")
         if release.to != "free":
             found.append(f"release {release.name} of a joint that goes on holding")
         if _may_be_late(scene, release.joint, dispersed) and any(release.joint in _changed(scene, *pair) for pair in pairwise(scene.phase)):
@@ -247,9 +247,6 @@ def _obstacles(plan: Plan, dispersed: frozenset[str]) -> list[str]:
         found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
-    for phase in scene.phase:
-        if phase.until is not None and _is_manifold(phase.until) and _has_load(phase.until):
-            found.append(f"a joint's load among the conditions that end phase {phase.name}")
     return found
 
 
@@ -300,7 +297,7 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             stage.released = _released(scene, before, phase)
             _add_late(stages, stage, scene, before, phase, plan, dispersed, cuts)
         stages.append(stage)
-    borders = not any(stage.breaks for stage in stages) and may_pass_borders(scene, plan.extremes)
+    borders = may_pass_borders(scene, plan.extremes)
     for stage in stages:
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
@@ -311,8 +308,10 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
             if scene.body[body].aerodynamics is not None:
                 stage.events += [Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)]
         stage.events += dict.fromkeys(event for cut in stage.cuts for event in cut.events)
+        stage.loads += dict.fromkeys(load for cut in stage.cuts for load in cut.loads)
         times = len(stage.times) + sum(len(cut.times) for cut in stage.cuts)
-        stage.stops = 1 + sum(not event.ends_phase for event in stage.events) + times + switches + len(stage.masked)
+        others = sum(not event.ends_phase for event in (*stage.events, *stage.loads))
+        stage.stops = 1 + others + times + switches + len(stage.masked) + (_UNTOLD if stage.waits_for_load else 0)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
@@ -360,7 +359,7 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         stage.end_time = _burn_out(plan, until.burn_out)
     elif key := next((key for key in _ON_LOAD if getattr(until, key) is not None), None):
         assert until.joint is not None
-        stage.breaks = Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True)
+        stage.loads.append(Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True))
     else:
         key, what = next((key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None)
         which = until.body if what == at.AT_ALTITUDE else until.joint
@@ -375,18 +374,22 @@ def _burn_out(plan: Plan, motor: str) -> tuple[int, ...]:
 
 def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
     """Several conditions that end phase ``number``."""
-    stage.clauses, stage.times, events = _clauses(number, plan, dispersed)
+    stage.clauses, stage.times, events, loads = _clauses(number, plan, dispersed)
     stage.events += events
+    stage.loads += loads
 
 
-def _clauses(number: int, plan: Plan, dispersed: frozenset[str]) -> tuple[list[tuple[int, ...]], dict[int, tuple[int, ...]], list[Event]]:
-    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of conditions; those that are times, and
-    others."""
+def _clauses(
+    number: int, plan: Plan, dispersed: frozenset[str]
+) -> tuple[list[tuple[int, ...]], dict[int, tuple[int, ...]], list[Event], list[Event]]:
+    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of conditions; those that are times, those
+    on the state, those on loads."""
     conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
     times: dict[int, tuple[int, ...]] = {}
-    events = []
+    on_state: list[Event] = []
+    on_load: list[Event] = []
     for clause in range(start, start + count):
         begin, size = conditions.clauses[2 * clause : 2 * clause + 2]
         clauses.append(tuple(conditions.clause_leaves[begin : begin + size]))
@@ -398,8 +401,9 @@ def _clauses(number: int, plan: Plan, dispersed: frozenset[str]) -> tuple[list[t
         elif leaf.what == at.AT_BURN_OUT:
             times[k] = _burn_out(plan, leaf.which)
         else:
-            events.append(Event(leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase)))
-    return clauses, times, events
+            event = Event(leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase))
+            (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
+    return clauses, times, on_state, on_load
 
 
 def _cuts(plan: Plan, dispersed: frozenset[str]) -> list[Cut]:

@@ -43,16 +43,16 @@ def emit_lengths(out: Text, c: Context) -> None:
     text = out.function("set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first.")
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
-        if not (stage.breaks or stage.events or c.paces(stage)):
+        if not (stage.events or c.paces(stage)):
             continue
         inner = text.block(f"if phase == {number}:")
-        if stage.breaks:
-            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[PACE + l])")
+        if stage.waits_for_load:
+            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
         if stage.events:
             hold_back(inner, c, stage, "w[WAY + l] < 1.0")
             inner(f"aim_{stage.name}(w, usual)")
         if c.paces(stage):
-            _keep_pace(inner.lanes())
+            _keep_pace(inner.lanes(), "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]")
     text.lanes()("w[STEP + l] /= parts")
     emit_spread(text, c, "STEP")
     if any(stage.events for stage in c.shape.stages):
@@ -65,14 +65,14 @@ def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
         text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 
-def _keep_pace(lane: Text) -> None:
-    """Lines for the step of a lane: the way ahead in equal parts, of which no more are LEFT than there were, nor more than TIMES what it
-    takes for none to be longer than PACE.
+def _keep_pace(lane: Text, end: str) -> None:
+    """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which no more are LEFT than there were, nor
+    more than TIMES what it takes for none to be longer than PACE.
 
     WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is the last; 2 if the last one was. Until
     an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
     """
-    lane("h, way, ahead = w[STEP + l], w[WAY + l], w[END + l] - w[T + l]")
+    lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
     lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
     lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN", "w[LEFT + l] = left")
     lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
@@ -89,6 +89,8 @@ def _emit_rest(out: Text, c: Context) -> None:
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
+            if stage.waits_for_load:
+                inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
             hold_back(inner, c, stage, "w[WAY + l] == 1.0")
             inner(f"aim_{stage.name}(w, math.inf)")
             if c.paces(stage):

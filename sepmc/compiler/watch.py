@@ -17,7 +17,7 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 def emit_watch(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
-    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage) or stage.breaks}
+    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage) or stage.loads}
     if c.watched:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
@@ -44,7 +44,7 @@ def emit_watch(out: Text, c: Context) -> None:
         inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"wrenches_{stage.name}(w)")
     inner.block(f"for e in range({numbers} * LANES):")(f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]")
     for number, stage in stages.items():
-        if stage.breaks:
+        if stage.loads:
             _break(out, c, number, stage)
     if c.watched or c.guides:
         _watch(out, c, stages)
@@ -77,24 +77,29 @@ def _other(k: int) -> int:
 
 
 def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
-    """A function that ends a phase where its load is reached within the step just made: by the continuous extension."""
-    assert stage.breaks is not None
-    numbers, first = c.node_size, 6 * c.followed.index(stage.breaks.which) + (3 if stage.breaks.what == at.AT_MOMENT else 0)
+    """A function that ends the step just made where the first load is reached that a phase waits for: by the continuous extension."""
     c.slabs.add("MET", c.size)
-    says = f"End phase {stage.name} in the step just made where the load that ends it is reached."
+    says = f"End the step just made in phase {stage.name} where a load that is waited for is reached."
     text = out.function(f"break_{stage.name}(w)", says)
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
-    reached = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
-    where = f"{part('WRENCHES', first)} + l"
-    threshold = f"w[P + {stage.breaks.threshold} * LANES + l]"
-    reached(f"theta, rate = peaks.first_reached(w, {where}, {numbers} * LANES, SCRATCH, {threshold})")
-    met = reached.block("if theta <= 1.0:")
-    met("found, w[MET + l], w[THETA + l], w[REACH + l], w[DONE + l] = 1.0, 1.0, theta, theta, 1.0")
-    met("w[T + l] = w[BEGIN_T + l] + theta * w[LENGTH + l]", "w[END + l] = w[T + l]")
-    guard = f"{c.guard(f'{stage.name}_{stage.breaks.which}')} + l"
-    met("slow = w[LENGTH + l] / rate if rate > 0.0 else math.inf", f"w[{guard}] = max(w[{guard}], slow if theta > 0.0 else 0.0)")
+    inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
+    inner("first, slope, which = 2.0, 0.0, 0")
+    for i, load in enumerate(stage.loads):
+        place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
+        threshold, nodes = f"w[P + {load.threshold} * LANES + l]", f"{part('WRENCHES', place)} + l, {c.node_size} * LANES"
+        waits = inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
+        waits(f"theta, rate = peaks.first_reached(w, {nodes}, SCRATCH, {threshold})")
+        waits.block("if theta < first:")(f"first, slope, which = theta, rate, {i}")
+    met = inner.block("if first <= 1.0:")
+    met("found, w[MET + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
+    met("w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]", "w[END + l], w[WAY + l] = w[T + l], 2.0")
+    met("slow = w[LENGTH + l] / slope if slope > 0.0 else math.inf")
+    for i, load in enumerate(stage.loads):
+        guard = f"{c.guard(f'{stage.name}_{load.name}')} + l"
+        at_it = met.block(f"if which == {i}:")
+        at_it(f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > 0.0 else 0.0)")
     inner = text.block("if found > 0.0:")
     emit_spread(inner, c, "THETA")
     emit_spread(inner, c, "MET")
