@@ -118,14 +118,15 @@ def fly_specialised(
 
 def fly_everything(
     kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
-) -> tuple[np.ndarray, bool, np.ndarray, np.ndarray]:
-    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI, whether the kernel vouches for
-    them, the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
+) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
+    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; 0 if the kernel vouches for them,
+    -1 if it does not, -2 if only by how many turns pitch and roll went on is not clear; the times (stages,) at which stages end, and rows
+    (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
-    return outcomes[:columns, 0], bool(status[0] == 0), ends[:, 0], history[0]
+    return outcomes[:columns, 0], int(status[0]), ends[:, 0], history[0]
 
 
 def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:

@@ -19,6 +19,7 @@ from sepmc.schema import Column, Status
 
 _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 16  # with so many, a case that the kernel does not vouch for is none of its cases
+_LEFT = -1  # to another kernel
 _MOST = 2048  # steps of a stage: more take plain Python minutes, and the general kernel less
 _SAME_TIME = 1e-12  # s
 
@@ -58,8 +59,9 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         steps = round(fewest / share)
         if steps > _MOST:
             raise _LostError
-        found, sound, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
-        if not sound and steps >= max(_HOPELESS, 2 * fewest):
+        found, status, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
+        sound = status == 0
+        if status == _LEFT and steps >= max(_HOPELESS, 2 * fewest):
             raise _LostError
         if sound and np.isinf(usual).all():
             usual[:] = usual_lengths(ends[:, None], np.ones(1, dtype=bool))

@@ -346,8 +346,9 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
         if leader not in stage.leaders and old != GROUND:
             for slab, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
                 scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
-            for k in range(2):
-                scope.store(part(f"ANGLES_{leader}", k), scope.load(part(f"ANGLES_{old}", k)))
+            for slab, count in (("ANGLES", 2), ("HEADING", 7)):
+                for k in range(count):
+                    scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
     cut = {cut.joint for cut in stage.cuts}
     for joint in after.released:
         held = scope.load(f"HELD_{joint}") > 0.0 if joint in cut else None  # or else it was released before

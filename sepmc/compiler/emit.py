@@ -118,7 +118,21 @@ def _first_slabs(c: Context) -> None:
     """Slabs that every module has."""
     for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
         c.slabs.add(name, c.size)
-    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "DRIFT", "TURNED_FAR", "LOST", "LONGEST", "EVENT_ERROR", "STEPS", "UNEVEN"):
+    for name in (
+        "T",
+        "CLOCK",
+        "END",
+        "RUN_END",
+        "DONE",
+        "DRIFT",
+        "TURNED_FAR",
+        "LOST",
+        "LONGEST",
+        "EVENT_ERROR",
+        "STEPS",
+        "UNEVEN",
+        "UNCLEAR",
+    ):
         c.slabs.add(name, 1)
     c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
     with c.slabs.optional():

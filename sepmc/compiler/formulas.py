@@ -14,7 +14,9 @@ vec3: Any = Formulas(
         "is_positive_definite": CONDITION,
     },
 )
-quat: Any = Formulas("quat", {"matrix": 9, "rate": 4, "from_angles": 4, "pitch": NUMBER, "yaw": NUMBER, "roll": NUMBER})
+quat: Any = Formulas(
+    "quat", {"matrix": 9, "rate": 4, "from_angles": 4, "pitch": NUMBER, "yaw": NUMBER, "roll": NUMBER, "may_wind": CONDITION}
+)
 joints: Any = Formulas(
     "joints",
     {

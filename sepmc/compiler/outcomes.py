@@ -88,4 +88,5 @@ def emit_results(text: Text, c: Context) -> None:
     text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
-    text("status[i] = 0 if sound else -1")
+    unclear = " if w[UNCLEAR + l] == 0.0 else -2" if c.history == at.FULL_HISTORY else ""  # others are told by guards that are not known
+    text(f"status[i] = -1 if not sound else 0{unclear}")

@@ -10,7 +10,7 @@ from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
-_ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN")
+_ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR")
 
 
 def shared_size(c: Context) -> int:
@@ -64,6 +64,9 @@ def _start(c: Context) -> None:
         if slabs.has(f"ANGLES_{body}"):
             scope.store(f"ANGLES_{body}", case.number(at.PITCH))
             scope.store(part(f"ANGLES_{body}", 1), case.number(at.ROLL))
+        if slabs.has(f"HEADING_{body}"):
+            for k, value in enumerate((r[0], r[3], r[7], r[8], *omega)):
+                scope.store(part(f"HEADING_{body}", k), value)
         heavy = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
         sound = heavy if sound is None else sound & heavy
     scope.store("LOST", where(sound, 0.0, 1.0))

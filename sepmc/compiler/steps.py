@@ -255,11 +255,39 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     change = turned
     for angle, place in zip(now, last, strict=True):
         change = scalar.larger(scalar.abs(angle - scope.load(place)), change)
+    _note_winding(scope, c, body, r, omega)
     unclear = (scalar.abs(r[6]) > scope.named("SINE_SINGULAR")) | (change > 0.5 * math.pi)
     scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
     scope.store("LOST", where(turned > _MOST_TURNED, 1.0, scope.load("LOST")))
     for angle, place in zip(now, last, strict=True):
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
+
+
+_SURELY = 2.0  # times what a path may stray from a straight line by its curvature
+
+
+def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
+    """Whether the x axis passed the vertical in the step so closely that pitch or roll may have gone on by a turn more or less.
+
+    Pitch is the angle of the x axis about the vertical, roll that of the vertical about the x axis: both of pairs (x, y) that move on
+    smooth paths, which stray from a straight line by h^2 / 8 times their second derivative at most.
+    """
+    c.slabs.add(f"HEADING_{body}", 7)
+    now = (r[0], r[3], r[7], r[8], omega[0], omega[1], omega[2])
+    before = [scope.load(part(f"HEADING_{body}", k)) for k in range(7)]
+    h = scalar.abs(scope.load("STEP"))
+    rates = (before[4], before[5], before[6]), (now[4], now[5], now[6])
+    across = scalar.larger(*(square_root(w[1] * w[1] + w[2] * w[2]) for w in rates))
+    whole = scalar.larger(*(square_root(vec3.dot(w, w)) for w in rates))
+    faster = vec3.sub(*rates)
+    bend = (0.125 * _SURELY * h * (h * across * whole + square_root(vec3.dot(faster, faster)))).called("bend")
+    size = scalar.larger(*(square_root(v[2] * v[2] + v[3] * v[3]) for v in (before, now)))
+    spun = bend + 0.125 * h * h * whole * whole * size  # a roll alone turns on a circle
+    winds = quat.may_wind((before[0], before[1]), (now[0], now[1]), bend) | quat.may_wind((before[2], before[3]), (now[2], now[3]), spun)
+    for flag in ("UNCLEAR", "UNEVEN"):
+        scope.store(flag, where(winds, 1.0, scope.load(flag)))
+    for k, value in enumerate(now):
+        scope.store(part(f"HEADING_{body}", k), _unless_idle(scope, c, value, before[k]))
 
 
 def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:

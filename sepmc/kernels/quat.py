@@ -91,6 +91,19 @@ def yaw(m):
 
 
 @formula
+def may_wind(u, v, bend):
+    """Whether a path in a plane from u to v, pairs, that strays from the straight line by ``bend`` at most may pass the origin on either
+    side: by how much it turns about the origin is then not known."""
+    along, across = v[0] - u[0], v[1] - u[1]
+    square = along * along + across * across
+    share = -(u[0] * along + u[1] * across) / (square if square > 0.0 else 1.0)
+    share = 0.0 if share < 0.0 else share
+    share = 1.0 if share > 1.0 else share
+    x, y = u[0] + share * along, u[1] + share * across
+    return x * x + y * y < bend * bend
+
+
+@formula
 def roll(m):
     """Roll, rad, of an attitude matrix."""
     return arctan2(m[7], m[8])
