@@ -8,7 +8,7 @@ from sepmc.compiler.energy import power
 from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, add_friction, body_loads
-from sepmc.compiler.recorder import Value, where
+from sepmc.compiler.recorder import Value, called, where
 from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
@@ -78,6 +78,7 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     force, moment = body_loads(s)
     if rubs:
         add_friction(s, force, moment)
+    force, moment = ({name: called(vector, what) for name, vector in of.items()} for of, what in ((force, "force"), (moment, "moment")))
     s.scope.comment("motion without the joints")
     acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
     spin_rate = {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
