@@ -182,11 +182,14 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
 def _begin_late(text: Text, c: Context, stage: Stage) -> None:
     """When late joints let go: each its delay from now on; the last of them ends the stage."""
     scope = c.scope()
-    now, last = scope.load("T"), None
+    now, last, cut = scope.load("T"), None, {cut.joint for cut in stage.cuts}
     for joint, place in stage.late.items():
         delay = c.case.number(place)
         last = delay if last is None else scalar.larger(last, delay)
-        if joint in stage.masked:
+        if joint in cut:  # unless it was told before
+            told = scope.load(f"LETS_GO_{joint}")
+            scope.store(f"LETS_GO_{joint}", where(told < now + delay, told, now + delay))
+        elif joint in stage.masked:
             c.slabs.add(f"HELD_{joint}", 1), c.slabs.add(f"LETS_GO_{joint}", 1)
             scope.store(f"HELD_{joint}", 1.0)
             scope.store(f"LETS_GO_{joint}", now + delay)

@@ -241,8 +241,8 @@ def _obstacles(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     for release in scene.release:
         if release.to != "free":
             found.append(f"release {release.name} of a joint that goes on holding")
-        if _may_be_late(scene, release.joint, dispersed) and any(release.joint in _changed(scene, *pair) for pair in pairwise(scene.phase)):
-            found.append(f"release {release.name} of a joint that phases let go late")
+        if _may_be_late(scene, release.joint, dispersed) and any(_lets_go_in_part(scene, release.joint, *p) for p in pairwise(scene.phase)):
+            found.append(f"release {release.name} of a joint that phases let go late, in part")
     if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
         found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
@@ -265,6 +265,11 @@ def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
     """Joints that do not hold the same in a phase and in the one after it."""
     one, other = _kinds(scene, phase), _kinds(scene, after)
     return [name for name in scene.joint if one[name] != other[name]]
+
+
+def _lets_go_in_part(scene: Scene, joint: str, phase: Phase, after: Phase) -> bool:
+    """Whether a joint holds less in the phase after another, but something."""
+    return joint in _changed(scene, phase, after) and bool(_kinds(scene, after)[joint])
 
 
 def _released(scene: Scene, phase: Phase, after: Phase) -> list[str]:
