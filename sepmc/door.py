@@ -49,14 +49,21 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    guards: np.ndarray | None = None  # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`); NaN: not known
+    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known; minus infinity: steps were too
+    # long to tell by how many turns pitch and roll went on
+    guards: np.ndarray | None = None
     again: Again | None = None
 
     @property
     def guarded(self) -> np.ndarray:
         """Which cases (n,) have guards that are all known; others are flown again."""
         assert self.guards is not None
-        return np.asarray(~np.isnan(self.guards).any(axis=1))
+        return np.asarray((self.guards >= 0.0).all(axis=1))
+
+    @property
+    def turns_unclear(self) -> np.ndarray:
+        """Cases (n,) that shorter steps may tell more of."""
+        return np.isneginf(self.guards).any(axis=1) if self.guards is not None else np.zeros(len(self.status), dtype=bool)
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:

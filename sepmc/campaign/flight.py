@@ -87,7 +87,7 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     assert block.guards is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
-    like = (block.guards <= flight.limits).all(axis=1)
+    like = block.guarded & (block.guards <= flight.limits).all(axis=1)
     for column, limit in flight.angles.items():
         like &= np.abs(block.outcomes[:, column]) <= limit
     return np.asarray(like)
@@ -138,7 +138,7 @@ def _settle(
     def fly_some(step: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         again = flown(step, which[some])
         _put(block, which[some], again)
-        return again.outcomes[:, : len(columns)].copy(), again.status
+        return again.outcomes[:, : len(columns)].copy(), np.where(again.turns_unclear, Status.UNRESOLVED, again.status)
 
     scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))

@@ -85,7 +85,8 @@ def emit_results(text: Text, c: Context) -> None:
     audits = ("w[DRIFT + l]", "lost", pivot, str(redundant), "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
     for k, value in enumerate(audits):
         text(f"outcomes[{o + 4 + k}, i] = {value}")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
+    text("unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan", "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0")
+    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     unclear = " if w[UNCLEAR + l] == 0.0 else -2" if c.history == at.FULL_HISTORY else ""  # others are told by guards that are not known

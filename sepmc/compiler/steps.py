@@ -284,8 +284,7 @@ def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -
     size = scalar.larger(*(square_root(v[2] * v[2] + v[3] * v[3]) for v in (before, now)))
     spun = bend + 0.125 * h * h * whole * whole * size  # a roll alone turns on a circle
     winds = quat.may_wind((before[0], before[1]), (now[0], now[1]), bend) | quat.may_wind((before[2], before[3]), (now[2], now[3]), spun)
-    for flag in ("UNCLEAR", "UNEVEN"):
-        scope.store(flag, where(winds, 1.0, scope.load(flag)))
+    scope.store("UNCLEAR", where(winds, 1.0, scope.load("UNCLEAR")))
     for k, value in enumerate(now):
         scope.store(part(f"HEADING_{body}", k), _unless_idle(scope, c, value, before[k]))
 

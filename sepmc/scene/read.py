@@ -98,6 +98,8 @@ def parse_campaign(
     tree: dict[str, Any], source: str, settings: dict[str, Any] | None = None, default_name: str = "campaign"
 ) -> CampaignFile:
     """Validate a TOML tree; see `read_campaign`."""
+    if settings is not None and not isinstance(settings, dict):
+        raise SceneError([f'{source}: settings = {settings!r}: must be a dict by TOML path, as {{"run.cases": 100}}'])
     problems = Problems()
     tree = copy.deepcopy(tree)
     for key, value in (settings or {}).items():
