@@ -49,8 +49,8 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known; minus infinity: steps were too
-    # long to tell by how many turns pitch and roll went on
+    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known; minus infinity: steps were
+    # too long to tell by how many turns pitch and roll went on
     guards: np.ndarray | None = None
     again: Again | None = None
 
@@ -63,7 +63,9 @@ class Block:
     @property
     def turns_unclear(self) -> np.ndarray:
         """Cases (n,) that shorter steps may tell more of."""
-        return np.isneginf(self.guards).any(axis=1) if self.guards is not None else np.zeros(len(self.status), dtype=bool)
+        if self.guards is None:
+            return np.zeros(len(self.status), dtype=bool)
+        return np.asarray(np.isneginf(self.guards).any(axis=1))
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
