@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from sepmc.compiler.formulas import ZERO, air, joints, loads, quat, scalar, vec3, vehicle
+from sepmc.compiler.formulas import ZERO, air, guides, joints, loads, quat, scalar, vec3, vehicle
 from sepmc.compiler.recorder import SYMMETRIC, Scope, total, where
 from sepmc.compiler.text import Slabs, Text
 from sepmc.kernels import interpreted
@@ -100,7 +100,7 @@ def test_long_statements_are_broken(scope):
 
 HOMES = {
     vec3: ["vec3"], quat: ["quat"], joints: ["joints"], loads: ["aerodynamics", "gravity", "propulsion", "springs", "wind"],
-    air: ["atmosphere"], vehicle: ["prepare"], scalar: ["lanes", "elementary"],
+    air: ["atmosphere"], vehicle: ["prepare"], scalar: ["lanes", "elementary"], guides: ["guides"],
 }  # fmt: skip
 ALL = [(module, name) for module in HOMES for name in module._shapes if not name.startswith("math.") and name != "abs"]
 
@@ -139,6 +139,7 @@ _ARGUMENTS = {
     "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
     "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
     "flight_direction": "11", "larger": "11", "arctan2": "11", "exponential": "1",
+    "may_wind": "331", "bearing_forces": "3311", "around_circle": "1111", "pin_force": "3131", "friction_force": "1111",
     "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 

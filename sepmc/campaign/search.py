@@ -86,6 +86,8 @@ class Search:
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
             coarse, steps = steps, 2 * steps
             self.reference, self.fair = self.flown(steps, self.draws)
+            if not self.fair.mean() > 0.5:  # steps are far too long: what the few others say is not what it is about
+                continue
             now = self.error(coarse)
             if self.goal >= self.settled <= now < np.inf:  # round-off, which some cases let grow: no steps come nearer than that
                 self.settled = 2.0 * now
