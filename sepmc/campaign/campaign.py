@@ -278,10 +278,9 @@ class Campaign(Definition):
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:
             raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")
-        if not self.has_histories:
+        dropped = store.drop_incomplete(folder) if self.has_histories else 0
+        if not dropped:
             return done
-        store.drop_incomplete(folder)
-        left = store.cases_done(folder)
-        if announce and len(left) < len(done):
-            announce(f"{folder}: the histories of {len(done) - len(left)} cases are gone, so these are flown again")
-        return left
+        if announce:
+            announce(f"{folder}: the histories of {dropped} cases are gone, so these are flown again")
+        return store.cases_done(folder)

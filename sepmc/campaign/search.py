@@ -51,6 +51,11 @@ class Search:
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
+    @property
+    def _mostly_fair(self) -> bool:
+        """Whether the kernel vouches for most of the cases at the reference."""
+        return bool(self.fair.mean() > 0.5)
+
     def fewest(self, first: np.ndarray) -> np.ndarray | None:
         """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
 
@@ -58,7 +63,7 @@ class Search:
         becomes the goal.
         """
         steps = self._refer(first)
-        if np.isinf(self.settled) or not self.fair.mean() > 0.5:
+        if np.isinf(self.settled) or not self._mostly_fair:
             return None
         if self.settled > 2.0 * self.goal:
             self.goal = 2.0 * self.settled
@@ -71,7 +76,7 @@ class Search:
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.fair = self.flown(_FINER * steps, self.draws)
         self._of_reference = np.zeros(len(self.scale))
-        return steps if self.fair.mean() > 0.5 else None
+        return steps if self._mostly_fair else None
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
         """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
@@ -86,7 +91,7 @@ class Search:
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
             coarse, steps = steps, 2 * steps
             self.reference, self.fair = self.flown(steps, self.draws)
-            if not self.fair.mean() > 0.5:  # steps are far too long: what the few others say is not what it is about
+            if not self._mostly_fair:  # steps are far too long: what the few others say is not what it is about
                 continue
             now = self.error(coarse)
             if self.goal >= self.settled <= now < np.inf:  # round-off, which some cases let grow: no steps come nearer than that

@@ -186,11 +186,14 @@ def _read_part(part: Path, columns: Sequence[str] | None = None, metadata: Any =
         raise StoreError(f"{part.parent}: cannot be read: {error}") from None
 
 
-def drop_incomplete(folder: Path) -> None:
-    """Delete the parts of cases whose part of histories is gone, so that they are flown again."""
+def drop_incomplete(folder: Path) -> int:
+    """Delete the parts of cases whose part of histories is gone, so that they are flown again. Returns how many cases that are."""
+    dropped = 0
     for part in _parts(folder, CASES):
         if not (folder / HISTORIES / part.name).is_file():
+            dropped += _read_part(part, ["case"]).num_rows
             part.unlink()
+    return dropped
 
 
 def cases_done(folder: Path) -> np.ndarray:

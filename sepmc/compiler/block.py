@@ -8,7 +8,7 @@ from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, Value, total, where
-from sepmc.compiler.shape import APART, Stage, met
+from sepmc.compiler.shape import APART, Stage, met, numbers_of
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -113,7 +113,7 @@ def _note_sides(text: Text, c: Context, stage: Stage) -> None:
 def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
     """None of several conditions is met, but for times that are past."""
     scope = c.scope()
-    for number in stage.conditions:
+    for number in numbers_of(stage.clauses):
         c.slabs.add(met(stage.name, number), 1)
         scope.store(met(stage.name, number), 0.0)
     scope.write(text)
@@ -131,7 +131,7 @@ def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
 def _holds(scope: Scope, c: Context, stage: str, clauses: list[tuple[int, ...]], times: dict[int, tuple[int, ...]]) -> Value:
     """Whether any of clauses is met, each all of conditions; of these ``times`` that have come are noted."""
     now, flags = scope.load("T"), {}
-    for number in sorted({number for clause in clauses for number in clause}):
+    for number in numbers_of(clauses):
         flags[number] = scope.load(met(stage, number)) > 0.0
     for number, places in times.items():
         flags[number] = flags[number] | (now >= total([c.case.number(place) for place in places]) - _SAME_TIME)
@@ -150,7 +150,7 @@ def _note_cuts(text: Text, c: Context, stage: Stage) -> None:
     """Which releases apart from phases have come: their joints let go after their delay."""
     scope = c.scope()
     for cut in stage.cuts:
-        for number in sorted({number for clause in cut.clauses for number in clause}):
+        for number in numbers_of(cut.clauses):
             c.start(met(APART, number), 0.0)
         c.start(f"HELD_{cut.joint}", 1.0)
         c.start(f"LETS_GO_{cut.joint}", math.inf)
@@ -298,13 +298,20 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
         goes = ((held > 0.0) & (now >= scope.load(f"LETS_GO_{joint}") - _SAME_TIME)).called("goes")
         scope.store(f"HELD_{joint}", where(goes, 0.0, held))
         if joint in stage.set_free:
-            c.start(f"RELEASE_{joint}", math.nan)
-            scope.store(f"RELEASE_{joint}", where(goes, now, scope.load(f"RELEASE_{joint}")))
-            for place, rate in _tip_off(scope, c, stage, joint):
-                for k in range(3):
-                    c.case.scope.store(part(place, k), math.nan)
-                    scope.store(part(place, k), where(goes, rate[k], scope.load(part(place, k))))
+            _note_release(scope, c, stage, joint, goes)
     scope.write(text)
+
+
+def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Value | None) -> None:
+    """A joint becomes free, in all cases or in those in which it ``goes``: when, and the rates of its bodies if they are asked for."""
+    c.start(f"RELEASE_{joint}", math.nan)
+    noted = [(f"RELEASE_{joint}", scope.load("T"))]
+    for place, rate in _tip_off(scope, c, stage, joint):
+        for k in range(3):
+            c.case.scope.store(part(place, k), math.nan)
+            noted.append((part(place, k), rate[k]))
+    for place, now in noted:
+        scope.store(place, now if goes is None else where(goes, now, scope.load(place)))
 
 
 def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
@@ -354,15 +361,8 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
                     scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
     cut = {cut.joint for cut in stage.cuts}
     for joint in after.released:
-        held = scope.load(f"HELD_{joint}") > 0.0 if joint in cut else None  # or else it was released before
-        c.start(f"RELEASE_{joint}", math.nan)
-        scope.store(f"RELEASE_{joint}", now if held is None else where(held, now, scope.load(f"RELEASE_{joint}")))
-        for place, rate in _tip_off(scope, c, stage, joint):
-            if held is None:
-                scope.store(place, rate)
-                continue
-            for k in range(3):
-                scope.store(part(place, k), where(held, rate[k], scope.load(part(place, k))))
-        if held is not None:
-            scope.store(f"HELD_{joint}", 0.0)
+        held = f"HELD_{joint}"  # or else, where it may be cut, it was released before
+        _note_release(scope, c, stage, joint, scope.load(held) > 0.0 if joint in cut else None)
+        if joint in cut:
+            scope.store(held, 0.0)
     scope.write(text)

@@ -1,5 +1,6 @@
 """What the parts of a written kernel share while it is being written."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -7,6 +8,7 @@ from sepmc.compiler.case import Case
 from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Slabs
+from sepmc.kernels.layout import FULL_HISTORY
 from sepmc.kernels.methods import Method
 
 
@@ -34,11 +36,6 @@ class Context:
     def layer(self, body: str) -> str:
         """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
         return f"LAYER_{body}" if self.shape.borders else "AIR"
-
-    @property
-    def ends_by_load(self) -> bool:
-        """Whether what a joint carries ends a phase or releases a joint."""
-        return any(stage.loads for stage in self.shape.stages)
 
     @property
     def idles(self) -> bool:
@@ -69,11 +66,25 @@ class Context:
     @property
     def node_size(self) -> int:
         """Numbers that are followed: force and moment of joints; of guides what drives them, and each pin's forces at both ends."""
-        return 6 * len(self.followed) + sum(3 * (1 + 2 * self.pins(joint)) for joint in self.guides)
+        return 6 * len(self.followed) + 3 * sum(1 + 2 * self.pins(joint) for joint in self.guides)
+
+    @property
+    def noted_of_guides(self) -> Iterator[tuple[str, int, int, list[int]]]:
+        """Of every guide that is followed: where its numbers start among those at a node; in GUIDES, where the time stands for which it
+        slid, with the least friction that jams behind it, and the peaks of both ends of each pin."""
+        first, place = 6 * len(self.followed), 0
+        for joint in self.guides:
+            ends = 2 * self.pins(joint)
+            yield joint, first, place, [place + 2 + 3 * k for k in range(ends)]
+            first, place = first + 3 * (1 + ends), place + 2 + 3 * ends
 
     def watches(self, stage: Stage) -> bool:
         """Whether a joint whose loads are asked for holds something in a phase, or pins may slide that are."""
         return any(stage.holds(joint) for joint in self.watched) or any(any(stage.slides(joint)) for joint in self.guides)
+
+    def carries(self, stage: Stage) -> bool:
+        """Whether what joints carry in a phase is asked for."""
+        return self.watches(stage) or bool(stage.loads) or self.history == FULL_HISTORY
 
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""

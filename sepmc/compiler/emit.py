@@ -16,7 +16,7 @@ from sepmc.compiler.loads import emit_centre, emit_layers
 from sepmc.compiler.motion import emit_correct, emit_rates
 from sepmc.compiler.outcomes import emit_report
 from sepmc.compiler.shape import Shape
-from sepmc.compiler.start import emit_prepare, shared_size
+from sepmc.compiler.start import ZERO_AT_FIRST, emit_prepare, shared_size
 from sepmc.compiler.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
 from sepmc.compiler.tables import has_tables_over_height, looks_up
 from sepmc.compiler.text import Text
@@ -104,10 +104,9 @@ def _optional(body: Text, c: Context) -> None:
     """Functions for what happens between the ends of steps."""
     if c.extends:
         emit_extension(body, c)
-        for stage in c.shape.stages:
+        for stage in filter(c.carries, c.shape.stages):
             emit_shares(body, c, stage)
-    if c.watched or c.guides or c.ends_by_load:
-        emit_watch(body, c)
+    emit_watch(body, c)
     if c.shape.scene.clearance:
         emit_clearances(body, c)
     if c.history:
@@ -118,21 +117,7 @@ def _first_slabs(c: Context) -> None:
     """Slabs that every module has."""
     for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
         c.slabs.add(name, c.size)
-    for name in (
-        "T",
-        "CLOCK",
-        "END",
-        "RUN_END",
-        "DONE",
-        "DRIFT",
-        "TURNED_FAR",
-        "LOST",
-        "LONGEST",
-        "EVENT_ERROR",
-        "STEPS",
-        "UNEVEN",
-        "UNCLEAR",
-    ):
+    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "LOST", "LONGEST", *ZERO_AT_FIRST):
         c.slabs.add(name, 1)
     c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
     with c.slabs.optional():

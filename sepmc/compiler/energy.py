@@ -43,16 +43,16 @@ def emit_energy(out: Text, c: Context, stage: Stage) -> None:
     says = "Kinetic energy about the mass centre less that at the start and the work of all loads: the largest, into ENERGY, and what"
     text = out.function(f"energy_{stage.name}(w, first: float)", says + " counts as large; ``first`` of all it is that at the start.")
     c.slabs.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
-    s, at_first = State(c, c.scope(), stage, "Y"), c.case
+    s, case = State(c, c.scope(), stage, "Y"), c.case
     mean, moving, slow = _mean_speed(s), [], []
     for body in c.shape.bodies:
-        v, mass = _apart(s, body, mean), at_first.mass(body)
+        v, mass = _apart(s, body, mean), case.mass(body)
         moving.append(0.5 * mass * vec3.dot(v, v))
         slow.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))
     for group in stage.groups:
         if GROUND not in group:
             omega = s.rate(group[0])
-            moving.append(0.5 * vec3.dot(omega, vec3.rotate(at_first.group_inertia(group), omega)))
+            moving.append(0.5 * vec3.dot(omega, vec3.rotate(case.group_inertia(group), omega)))
     scope, begins = s.scope, s.scope.named("first") > 0.0
     now, work, rest = total(moving).called("energy"), scope.load("Y + WORK"), total(slow)
     start, lost, large = (scope.load(part("ENERGY", k)) for k in (1, 0, 2))

@@ -90,37 +90,38 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in pin_forces(s, motion, joint))]
 
 
-def note_guides(text: Text, c: Context, stage: Stage, numbers: int) -> None:
-    """Lines for one lane that follow the guides of a phase over the step just made, of length h; of the ``numbers`` at a node theirs
-    come last."""
-    first, place = 6 * len(c.followed), 0
-    for joint in c.guides:
-        ends = 2 * c.pins(joint)
+def start_guides(c: Context) -> None:
+    """Nothing is noted of guides at first."""
+    for _, _, time, peaks in c.noted_of_guides:
+        for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
+            c.case.scope.store(part("GUIDES", place), value)
+    if c.guides:
+        c.slabs.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
+
+
+def note_guides(text: Text, c: Context, stage: Stage) -> None:
+    """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
+    for joint, first, time, peaks in c.noted_of_guides:
         slides, still_slides = stage.slides(joint)
-        if slides or still_slides:
-            inner = text
-            if slides != still_slides:
-                inner = text.block(f"if w[HELD_{joint} + l] {'>' if slides else '=='} 0.0:")
-            nodes = [f"{part('WRENCHES', first + 3 * k)} + l, {numbers} * LANES" for k in range(1 + ends)]
-            inner(f"w[{part('GUIDES', place)} + l] += h")
-            for k in range(ends):
-                peak = part("GUIDES", place + 2 + 3 * k)
-                inner(f"peaks.note_peak(w, {nodes[1 + k]}, SCRATCH, {peak} + l, w[BEGIN_T + l], h)")
-            inner(f"peaks.note_least_share(w, {nodes[0]}, {ends}, SCRATCH, {part('GUIDES', place + 1)} + l)")
-        first += 3 * (1 + ends)
-        place += 2 + 3 * ends
+        if not (slides or still_slides):
+            continue
+        inner = text
+        if slides != still_slides:
+            inner = text.block(f"if w[HELD_{joint} + l] {'>' if slides else '=='} 0.0:")
+        nodes = [f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES" for k in range(1 + len(peaks))]
+        inner(f"w[{part('GUIDES', time)} + l] += h")
+        for k, peak in enumerate(peaks, 1):
+            inner(f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + l], h)")
+        inner(f"peaks.note_least_share(w, {nodes[0]}, {len(peaks)}, SCRATCH, {part('GUIDES', time + 1)} + l)")
 
 
 def guide_outcomes(s: State) -> list[Any]:
     """Of every guide that is watched: time for which its pins slid, greatest load of each, least friction that would jam them."""
-    found, place = [], 0
-    for joint in s.c.guides:
-        ends = 2 * s.c.pins(joint)
+    found: list[Any] = []
+    for _, _, place, peaks in s.c.noted_of_guides:
         time, jams = s.scope.load(part("GUIDES", place)), s.scope.load(part("GUIDES", place + 1))
-        peaks = [s.scope.load(part("GUIDES", place + 2 + 3 * k)) for k in range(ends)]
-        slid = time > 0.0
+        loads = [s.scope.load(part("GUIDES", peak)) for peak in peaks]
         found.append(time)
-        found += [where(slid, scalar.larger(*peaks[k : k + 2]), math.nan) for k in range(0, ends, 2)]
+        found += [where(time > 0.0, scalar.larger(*loads[k : k + 2]), math.nan) for k in range(0, len(loads), 2)]
         found.append(where(jams < math.inf, jams, math.nan))
-        place += 2 + 3 * ends
     return found

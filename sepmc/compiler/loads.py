@@ -6,7 +6,7 @@ from typing import Any
 
 from sepmc.compiler.context import Context, height, level, lose, part
 from sepmc.compiler.formulas import ZERO, air, loads, scalar, vec3, vehicle
-from sepmc.compiler.geometry import State
+from sepmc.compiler.geometry import Line, State
 from sepmc.compiler.packing import aero_terms
 from sepmc.compiler.recorder import Value, total, where
 from sepmc.compiler.tables import looks_up
@@ -26,8 +26,8 @@ class _Loads:
     on_ground_axes: list[Any] = field(default_factory=list)
 
 
-def body_loads(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Force and moment on every body."""
+def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Force and moment on every body; with the friction of guides, which has to be known, if it ``rubs``."""
     scene, found = s.shape.scene, {body: _Loads() for body in s.shape.bodies}
     for body, acting in found.items():
         if s.shape.feels_air(body):
@@ -44,23 +44,13 @@ def body_loads(s: State) -> tuple[dict[str, Any], dict[str, Any]]:
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
+    for joint in s.shape.rubbing(s.stage) if rubs else []:
+        s.scope.comment(f"friction of {joint}")
+        push = (s.case.apart(joint) * s.friction(joint)).called("rub")
+        _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
     s.scope.comment("sums of loads")
     force = {body: _force(s, body, acting) for body, acting in found.items()}
     return force, {body: add_all(acting.moments) for body, acting in found.items()}
-
-
-def add_friction(s: State, force: dict[str, Any], moment: dict[str, Any]) -> None:
-    """Add the friction of guides, which is known, to the loads."""
-    for joint, held in s.shape.scene.joint.items():
-        friction = s.friction(joint)
-        if friction is None:
-            continue
-        s.scope.comment(f"friction of {joint}")
-        line, push = s.separation(joint), (s.case.apart(joint) * friction).called("rub")
-        for body, signed, arm in zip(held.bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):
-            if body != GROUND:
-                force[body] = add_all([force[body], vec3.scale(signed, line.e)])
-                moment[body] = add_all([moment[body], vec3.scale(push, vec3.unrotate(s.attitude(body), arm))])
 
 
 def add_all(vectors: list[Any]) -> Any:
@@ -260,7 +250,12 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
         s.c.start(f"SPENT_{spring.name}", 0.0)
         push = where(s.scope.load(f"SPENT_{spring.name}") > 0.0, 0.0, push)
     push = push.called("push")
-    for body, signed, arm in ((spring.bodies[0], -push, line.arm_a), (spring.bodies[1], push, line.arm_b)):
+    _push_apart(s, spring.bodies, line, push, found)
+
+
+def _push_apart(s: State, bodies: tuple[str, str], line: Line, push: Value, found: dict[str, _Loads]) -> None:
+    """A force on two bodies along a line, away from each other."""
+    for body, signed, arm in zip(bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):
         if body != GROUND:
             found[body].on_ground_axes.append(vec3.scale(signed, line.e))
             found[body].moments.append(vec3.scale(push, vec3.unrotate(s.attitude(body), arm)))

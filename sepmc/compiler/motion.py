@@ -7,9 +7,9 @@ from sepmc.compiler.context import Context, part
 from sepmc.compiler.energy import power
 from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.loads import add_all, add_friction, body_loads
-from sepmc.compiler.recorder import Value, called, where
-from sepmc.compiler.rows import Factors, JointRow, Rows, lose_dependent
+from sepmc.compiler.loads import add_all, body_loads
+from sepmc.compiler.recorder import called
+from sepmc.compiler.rows import Factors, JointRow, Rows, check_pivots
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
 from sepmc.compiler.text import Text
@@ -45,10 +45,10 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
 
 
-def before_motion(text: Text, c: Context, stage: Stage, rubs: bool = True) -> None:
+def before_motion(text: Text, c: Context, stage: Stage) -> None:
     """Lines for what has to be known of a state S before its motion: what tables give, and friction."""
     call_look_up(text, c, stage)
-    if rubs and c.shape.rubbing(stage):
+    if c.shape.rubbing(stage):
         text(f"rub_{stage.name}(w)")
 
 
@@ -75,9 +75,7 @@ class Motion:
 
 def make_motion(s: State, rubs: bool = True) -> Motion:
     """The motion at a state; with the friction of guides, which has to be known, if it ``rubs``."""
-    force, moment = body_loads(s)
-    if rubs:
-        add_friction(s, force, moment)
+    force, moment = body_loads(s, rubs)
     force, moment = ({name: called(vector, what) for name, vector in of.items()} for of, what in ((force, "force"), (moment, "moment")))
     s.scope.comment("motion without the joints")
     acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
@@ -141,8 +139,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     rows.note_residuals()
     coupling = rows.coupling()
     factors = Factors(coupling)
-    lose_dependent(s.scope, coupling, factors)
-    _note_pivots(c, s, coupling, factors)
+    check_pivots(s, coupling, factors)
     dropped = Rows(s, s.stage.dropped)
     dropped.note_residuals()
     for one in dropped.rows:
@@ -150,17 +147,6 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     if corrects:
         _correct(s, rows, factors)
     s.scope.write(text)
-
-
-def _note_pivots(c: Context, s: State, coupling: list[list[Any]], factors: Factors) -> None:
-    """The smallest share of a diagonal that a pivot kept, into PIVOT."""
-    c.start("PIVOT", 1.0)
-    least = s.scope.load("PIVOT")
-    for row, pivot in zip(coupling, factors.diagonal, strict=True):
-        if isinstance(pivot, Value):
-            share = pivot / row[-1]
-            least = where(share < least, share, least).called("least")
-    s.scope.store("PIVOT", least)
 
 
 def _correct(s: State, rows: Rows, factors: Factors) -> None:

@@ -18,22 +18,8 @@ NUMBER, CONDITION, SYMMETRIC = 1, "condition", "symmetric"
 _KEPT: dict[Shape, tuple[str, int]] = {3: ("3", 3), 4: ("4", 4), SYMMETRIC: ("6", 6), 9: ("9", 9)}  # suffix of get and put, numbers
 _PRECEDENCE = {"where": 0, "or": 1, "and": 2, "==": 3, "<": 3, "<=": 3, ">": 3, ">=": 3, "+": 4, "-": 4, "*": 5, "/": 5, "neg": 6}
 _ATOM = 9
-_TAKEN = {"w", "l", "math", "np", "phase", "usual", "left", "size"}  # names that functions have already
-_TAKEN |= {
-    "add",
-    "advance",
-    "approach",
-    "centre",
-    "extend",
-    "guard",
-    "keep",
-    "meet",
-    "rates",
-    "report",
-    "sample",
-    "settle",
-    "watch",
-}  # of ours
+_TAKEN = {"w", "l", "math", "np", "phase", "usual", "left", "size"}  # names that functions have already, and functions
+_TAKEN |= {"add", "advance", "approach", "centre", "extend", "guard", "keep", "meet", "rates", "report", "sample", "settle", "watch"}
 
 
 class Value:

@@ -7,7 +7,7 @@ from sepmc.compiler.context import lose, part
 from sepmc.compiler.formulas import ZERO, joints, scalar, square_root, vec3
 from sepmc.compiler.geometry import Pair, State, relative_acceleration, translation, translation_rate
 from sepmc.compiler.loads import add_all
-from sepmc.compiler.recorder import Scope, Value, called, total
+from sepmc.compiler.recorder import Value, called, total, where
 from sepmc.compiler.shape import Row
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -29,36 +29,6 @@ class JointRow:
     value: Any
     rate: Any
     held: Any = 1.0  # 0 once its joint has let go of it
-
-
-class Factors:
-    """L D L^T of a symmetric matrix, given below and on its diagonal."""
-
-    def __init__(self, a: list[list[Any]]):
-        n = len(a)
-        a = [list(row) for row in a]
-        self.lower: list[list[Any]] = [[0.0] * n for _ in range(n)]
-        self.diagonal, self.inverse = [], []
-        for j in range(n):
-            self.diagonal.append(a[j][j])
-            self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
-            for i in range(j + 1, n):
-                self.lower[i][j] = called(a[i][j] * self.inverse[j], "factor")
-            for i in range(j + 1, n):
-                for k in range(j + 1, i + 1):
-                    a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
-
-    def solve(self, side: list[Any]) -> list[Any]:
-        """The solution for a right-hand side."""
-        x, n = list(side), len(side)
-        for i in range(1, n):
-            x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
-        for i in reversed(range(n)):
-            x[i] = x[i] * self.inverse[i]
-            for j in range(i + 1, n):
-                x[i] = x[i] - self.lower[j][i] * x[j]
-            x[i] = called(x[i], "m")
-        return x
 
 
 class Rows:
@@ -126,7 +96,7 @@ class Rows:
         found = one.held * two.held * total(terms) if terms else 0.0
         return found + (1.0 - one.held) if one is two else found
 
-    def lose_independent(self, one: JointRow, factors: Factors) -> None:
+    def lose_independent(self, one: JointRow, factors: "Factors") -> None:
         """A case is lost where a row does not follow from these."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
@@ -171,8 +141,44 @@ class Rows:
                 scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
 
 
-def lose_dependent(scope: Scope, coupling: list[list[Any]], factors: Factors) -> None:
-    """A case is lost where a pivot keeps too little of its diagonal, so that rows follow from others, or nearly do."""
+class Factors:
+    """L D L^T of a symmetric matrix, given below and on its diagonal."""
+
+    def __init__(self, a: list[list[Any]]):
+        n = len(a)
+        a = [list(row) for row in a]
+        self.lower: list[list[Any]] = [[0.0] * n for _ in range(n)]
+        self.diagonal, self.inverse = [], []
+        for j in range(n):
+            self.diagonal.append(a[j][j])
+            self.inverse.append((1.0 / a[j][j]).called("inverse_pivot"))
+            for i in range(j + 1, n):
+                self.lower[i][j] = called(a[i][j] * self.inverse[j], "factor")
+            for i in range(j + 1, n):
+                for k in range(j + 1, i + 1):
+                    a[i][k] = called(a[i][k] - self.lower[i][j] * a[k][j], "s")
+
+    def solve(self, side: list[Any]) -> list[Any]:
+        """The solution for a right-hand side."""
+        x, n = list(side), len(side)
+        for i in range(1, n):
+            x[i] = called(x[i] - total([self.lower[i][j] * x[j] for j in range(i)]), "m")
+        for i in reversed(range(n)):
+            x[i] = x[i] * self.inverse[i]
+            for j in range(i + 1, n):
+                x[i] = x[i] - self.lower[j][i] * x[j]
+            x[i] = called(x[i], "m")
+        return x
+
+
+def check_pivots(s: State, coupling: list[list[Any]], factors: Factors) -> None:
+    """Note the smallest share of its diagonal that a pivot keeps; a case is lost where that is too little: rows follow from others, or
+    nearly do."""
+    s.c.start("PIVOT", 1.0)
+    least = s.scope.load("PIVOT")
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Value):
-            lose(scope, pivot > DEPENDENT * row[-1])
+            share = (pivot / row[-1]).called("share")
+            lose(s.scope, share > DEPENDENT)
+            least = where(share < least, share, least).called("least")
+    s.scope.store("PIVOT", least)

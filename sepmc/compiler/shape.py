@@ -80,6 +80,11 @@ def met(stage: str, number: int) -> str:
     return f"MET_{stage}_{number}"
 
 
+def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
+    """Numbers of the conditions that clauses are made of."""
+    return sorted({number for clause in clauses for number in clause})
+
+
 @dataclass
 class Cut:
     """A release apart from phases, of a joint: any of clauses, each all of conditions by number; those of these that are times, places of
@@ -142,11 +147,6 @@ class Stage:
     def masked(self) -> list[str]:
         """Joints that let go within it: their rows count until then."""
         return [*(joint for joint in self.late if len(self.late) > 1), *dict.fromkeys(cut.joint for cut in self.cuts)]
-
-    @property
-    def conditions(self) -> list[int]:
-        """Numbers of the conditions that end it together."""
-        return sorted({number for clause in self.clauses for number in clause})
 
     @property
     def ends_by_time(self) -> bool:

@@ -10,7 +10,7 @@ from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 
-_ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR")
+ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR")
 
 
 def shared_size(c: Context) -> int:
@@ -29,7 +29,7 @@ def emit_prepare(out: Text, c: Context) -> None:
     text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")("w[k] = 0.0")
     _start(c)
     scope = case.scope
-    for name in (*_ZERO_AT_FIRST, *(part("RESIDUAL", k) for k in range(4)), *(c.guard(name) for name in c.guards)):
+    for name in (*ZERO_AT_FIRST, *(part("RESIDUAL", k) for k in range(4)), *(c.guard(name) for name in c.guards)):
         scope.store(name, 0.0)
     lose(scope, scope.load("UNSOUND").equals(0.0))
     for stage in shape.stages:

@@ -20,6 +20,7 @@ _LONGER, _SHORT = 3.0, 0.05
 _NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last; the last is so much of the one before at most
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
 _MOST_TURNED = 2.0  # rad in a step
+_SURELY = 2.0  # times what a path may stray from a straight line by its curvature
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
 
@@ -263,9 +264,6 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
 
 
-_SURELY = 2.0  # times what a path may stray from a straight line by its curvature
-
-
 def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
     """Whether the x axis passed the vertical in the step so closely that pitch or roll may have gone on by a turn more or less.
 
@@ -277,12 +275,12 @@ def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -
     before = [scope.load(part(f"HEADING_{body}", k)) for k in range(7)]
     h = scalar.abs(scope.load("STEP"))
     rates = (before[4], before[5], before[6]), (now[4], now[5], now[6])
-    across = scalar.larger(*(square_root(w[1] * w[1] + w[2] * w[2]) for w in rates))
-    whole = scalar.larger(*(square_root(vec3.dot(w, w)) for w in rates))
+    across = scalar.larger(*(w[1] * w[1] + w[2] * w[2] for w in rates))
+    whole = scalar.larger(*(vec3.dot(w, w) for w in rates)).called("whole")
     faster = vec3.sub(*rates)
-    bend = (0.125 * _SURELY * h * (h * across * whole + square_root(vec3.dot(faster, faster)))).called("bend")
-    size = scalar.larger(*(square_root(v[2] * v[2] + v[3] * v[3]) for v in (before, now)))
-    spun = bend + 0.125 * h * h * whole * whole * size  # a roll alone turns on a circle
+    bend = (0.125 * _SURELY * h * (h * square_root(across * whole) + square_root(vec3.dot(faster, faster)))).called("bend")
+    size = square_root(scalar.larger(*(v[2] * v[2] + v[3] * v[3] for v in (before, now))))
+    spun = bend + 0.125 * h * h * whole * size  # a roll alone turns on a circle
     winds = quat.may_wind((before[0], before[1]), (now[0], now[1]), bend) | quat.may_wind((before[2], before[3]), (now[2], now[3]), spun)
     scope.store("UNCLEAR", where(winds, 1.0, scope.load("UNCLEAR")))
     for k, value in enumerate(now):

@@ -5,7 +5,7 @@ import math
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.guides import note_guides, watch_guide
+from sepmc.compiler.guides import note_guides, start_guides, watch_guide
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.steps import emit_spread
 from sepmc.compiler.text import Text
@@ -22,13 +22,7 @@ def emit_watch(out: Text, c: Context) -> None:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
         c.slabs.add("PEAKS", 6 * len(c.watched))
-    place = 0
-    for joint in c.guides:  # time, least friction that jams; peak, its time and nothing of each end of a pin
-        for value in (0.0, math.inf, *(2 * c.pins(joint) * _AT_FIRST)):
-            c.case.scope.store(part("GUIDES", place), value)
-            place += 1
-    if c.guides:
-        c.slabs.add("GUIDES", place)
+    start_guides(c)
     if not stages:
         return
     numbers = c.node_size
@@ -68,7 +62,7 @@ def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
         inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, w[BEGIN_T + l], h)")
     for number, stage in stages.items():
         if any(any(stage.slides(joint)) for joint in c.guides):
-            note_guides(inner.block(f"if phase == {number}:"), c, stage, numbers)
+            note_guides(inner.block(f"if phase == {number}:"), c, stage)
 
 
 def _other(k: int) -> int:
@@ -120,10 +114,7 @@ def _wrenches(out: Text, c: Context, stage: Stage) -> None:
         r = s.attitude(c.shape.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
-    first = 6 * len(c.followed)
-    for joint in c.guides:
-        vectors = watch_guide(s, motion, joint) if any(stage.slides(joint)) else []
-        for k, vector in enumerate(vectors):
+    for joint, first, _, _ in c.noted_of_guides:
+        for k, vector in enumerate(watch_guide(s, motion, joint) if any(stage.slides(joint)) else []):
             s.scope.store(part("WRENCH", first + 3 * k), vector)
-        first += 3 * (1 + 2 * c.pins(joint))
     s.scope.write(text)

@@ -144,6 +144,18 @@ def _halved(floor, w, scratch):
 
 
 @stage
+def _put_sizes(nodes, apart, w, sizes):
+    """Sizes of a vector at the nodes. Returns the greatest, and its node."""
+    greatest, highest = 0.0, 0
+    for i in range(COUNT):
+        k = nodes + i * apart
+        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        w[sizes + i] = size
+        greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
+    return greatest, highest
+
+
+@stage
 def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
     """Follow the size of a vector over a step of length h from t: its peak, the time of it and the integral, at ``out`` and two further.
 
@@ -158,13 +170,12 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
         for i in range(COUNT):
             last += _LAST[i] * w[nodes + i * apart + part * LANES]
         w[guard] = max(w[guard], abs(last * h))
-    least, greatest, fourth, mean, highest, sizes = math.inf, 0.0, 0.0, 0.0, 0, scratch + 3 * COUNT
+    sizes = scratch + 3 * COUNT
+    greatest, highest = _put_sizes(nodes, apart, w, sizes)
+    least, fourth, mean = math.inf, 0.0, 0.0
     for i in range(COUNT):
-        k = nodes + i * apart
-        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
-        w[sizes + i] = size
+        size = w[sizes + i]
         least = min(least, size)
-        greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
         mean += _MEAN[i] * size
         fourth += _FOURTH[i] * size
     if not greatest <= _SAME * w[out]:
@@ -185,12 +196,8 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
 def note_peak(w, nodes, apart, scratch, out, t, h):
     """`note_size` without the integral."""
     keep_apart()
-    greatest, highest, sizes = 0.0, 0, scratch + 3 * COUNT
-    for i in range(COUNT):
-        k = nodes + i * apart
-        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
-        w[sizes + i] = size
-        greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
+    sizes = scratch + 3 * COUNT
+    greatest, highest = _put_sizes(nodes, apart, w, sizes)
     if not greatest <= _SAME * w[out]:
         w[out], w[out + LANES] = greatest, t + THETA[highest] * h
     if greatest > _NEAR * w[out] and _has_summit(sizes, w):
@@ -278,11 +285,7 @@ def first_reached(w, nodes, apart, scratch, threshold):
     """
     keep_apart()
     sizes, touch = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
-    greatest = 0.0
-    for i in range(COUNT):
-        k = nodes + i * apart
-        w[sizes + i] = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
-        greatest = max(greatest, w[sizes + i])
+    greatest, _ = _put_sizes(nodes, apart, w, sizes)
     if w[sizes] >= touch:
         return 0.0, _rate_at(sizes, w)
     if not greatest > _NEAR * threshold:
