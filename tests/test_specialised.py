@@ -601,7 +601,7 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
         ({}, True, {"advance", "approach", "fly_block"}),
         ({"solver.step_s": 0.05}, False, {"advance", "aim_phase2", "approach", "fly_block", "meet", "set_rest", "set_step", "settle"}),
         ({"solver.method": "rk4"}, False, {"advance", "fly_block"}),
-        ({"output.tip_off": ["pins"]}, False, {"fly_block"}),
+        ({"output.tip_off": ["pins"]}, False, {"fly_block", "prepare"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )
