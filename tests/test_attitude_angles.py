@@ -31,9 +31,10 @@ def followed(omega, count=20_001):
 
 
 @pytest.mark.slow
-def test_pitch_and_roll_are_followed_past_the_vertical(pair):
+@pytest.mark.parametrize("formulation", ["reduced", "full"])
+def test_pitch_and_roll_are_followed_past_the_vertical(pair, formulation):
     """Bodies that turn evenly, some within a tenth of a degree of it: pitch and roll as of 20,000 instants."""
-    campaign = pair(TUMBLING)
+    campaign = pair(TUMBLING | {"solver.formulation": formulation})
     table = campaign.run(cases=CASES, seed=3).to_pandas()
     omegas = table[[f"in_initial_omega_{axis}_rad_s" for axis in "xyz"]].to_numpy()
     assert (table["status"] == "ok").all()

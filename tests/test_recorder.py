@@ -139,7 +139,8 @@ _ARGUMENTS = {
     "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
     "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
     "flight_direction": "11", "larger": "11", "arctan2": "11", "exponential": "1",
-    "may_wind": "331", "bearing_forces": "3311", "around_circle": "1111", "pin_force": "3131", "friction_force": "1111",
+    "heading": "9", "turns_unclear": "44331",
+    "bearing_forces": "3311", "around_circle": "1111", "pin_force": "3131", "friction_force": "1111",
     "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.settle import Settled, first_step, fly_general, settle
+from sepmc.campaign.settle import TOO_LONG, Settled, first_step, fly_general, settle
 from sepmc.door import Again, Block, fly_specialised, warm_up
 from sepmc.kernels.kernel import Kernel
 from sepmc.scene.model import Scene
@@ -59,7 +59,8 @@ def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, 
     fit = np.isfinite(draws[lost]).all(axis=1)
     block.outcomes[lost[~fit]], block.status[lost[~fit]], block.rows[lost[~fit]] = np.nan, Status.INVALID_INPUT, 0
     lost, again = lost[fit], Again(np.zeros(len(campaign.outcome_columns)))
-    hard = np.flatnonzero((block.status == Status.OK) & ~_is_like_trials(flight, block))
+    lengthy = np.isin(block.status, TOO_LONG) & (campaign.scene.solver.step is None)
+    hard = np.flatnonzero(lengthy | ((block.status == Status.OK) & ~_is_like_trials(flight, block)))
     if len(hard):
         again, unsettled = _fly_hard(campaign, flight, draws, room, block, hard)
         lost = np.union1d(lost, unsettled)

@@ -29,7 +29,7 @@ DEEP = 16  # times finer are a few cases flown once more: what is shorter than a
 _PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
 
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
-_TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
+TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
 
 _DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
@@ -79,7 +79,7 @@ def changes(
     infinitely wrong, and one that both steps are too long for is wrong altogether. A case that cannot be flown has no error."""
     table = errors(found, finer, scale)
     table[(status == finer_status) & ~np.isin(status, _FLOWN)] = 0.0
-    table[np.ix_((status == finer_status) & np.isin(status, _TOO_LONG), decides)] = 1.0
+    table[np.ix_((status == finer_status) & np.isin(status, TOO_LONG), decides)] = 1.0
     table[np.ix_(status != finer_status, decides)] = np.inf
     return table
 
@@ -112,7 +112,7 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
-        fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, _TOO_LONG) | waiting
+        fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, TOO_LONG) | waiting
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))

@@ -356,7 +356,7 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
         if leader not in stage.leaders and old != GROUND:
             for slab, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
                 scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
-            for slab, count in (("ANGLES", 2), ("HEADING", 7)):
+            for slab, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
                     scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
     cut = {cut.joint for cut in stage.cuts}

@@ -15,7 +15,12 @@ vec3: Any = Formulas(
     },
 )
 quat: Any = Formulas(
-    "quat", {"matrix": 9, "rate": 4, "from_angles": 4, "pitch": NUMBER, "yaw": NUMBER, "roll": NUMBER, "may_wind": CONDITION}
+    "quat",
+    {
+        **{"matrix": 9, "rate": 4, "from_angles": 4, "heading": 4},
+        **dict.fromkeys(("pitch", "yaw", "roll"), NUMBER),
+        "turns_unclear": CONDITION,
+    },
 )
 joints: Any = Formulas(
     "joints",

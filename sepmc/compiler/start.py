@@ -65,8 +65,8 @@ def _start(c: Context) -> None:
             scope.store(f"ANGLES_{body}", case.number(at.PITCH))
             scope.store(part(f"ANGLES_{body}", 1), case.number(at.ROLL))
         if slabs.has(f"HEADING_{body}"):
-            for k, value in enumerate((r[0], r[3], r[7], r[8], *omega)):
-                scope.store(part(f"HEADING_{body}", k), value)
+            scope.store(f"HEADING_{body}", quat.heading(r))
+            scope.store(f"LAST_RATE_{body}", omega)
         heavy = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
         sound = heavy if sound is None else sound & heavy
     scope.store("LOST", where(sound, 0.0, 1.0))

@@ -20,7 +20,6 @@ _LONGER, _SHORT = 3.0, 0.05
 _NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last; the last is so much of the one before at most
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
 _MOST_TURNED = 2.0  # rad in a step
-_SURELY = 2.0  # times what a path may stray from a straight line by its curvature
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
 
@@ -265,26 +264,14 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
 
 
 def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
-    """Whether the x axis passed the vertical in the step so closely that pitch or roll may have gone on by a turn more or less.
-
-    Pitch is the angle of the x axis about the vertical, roll that of the vertical about the x axis: both of pairs (x, y) that move on
-    smooth paths, which stray from a straight line by h^2 / 8 times their second derivative at most.
-    """
-    c.slabs.add(f"HEADING_{body}", 7)
-    now = (r[0], r[3], r[7], r[8], omega[0], omega[1], omega[2])
-    before = [scope.load(part(f"HEADING_{body}", k)) for k in range(7)]
-    h = scalar.abs(scope.load("STEP"))
-    rates = (before[4], before[5], before[6]), (now[4], now[5], now[6])
-    across = scalar.larger(*(w[1] * w[1] + w[2] * w[2] for w in rates))
-    whole = scalar.larger(*(vec3.dot(w, w) for w in rates)).called("whole")
-    faster = vec3.sub(*rates)
-    bend = (0.125 * _SURELY * h * (h * square_root(across * whole) + square_root(vec3.dot(faster, faster)))).called("bend")
-    size = square_root(scalar.larger(*(v[2] * v[2] + v[3] * v[3] for v in (before, now))))
-    spun = bend + 0.125 * h * h * whole * size  # a roll alone turns on a circle
-    winds = quat.may_wind((before[0], before[1]), (now[0], now[1]), bend) | quat.may_wind((before[2], before[3]), (now[2], now[3]), spun)
-    scope.store("UNCLEAR", where(winds, 1.0, scope.load("UNCLEAR")))
-    for k, value in enumerate(now):
-        scope.store(part(f"HEADING_{body}", k), _unless_idle(scope, c, value, before[k]))
+    """Whether pitch or roll may have gone on by a turn more or less in the step (`quat.turns_unclear`)."""
+    c.slabs.add(f"HEADING_{body}", 4), c.slabs.add(f"LAST_RATE_{body}", 3)
+    heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
+    now = quat.heading(r).called("heading")
+    unclear = quat.turns_unclear(heading, now, rate, omega, scalar.abs(scope.load("STEP")))
+    scope.store("UNCLEAR", where(unclear, 1.0, scope.load("UNCLEAR")))
+    scope.store(f"HEADING_{body}", _unless_idle(scope, c, now, heading))
+    scope.store(f"LAST_RATE_{body}", _unless_idle(scope, c, omega, rate))
 
 
 def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:

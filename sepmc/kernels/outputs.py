@@ -28,7 +28,7 @@ _SLOPE = (
 _FOURTH = tuple(1.0 / (128.0 * math.prod(x - y for y in _THETA if y != x)) for x in _THETA)
 _DIP = 0.7  # least over greatest size of a load at the nodes: below, it may turn sharply between them
 # What halving an interval may change of an integral: of the peak so far, and, for round-off, of that of force or moment (N, N m).
-_AGREE, _NOISE, _HALVINGS = 1e-9, 1e-12, 40
+_AGREE, _NOISE, _HALVINGS = 1e-11, 1e-12, 40
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _ROUNDS = 36  # of golden section: a bracket of half a step shrinks by 3e-8, a smooth peak is then known to round-off
 

@@ -104,6 +104,31 @@ def may_wind(u, v, bend):
 
 
 @formula
+def heading(m):
+    """The pairs whose angles pitch and roll are: the x axis seen along the vertical of the turn, that vertical seen along the x axis."""
+    return m[0], m[3], m[7], m[8]
+
+
+@formula
+def turns_unclear(u, v, rate_u, rate_v, h):
+    """Whether the x axis passed the vertical in a step of length h so closely that pitch or roll may have gone on by a turn more or less.
+
+    u, v : `heading` at the start and the end of the step; rate_u, rate_v : body rates there, rad/s
+    Both pairs move on smooth paths, which stray from a straight line by h^2 / 8 times their second derivative at most; twice that counts.
+    """
+    across_u, across_v = rate_u[1] * rate_u[1] + rate_u[2] * rate_u[2], rate_v[1] * rate_v[1] + rate_v[2] * rate_v[2]
+    square_u, square_v = across_u + rate_u[0] * rate_u[0], across_v + rate_v[0] * rate_v[0]
+    size_u, size_v = u[2] * u[2] + u[3] * u[3], v[2] * v[2] + v[3] * v[3]
+    across = across_u if across_u > across_v else across_v
+    whole = square_u if square_u > square_v else square_v
+    size = size_u if size_u > size_v else size_v
+    a, b, c = rate_v[0] - rate_u[0], rate_v[1] - rate_u[1], rate_v[2] - rate_u[2]
+    bend = 0.25 * h * (h * math.sqrt(across * whole) + math.sqrt(a * a + b * b + c * c))
+    spun = bend + 0.125 * h * h * whole * size  # a roll alone turns on a circle
+    return may_wind((u[0], u[1]), (v[0], v[1]), bend) | may_wind((u[2], u[3]), (v[2], v[3]), spun)
+
+
+@formula
 def roll(m):
     """Roll, rad, of an attitude matrix."""
     return arctan2(m[7], m[8])
