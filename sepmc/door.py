@@ -49,8 +49,7 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known; minus infinity: steps were
-    # too long to tell by how many turns pitch and roll went on
+    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known
     guards: np.ndarray | None = None
     again: Again | None = None
 
@@ -61,11 +60,9 @@ class Block:
         return np.asarray((self.guards >= 0.0).all(axis=1))
 
     @property
-    def turns_unclear(self) -> np.ndarray:
-        """Cases (n,) that shorter steps may tell more of."""
-        if self.guards is None:
-            return np.zeros(len(self.status), dtype=bool)
-        return np.asarray(np.isneginf(self.guards).any(axis=1))
+    def flown(self) -> np.ndarray:
+        """Which cases (n,) have outcomes."""
+        return np.isin(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
 def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
@@ -110,8 +107,8 @@ def fly_specialised(
     `sepmc.kernels.blocks.fly` has them. A scene's ``solver.step`` is the pace of all its stages, and ``steps`` are in how
     many parts it is divided.
 
-    Returns the block, whose status is -1 where another kernel has to fly a case, and the times (stages, n) at which phases end,
-    and joints that are late have let go.
+    Returns the block, whose status is below 0 where the kernel does not vouch for a case (FINER_STEPS and ANOTHER_KERNEL of
+    `sepmc.kernels.layout`), and the times (stages, n) at which phases end, and joints that are late have let go.
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
     outcomes, status = np.full((len(columns) + kernel.guards, n), np.nan), np.zeros(n, dtype=np.int64)
@@ -121,16 +118,17 @@ def fly_specialised(
     _call(kernel, plan, steps, usual, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
     rows = np.broadcast_to(np.arange(room) * plan.tableau.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
-    block = Block(outcomes[: len(columns)].T, status, rows, phases, history, np.full(n, room), outcomes[len(columns) :].T)
+    kept = np.where(status > Status.NEVER_RELEASED, 0, room)
+    block = Block(outcomes[: len(columns)].T, status, rows, phases, history, kept, outcomes[len(columns) :].T)
     return block, ends
 
 
 def fly_everything(
     kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; 0 if the kernel vouches for them,
-    -1 if it does not, -2 if only by how many turns pitch and roll went on is not clear; the times (stages,) at which stages end, and rows
-    (n, columns) at ``instants`` (n, 2), each a time and the number of a stage."""
+    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; its status, as `fly_specialised`
+    has it; the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage;
+    NaN if the case did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)

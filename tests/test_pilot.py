@@ -402,7 +402,8 @@ def test_lost_cases_enter_the_error_that_is_told(table2, tmp_path):
     name = next(name for name in HARD if "left" in name)
     result = table2.with_settings({"run.history_step_s": 0.0} | HARD[name]).run(cases=2000, out=tmp_path / "run")
     written = told(tmp_path / "run", "manifest.json")["accuracy"]
-    assert written["left_cases"] > 50
+    assert written["left_cases"] > 10
+    assert written["left_cases"] + written["finer_cases"] > 50
     assert written["unsettled_cases"] == 0
     assert result.accuracy.worst[1] > result.flight.achieved.worst[1]
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.settle import TOO_LONG, Settled, first_step, fly_general, settle
+from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, first_step, fly_general, settle
 from sepmc.door import Again, Block, fly_specialised, warm_up
 from sepmc.kernels.kernel import Kernel
+from sepmc.kernels.layout import ANOTHER_KERNEL, FINER_STEPS
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -52,15 +53,15 @@ class Flight:
 
 
 def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases harder than any trial case are flown again at shorter steps; those that a specialised kernel cannot
-    vouch for by the general one; those with a draw that is not finite by none."""
+    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or to jam and those that a specialised
+    kernel does not vouch for are flown again at shorter steps; by the general one, if that does not tell."""
     block = fly_once(campaign, flight, draws, room)
+    again, doubtful = Again(np.zeros(len(campaign.outcome_columns))), block.flown & ~_is_like_trials(flight, block)
     lost = np.flatnonzero(block.status < 0)
-    fit = np.isfinite(draws[lost]).all(axis=1)
-    block.outcomes[lost[~fit]], block.status[lost[~fit]], block.rows[lost[~fit]] = np.nan, Status.INVALID_INPUT, 0
-    lost, again = lost[fit], Again(np.zeros(len(campaign.outcome_columns)))
-    lengthy = np.isin(block.status, TOO_LONG) & (campaign.scene.solver.step is None)
-    hard = np.flatnonzero(lengthy | ((block.status == Status.OK) & ~_is_like_trials(flight, block)))
+    if campaign.scene.solver.step is None:
+        doubtful |= np.isin(block.status, (FINER_STEPS, *TOO_LONG)) | (np.isin(block.status, DOUBTFUL) & (flight.kernel is not None))
+        lost = np.flatnonzero(block.status == ANOTHER_KERNEL)
+    hard = np.flatnonzero(doubtful)
     if len(hard):
         again, unsettled = _fly_hard(campaign, flight, draws, room, block, hard)
         lost = np.union1d(lost, unsettled)
@@ -106,7 +107,7 @@ def _fly_hard(
     given = campaign.scene.solver.step is not None
     before = _rows(block, hard)
     found = _settle(campaign, flight, block, hard, 1.0, flown)
-    held = found.settled & (found.status == Status.OK) & block.guarded[hard]
+    held = found.settled & (np.isin(found.status, DOUBTFUL) | (block.flown & block.guarded)[hard])
     change = found.change
     if given:
         assert flight.scale is not None
@@ -139,7 +140,7 @@ def _settle(
     def fly_some(step: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         again = flown(step, which[some])
         _put(block, which[some], again)
-        return again.outcomes[:, : len(columns)].copy(), np.where(again.turns_unclear, Status.UNRESOLVED, again.status)
+        return again.outcomes[:, : len(columns)].copy(), np.where(again.status < 0, Status.UNRESOLVED, again.status)
 
     scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))

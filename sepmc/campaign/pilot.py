@@ -13,8 +13,8 @@ from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, deviation
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import SAFE, Flight, Say, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
-from sepmc.campaign.search import Search, usual_phases
-from sepmc.campaign.settle import DEEP, HALVINGS, changes, first_step, fly_general, longest_step, settle, settled_step
+from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
+from sepmc.campaign.settle import DEEP, HALVINGS, Fly, changes, first_step, fly_general, longest_step, settle, settled_step
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
 from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
@@ -182,14 +182,14 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        return block.outcomes[:, : len(units)], _vouched(block, given)
+        return block.outcomes[:, : len(units)], _verdict(block, given)
 
     spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
-    few, sound = flown(np.full(kernel.stages, spread), some)
-    while not sound.mean() > 0.5 and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
+    few, verdict = flown(np.full(kernel.stages, spread), some)
+    while not mostly(verdict) and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
         spread *= 2
-        few, sound = flown(np.full(kernel.stages, spread), some)
-    scale = scales(few[sound], units, scene_scales(campaign.scene, units))
+        few, verdict = flown(np.full(kernel.stages, spread), some)
+    scale = scales(few[verdict == VOUCHED], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides)
@@ -197,30 +197,37 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
         if fewest is None:
             return None
         steps = fewest
-        (one, fair), (two, finely) = flown(steps, drawn), flown(2 * steps, drawn)
+        (one, verdict), (two, finer) = flown(steps, drawn), flown(2 * steps, drawn)
+        fair, finely = verdict == VOUCHED, finer == VOUCHED
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
         if given is not None or not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
     trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
-    again, sound = trials.outcomes[:first, : len(units)], _vouched(trials, given)[:first]
+    again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
-        warm_up(announce)
-        largest = np.maximum(largest, _doubted(campaign, doubted, vouched, scale))
+
+        def finely_flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            block, _ = fly_specialised(kernel, campaign.plan, round(1.0 / share) * steps, usual, campaign.slots, doubted[which])
+            return block.outcomes[:, : len(units)], np.where(_verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status)
+
+        largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
-    nominal = search.reference[0] if search.fair[0] else None
+    nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
     limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
     return Flight([], kernel, steps, usual, stage_names(campaign), given, scale, limits, angles, error, told, nominal)
 
 
-def _vouched(block: Block, given: float | None) -> np.ndarray:
-    """Which cases (n,) a kernel vouches for: those with a guard that is not known are flown again, unless the step is ``given``."""
-    return (block.status == Status.OK) & (given is not None or block.guarded)
+def _verdict(block: Block, given: float | None) -> np.ndarray:
+    """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known are flown again, unless the step is
+    ``given``."""
+    vouched = block.flown & (given is not None or block.guarded)
+    return np.where(block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT))
 
 
 def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
@@ -252,19 +259,18 @@ def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
     return found
 
 
-def _doubted(campaign: Definition, draws: np.ndarray, outcomes: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against the general kernel, each settled."""
-    right, status = np.empty_like(outcomes), np.empty(len(draws), dtype=np.int64)
+def _doubted(fly: Fly, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray) -> np.ndarray:
+    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against what they settle at."""
+    right = np.empty_like(outcomes)
 
-    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block = fly_general(campaign, step, draws[which])
-        right[which], status[which] = block.outcomes[:, : outcomes.shape[1]], block.status
-        return right[which], status[which]
+    def flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, status = fly(share, which)
+        right[which] = found
+        return found, status
 
-    goal, decides = SAFE * campaign.scene.solver.accuracy, decisive(campaign.outcome_columns)
-    settle(flown, len(draws), first_step(campaign.scene, campaign.file.dispersions), goal, scale, decides)
+    settled = settle(flown, len(outcomes), 1.0, goal, scale, decides)
     found = errors(outcomes, right, scale)
-    found[status != Status.OK] = np.inf
+    found[~settled.settled | (settled.status > Status.NEVER_RELEASED)] = np.inf
     return found.max(axis=0)
 
 

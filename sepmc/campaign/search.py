@@ -8,13 +8,21 @@ from sepmc.campaign.accuracy import errors
 from sepmc.campaign.definition import Definition
 from sepmc.door import fly_specialised
 from sepmc.kernels.kernel import Kernel
+from sepmc.schema import Status
 
 _MOST_STEPS = 2048  # of a stage
 _FINER = 8  # times as fine as a step that is given is what it is held against
 _AT_ONCE = 1e-9  # of a flight
 _MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
+VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
-Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # steps and draws to outcomes (n, o) and what is sound (n,)
+# Steps and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1 if it does, 0 if not; -1 if there are none.
+Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def mostly(verdict: np.ndarray) -> bool:
+    """Whether a kernel vouches for most of the cases (n,) that have outcomes, if any has."""
+    return bool(np.count_nonzero(verdict == VOUCHED) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES))
 
 
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
@@ -22,7 +30,8 @@ def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.
     usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
     while steps.max() <= _MOST_STEPS:
         block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        sound = block.status == 0
+        sound = block.status == Status.OK
+        sound = sound if sound.any() else block.flown
         if sound.any():
             return usual_lengths(ends, sound)
         steps *= 2
@@ -47,14 +56,14 @@ class Search:
 
     def __init__(self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float, decides: np.ndarray):
         self.flown, self.draws, self.scale, self.goal, self.decides = flown, draws, scale, goal, decides
-        self.reference, self.fair = np.empty((0, len(scale))), np.zeros(len(draws), dtype=bool)
+        self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
 
     @property
-    def _mostly_fair(self) -> bool:
-        """Whether the kernel vouches for most of the cases at the reference."""
-        return bool(self.fair.mean() > 0.5)
+    def fair(self) -> np.ndarray:
+        """Which cases (n,) the kernel vouches for at the reference."""
+        return np.asarray(self.verdict == VOUCHED)
 
     def fewest(self, first: np.ndarray) -> np.ndarray | None:
         """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
@@ -63,7 +72,7 @@ class Search:
         becomes the goal.
         """
         steps = self._refer(first)
-        if np.isinf(self.settled) or not self._mostly_fair:
+        if np.isinf(self.settled) or not mostly(self.verdict):
             return None
         if self.settled > 2.0 * self.goal:
             self.goal = 2.0 * self.settled
@@ -74,24 +83,24 @@ class Search:
         """The step that is given, once for all ``stages``, held against a reference that is finer; None if the kernel cannot vouch for most
         of the cases."""
         steps = np.ones(stages, dtype=np.int64)
-        self.reference, self.fair = self.flown(_FINER * steps, self.draws)
+        self.reference, self.verdict = self.flown(_FINER * steps, self.draws)
         self._of_reference = np.zeros(len(self.scale))
-        return steps if self._mostly_fair else None
+        return steps if mostly(self.verdict) else None
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
         """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
-        found, sound = self.flown(steps, self.draws)
-        both = sound & self.fair
+        found, verdict = self.flown(steps, self.draws)
+        both = (verdict == VOUCHED) & self.fair
         return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
 
     def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
         steps = first
-        self.reference, self.fair = self.flown(steps, self.draws)
+        self.reference, self.verdict = self.flown(steps, self.draws)
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
             coarse, steps = steps, 2 * steps
-            self.reference, self.fair = self.flown(steps, self.draws)
-            if not self._mostly_fair:  # steps are far too long: what the few others say is not what it is about
+            self.reference, self.verdict = self.flown(steps, self.draws)
+            if not mostly(self.verdict):  # steps are far too long: what the few others say is not what it is about
                 continue
             now = self.error(coarse)
             if self.goal >= self.settled <= now < np.inf:  # round-off, which some cases let grow: no steps come nearer than that
@@ -112,9 +121,9 @@ class Search:
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
         """Largest error of each outcome, (o,); infinite if more cases are lost than may be: the general kernel would fly them."""
-        found, sound = self.flown(steps, self.draws)
-        both = sound & self.fair
-        if np.count_nonzero(self.fair & ~sound) > _MAY_BE_LOST * len(self.draws) or not both.any():
+        found, verdict = self.flown(steps, self.draws)
+        both = (verdict == VOUCHED) & self.fair
+        if np.count_nonzero(self.fair & ~both) > _MAY_BE_LOST * len(self.draws) or not both.any():
             return np.full(len(self.scale), np.inf)
         return errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0)
 

@@ -31,7 +31,7 @@ _PATIENCE = 3  # halvings that may pass without the change falling to half: then
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
 TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
 
-_DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
+DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
@@ -86,9 +86,9 @@ def changes(
 
 def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
     """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed only because it is far too long."""
-    found = np.isin(status, _DOUBTFUL)
+    found = np.isin(status, DOUBTFUL)
     if found.any():
-        found[found] = ~np.isin(fly(step / _SURE, cases[found])[1], _DOUBTFUL)
+        found[found] = ~np.isin(fly(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
@@ -108,7 +108,7 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
-        waiting = early[left] & np.isin(finer_status, _DOUBTFUL)
+        waiting = early[left] & np.isin(finer_status, DOUBTFUL)
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
         worst = now[:, decides].max(axis=1, initial=0.0)
         agreed[left] = np.where(worst <= goal, agreed[left] + 1, 0)
@@ -182,7 +182,7 @@ def settled_step(
         now = fly(0.5 * step, draws)
         steps.append(step)
         found = changes(*before, *now, scale(now[0]), decides)
-        waiting = early & np.isin(now[1], _DOUBTFUL)
+        waiting = early & np.isin(now[1], DOUBTFUL)
         found[waiting] = 1.0
         since = len(table) + 1 if waiting.any() else since
         table.append(found[:, decides].max(axis=0, initial=0.0))

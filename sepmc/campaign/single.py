@@ -13,13 +13,12 @@ from sepmc.compiler.emit import emit
 from sepmc.compiler.plan import Plan, make_plan
 from sepmc.compiler.shape import Shape, brief_transient, make_shape, reasons
 from sepmc.door import fly_block, fly_everything, interpreted, specialised_kernel
-from sepmc.kernels.layout import FULL_HISTORY
+from sepmc.kernels.layout import ANOTHER_KERNEL, FINER_STEPS, FULL_HISTORY
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
 _FEWEST = 2  # steps of a stage that are tried first
-_HOPELESS = 16  # with so many, a case that the kernel does not vouch for is none of its cases
-_LEFT = -1  # to another kernel
+_HOPELESS = 256  # with so many, a case that the kernel does not vouch for is none of its cases
 _MOST = 2048  # steps of a stage: more take plain Python minutes, and the general kernel less
 _SAME_TIME = 1e-12  # s
 
@@ -60,22 +59,27 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
         if steps > _MOST:
             raise _LostError
         found, status, ends, _ = fly_everything(kernel, plan, np.full(kernel.stages, steps), usual, none)
-        sound = status == 0
-        if status == _LEFT and steps >= max(_HOPELESS, 2 * fewest):
+        if status == ANOTHER_KERNEL or (status == FINER_STEPS and steps >= max(_HOPELESS, 2 * fewest)):
             raise _LostError
-        if sound and np.isinf(usual).all():
+        if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(usual).all():
             usual[:] = usual_lengths(ends[:, None], np.ones(1, dtype=bool))
         last[:] = ends
-        return found[None, : len(columns)], np.array([Status.OK if sound else Status.UNRESOLVED])
+        return found[None, : len(columns)], np.array([Status.UNRESOLVED if status < 0 else status])
 
     try:
         share, notes = settle_one(flown, 1.0, scene, columns)
     except _LostError:
         return None
     steps = np.full(kernel.stages, round(fewest / share))
-    instants, phases = _instants(shape, last, every_s)
-    found, _, _, rows = fly_everything(kernel, plan, steps, usual, instants)
-    return Single("written", plan, Status.OK, found, instants[:, 0], phases, rows, notes)
+    instants, phases = _instants(shape, np.fmin(last, scene.run.end_time), every_s)
+    found, status, _, rows = fly_everything(kernel, plan, steps, usual, instants)
+    if status > Status.NEVER_RELEASED:  # the step in which it fails has no rows
+        steps = np.maximum(steps, min(_MOST, math.ceil(scene.run.end_time / every_s)))
+        found, status, _, rows = fly_everything(kernel, plan, steps, usual, instants)
+    if status < 0:
+        return None
+    there = ~np.isnan(rows).all(axis=1)
+    return Single("written", plan, Status(status), found, instants[there, 0], phases[there], rows[there], notes)
 
 
 def _instants(shape: Shape, ends: np.ndarray, every_s: float) -> tuple[np.ndarray, np.ndarray]:

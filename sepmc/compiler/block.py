@@ -12,6 +12,7 @@ from sepmc.compiler.shape import APART, Stage, met, numbers_of
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
+from sepmc.schema import Status
 
 _SAME_TIME = 1e-12  # s
 _LEAST_SHARE = 2.0**-16  # of the time left: a stretch where a load usually ends a phase at once, for the cases in which it does not
@@ -88,14 +89,15 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
     elif stage.cuts:
-        _lose_unreleased(text, c, stage)
+        _note_unreleased(text, c, stage)
 
 
-def _lose_unreleased(text: Text, c: Context, stage: Stage) -> None:
-    """A joint that was told to let go and holds at the end is another kernel's to report."""
+def _note_unreleased(text: Text, c: Context, stage: Stage) -> None:
+    """Whether a joint that was told to let go still holds at the end."""
     scope = c.scope()
     for cut in stage.cuts:
-        lose(scope, (scope.load(f"HELD_{cut.joint}") < 1.0) | scope.load(f"LETS_GO_{cut.joint}").equals(math.inf))
+        holds = (scope.load(f"HELD_{cut.joint}") >= 1.0) & (scope.load(f"LETS_GO_{cut.joint}") < math.inf)
+        scope.store("UNRELEASED", where(holds, 1.0, scope.load("UNRELEASED")))
     scope.write(text)
 
 
@@ -161,10 +163,10 @@ def _note_cuts(text: Text, c: Context, stage: Stage) -> None:
 
 
 def _check_start(text: Text, c: Context) -> None:
-    """A start that the joints do not allow is lost."""
+    """Whether the joints allow the start."""
     scope = c.scope()
     for k in range(4):
-        lose(scope, scope.load(part("RESIDUAL_NOW", k)) <= _CONSISTENT)
+        lose(scope, scope.load(part("RESIDUAL_NOW", k)) <= _CONSISTENT, Status.INCONSISTENT_START)
     scope.write(text)
 
 
@@ -173,7 +175,7 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
     now = scope.load("T")
     if stage.after_late:  # its end came while a late joint held on
-        lose(scope, time >= now - _SAME_TIME)
+        lose(scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), at.ANOTHER_KERNEL)
     until = scalar.larger(time, now)
     scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
     scope.write(text)
@@ -199,10 +201,10 @@ def _begin_late(text: Text, c: Context, stage: Stage) -> None:
 
 
 def _stand_still(text: Text, c: Context) -> None:
-    """A start that turns is lost where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
+    """A start may not turn where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
     scope = c.scope()
     omega = scope.load(f"Y + OMEGA_{c.shape.bodies[0]}", 3)
-    lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2)
+    lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
     scope.write(text)
 
 
@@ -303,15 +305,18 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
 
 
 def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Value | None) -> None:
-    """A joint becomes free, in all cases or in those in which it ``goes``: when, and the rates of its bodies if they are asked for."""
+    """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far: when, and the rates of its bodies if they
+    are asked for."""
     c.start(f"RELEASE_{joint}", math.nan)
+    in_time = scope.load("UNRELEASED").equals(0.0)
+    goes = in_time if goes is None else goes & in_time
     noted = [(f"RELEASE_{joint}", scope.load("T"))]
     for place, rate in _tip_off(scope, c, stage, joint):
         for k in range(3):
             c.case.scope.store(part(place, k), math.nan)
             noted.append((part(place, k), rate[k]))
     for place, now in noted:
-        scope.store(place, now if goes is None else where(goes, now, scope.load(place)))
+        scope.store(place, where(goes, now, scope.load(place)))
 
 
 def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
@@ -347,10 +352,12 @@ def _switches(text: Text, c: Context) -> None:
 
 
 def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
-    """From a phase to the next: who failed to get there, attitudes of bodies that part, what is noted of a release."""
+    """From a phase to the next: who did not get there before the end, attitudes of bodies that part, what is noted of a release."""
     scope = c.scope()
     now = scope.load("T")
-    lose(scope, scope.load("DONE") > 0.0 if stage.ends_by_state else now >= scope.load(f"UNTIL_{stage.name}"))
+    ended = scope.load("DONE") > 0.0 if stage.ends_by_state else now >= scope.load(f"UNTIL_{stage.name}")
+    lose(scope, ended | (now >= scope.load("RUN_END")))
+    scope.store("UNRELEASED", where(ended, scope.load("UNRELEASED"), 1.0))
     for leader in after.leaders:
         old = stage.leader(leader)
         if leader not in stage.leaders and old != GROUND:
@@ -364,5 +371,5 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
         held = f"HELD_{joint}"  # or else, where it may be cut, it was released before
         _note_release(scope, c, stage, joint, scope.load(held) > 0.0 if joint in cut else None)
         if joint in cut:
-            scope.store(held, 0.0)
+            scope.store(held, where(ended, 0.0, scope.load(held)))
     scope.write(text)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, part
+from sepmc.compiler.context import Context, lost_unless, part
 from sepmc.compiler.formulas import vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.shape import Stage
@@ -69,7 +69,7 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     text("clearance(w, JOB)")
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
     inner(f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} + k]")
-    text(f"w[LOST + l] = w[LOST + l] if w[JOB + {at.JOB_DONE}] > 0.0 else 1.0")
+    text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 
 def _place(s: State, body: str, q: int) -> Any:

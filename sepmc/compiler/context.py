@@ -8,7 +8,7 @@ from sepmc.compiler.case import Case
 from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Slabs
-from sepmc.kernels.layout import FULL_HISTORY
+from sepmc.kernels.layout import FINER_STEPS, FULL_HISTORY
 from sepmc.kernels.methods import Method
 
 
@@ -152,6 +152,21 @@ def height(scope: Scope, body: str) -> Value:
     return scope.load(f"Y + X_{body}", 3)[1] + level(scope, scope.load("T"))
 
 
-def lose(scope: Scope, unless: Value) -> None:
-    """A case is lost, so that another kernel has to fly it, where a condition does not hold."""
-    scope.store("LOST", where(unless, scope.load("LOST"), 1.0))
+def lose(scope: Scope, unless: Value, status: int = FINER_STEPS) -> None:
+    """A case that is not lost yet is, where a condition does not hold: with a status, or for finer steps or another kernel to tell."""
+    _lose(scope, where(unless, 0.0, float(status)))
+
+
+def lose_if(scope: Scope, condition: Value, status: int = FINER_STEPS) -> None:
+    """The same where a condition holds."""
+    _lose(scope, where(condition, float(status), 0.0))
+
+
+def _lose(scope: Scope, status: Value) -> None:
+    lost = scope.load("LOST")
+    scope.store("LOST", where(lost.equals(0.0), status, lost))
+
+
+def lost_unless(condition: str, status: int = FINER_STEPS) -> str:
+    """The line for it, for a lane."""
+    return f"w[LOST + l] = {float(status)} if w[LOST + l] == 0.0 and not ({condition}) else w[LOST + l]"

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, height, part
+from sepmc.compiler.context import Context, height, lose_if, part
 from sepmc.compiler.formulas import ZERO, scalar, square_root, vec3
 from sepmc.compiler.geometry import Line, State
 from sepmc.compiler.loads import add_all
@@ -92,7 +92,7 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
         met = (value * past <= 0.0) | _may_rise(past, slope, value, rate, length) | _may_rise(-past, -slope, -value, -rate, length)
     late = time >= scope.load(f"UNTIL_{stage.name}") - (s.case.number(stage.delay) if stage.delay is not None else math.inf)
     counts = scope.named("first").equals(0.0) & late & met
-    scope.store("LOST", where(counts, 1.0, scope.load("LOST")))
+    lose_if(scope, counts, at.ANOTHER_KERNEL)
     for k, now in enumerate((value, rate, time)):
         scope.store(part(name, k), now)
     scope.write(text)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, lose, part
+from sepmc.compiler.context import Context, lose, lost_unless, part
 from sepmc.compiler.formulas import ZERO, guides, scalar, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.motion import Motion, make_drive, make_motion
@@ -14,6 +14,7 @@ from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import force_of, moment_of
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
+from sepmc.schema import Status
 
 Ends = list[tuple[Any, Any]]  # lateral forces (y, z) of pins: of every pin at the mouth and at the tip
 
@@ -23,7 +24,7 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
     joints = c.shape.rubbing(stage)
     if not joints:
         return
-    says = f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, into FRICTION; a case that jams is lost."
+    says = f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, into FRICTION; a case may jam."
     text = out.function(f"rub_{stage.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
     c.slabs.add("FRICTION", len(c.shape.scene.joint))
@@ -41,7 +42,7 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
             place += 1
     s.scope.write(text)
     inner = text.lanes().block(f"if not guides.balance(w, RUBBING_{stage.name} + l, {tuple(ends)}, FRICTION + l):")
-    inner("w[LOST + l] = 1.0")
+    inner(lost_unless("False", Status.JAMMED))
 
 
 def _place(s: State, joint: str) -> int:
@@ -83,7 +84,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     mobility = apart * s.lengthening(pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False)
     alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone  # what else holds them along x would share the drive
-    lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives)
+    lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives, at.ANOTHER_KERNEL)
     drive = faster / mobility  # less friction: what would hold the joint along x if that were all there is
     friction = s.friction(joint)
     drive = drive if friction is None else drive - friction

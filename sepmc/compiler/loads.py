@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.compiler.context import Context, height, level, lose, part
+from sepmc.compiler.context import Context, height, level, lose, lost_unless, part
 from sepmc.compiler.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.compiler.geometry import Line, State
 from sepmc.compiler.packing import aero_terms
@@ -13,6 +13,7 @@ from sepmc.compiler.tables import looks_up
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
+from sepmc.schema import Status
 
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
@@ -106,16 +107,14 @@ def emit_centre(out: Text, c: Context) -> None:
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
         if not c.shape.borders:
             reached = air.geopotential(centre).called("reached")
-            lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
+            lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), at.ANOTHER_KERNEL)
     scope.write(text)
 
 
 def emit_layers(out: Text, c: Context) -> None:
     """A function by which bodies enter layers of the standard atmosphere. Their borders are met this side and beyond by `_BORDER`, so that
     a body that has just passed one is not at it; one that starts on a border flies in the layer that it goes to."""
-    text = out.function(
-        "enter_layers(w)", "Let bodies that pass a border of their layer of air fly in the next; cases without air are lost."
-    )
+    text = out.function("enter_layers(w)", "Let bodies that pass a border of their layer of air fly in the next, if there is one.")
     text = text.lanes()
     for body in c.shape.bodies:
         if c.shape.in_layers(body):
@@ -126,7 +125,7 @@ def emit_layers(out: Text, c: Context) -> None:
             inner(f"goes_on = {2.0 * _BORDER} if w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l] >= 0.0 else -{2.0 * _BORDER}")
             inner("air, top = layer(height + goes_on)", f"put4(w, {layer} + l, air)", f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0")
             inner(f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, geometric(top) + {_BORDER}")
-            inner("w[LOST + l] = w[LOST + l] if 0.0 <= height <= TOP else 1.0")
+            inner(lost_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:

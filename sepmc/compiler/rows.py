@@ -101,7 +101,7 @@ class Rows:
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        lose(self.s.scope, left <= DEPENDENT * own)
+        lose(self.s.scope, left <= DEPENDENT * own, at.ANOTHER_KERNEL)
 
     def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True) -> list[Any]:
         """What accelerations without the joints leave of each row; by themselves, apart from what bodies do that are ``moving``."""
@@ -179,6 +179,6 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Factors) -> None:
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Value):
             share = (pivot / row[-1]).called("share")
-            lose(s.scope, share > DEPENDENT)
+            lose(s.scope, share > DEPENDENT, at.ANOTHER_KERNEL)
             least = where(share < least, share, least).called("least")
     s.scope.store("PIVOT", least)

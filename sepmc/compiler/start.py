@@ -9,8 +9,9 @@ from sepmc.compiler.tables import has_tables
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
+from sepmc.schema import Status
 
-ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR")
+ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR", "UNRELEASED")
 
 
 def shared_size(c: Context) -> int:
@@ -31,13 +32,13 @@ def emit_prepare(out: Text, c: Context) -> None:
     scope = case.scope
     for name in (*ZERO_AT_FIRST, *(part("RESIDUAL", k) for k in range(4)), *(c.guard(name) for name in c.guards)):
         scope.store(name, 0.0)
-    lose(scope, scope.load("UNSOUND").equals(0.0))
+    lose(scope, scope.load("UNSOUND").equals(0.0), Status.INVALID_INPUT)
     for stage in shape.stages:
         if stage.end_time:
             slabs.add(f"UNTIL_{stage.name}", 1)
             scope.store(f"UNTIL_{stage.name}", total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]))
     for joint in shape.failing:
-        lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5)
+        lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANOTHER_KERNEL)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()
         inner(f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])", "put4(w, AIR + l, air)")
@@ -69,7 +70,7 @@ def _start(c: Context) -> None:
             scope.store(f"LAST_RATE_{body}", omega)
         heavy = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
         sound = heavy if sound is None else sound & heavy
-    scope.store("LOST", where(sound, 0.0, 1.0))
+    scope.store("LOST", where(sound, 0.0, float(Status.INVALID_INPUT)))
     scope.store("T", 0.0)
     scope.store("Y + WORK", 0.0)
     scope.store("RUN_END", case.number(at.END_TIME))

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.compiler.context import Context, height, lose, part
+from sepmc.compiler.context import Context, height, lose, lost_unless, part
 from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
-from sepmc.kernels.layout import GRAIN
+from sepmc.kernels.layout import ANOTHER_KERNEL, GRAIN
 from sepmc.kernels.methods import Method, method
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
@@ -79,7 +79,7 @@ def _keep_pace(lane: Text, end: str) -> None:
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
     lane(f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h", "w[STEP + l] = step if way < 1.0 else 0.0")
     lane("w[WAY + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
-    lane(f"w[LOST + l] = 1.0 if way < 1.0 and h < -{GRAIN} else w[LOST + l]")
+    lane(lost_unless(f"way >= 1.0 or h >= -{GRAIN}"))
 
 
 def _emit_rest(out: Text, c: Context) -> None:
@@ -117,7 +117,7 @@ def emit_advance(out: Text, c: Context) -> None:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, c, "set_step(w, phase, left, usual)", c.extends)
     inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
-    inner("h = abs(w[STEP + l])", "w[LOST + l] = w[LOST + l] if h <= w[LONGEST + l] else 1.0")
+    inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name, rk.doubt)
@@ -135,13 +135,13 @@ def emit_approach(out: Text, c: Context) -> None:
     says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
     text = out.function("approach(w, phase: int, size: int)", says)
     _begin(text, c, "set_rest(w, phase)", False)
-    text.lanes()(f"w[LOST + l] = w[LOST + l] if abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l] else 1.0")
+    text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
     _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
     text("settle(w, phase)", "set_rest(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
     inner("h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)")
-    inner("w[LOST + l] = w[LOST + l] if abs(h) < 1e-6 else 1.0")
+    inner(lost_unless("abs(h) < 1e-6"))
     if c.extends:
         inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
         inner("w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]")
@@ -258,7 +258,7 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     _note_winding(scope, c, body, r, omega)
     unclear = (scalar.abs(r[6]) > scope.named("SINE_SINGULAR")) | (change > 0.5 * math.pi)
     scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
-    scope.store("LOST", where(turned > _MOST_TURNED, 1.0, scope.load("LOST")))
+    lose(scope, turned <= _MOST_TURNED)
     for angle, place in zip(now, last, strict=True):
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
 
@@ -295,7 +295,7 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
     scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
     for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
-        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")))
+        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANOTHER_KERNEL)
 
 
 def emit_guard(out: Text, c: Context) -> None:

@@ -7,7 +7,7 @@ lane, in a loop of its own; what the tables give is then summed for all lanes si
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, level, part
+from sepmc.compiler.context import Context, level, lost_unless, part
 from sepmc.compiler.formulas import air, loads, square_root, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.recorder import Value
@@ -15,6 +15,7 @@ from sepmc.compiler.shape import Shape, Stage
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import Proximity
+from sepmc.schema import Status
 
 COEFFICIENTS = 6
 
@@ -90,7 +91,7 @@ def _over_height(text: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
     for body in in_air:
         c.slabs.add(f"AIR_OF_{body}", 2)
-        _sum_cells(text, c, int(c.model.air_x), f"AIR_CELL_{body}", f"HEIGHT_OF_{body}", f"AIR_OF_{body}")
+        _sum_cells(text, c, int(c.model.air_x), f"AIR_CELL_{body}", f"HEIGHT_OF_{body}", f"AIR_OF_{body}", Status.OUTSIDE_ATMOSPHERE)
     for body in windy:
         c.slabs.add(f"WIND_{body}", 2)
         _within_ends(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
@@ -110,15 +111,16 @@ def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
     text.lanes()(f"w[{place} + l] = min(max(w[{place} + l], w[SHARED + {first}]), w[SHARED + {last}])")
 
 
-def _sum_cells(text: Text, c: Context, start: int, cell: str, place: str, found: str) -> None:
+def _sum_cells(text: Text, c: Context, start: int, cell: str, place: str, found: str, leaves: Status = Status.OUTSIDE_TABLE) -> None:
     """Lines that put what a pack gives at places of three numbers where it is read; ``start`` is that of the pack among
-    the numbers that cases share, ``cell`` where lanes hold theirs."""
+    the numbers that cases share, ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
     functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
     if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
         c.case.scope.store(cell, math.inf)  # holds no place
     inner = text.lanes()
     inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
-    inner.block(f"if not is_held(w, {cell} + l, x, y, z):")(f"hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)")
+    inner = inner.block(f"if not is_held(w, {cell} + l, x, y, z):")
+    inner(f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)", lost_unless("inside", leaves))
     text(f"put_cell(w, {found}, {cell}, {place}, {functions}, {', '.join(map(str, counts))})")
 
 

@@ -58,6 +58,8 @@ POSITION, VELOCITY, QUATERNION, RATE = 0, 3, 6, 10
 BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
 LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
 PART_SIZE = 7  # of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at both ends
+# What a written kernel says of a case that it does not vouch for: it may at shorter steps, or another kernel has to fly it.
+FINER_STEPS, ANOTHER_KERNEL = -1, -2
 # Audit columns, in order.
 (GAP_AUDIT, ANGLE_AUDIT, GAP_RATE_AUDIT, ANGLE_RATE_AUDIT, DRIFT_AUDIT, ENERGY_AUDIT, PIVOT_AUDIT, REDUNDANT_AUDIT, EVENT_AUDIT,
  SINGULAR_AUDIT, STEPS_AUDIT) = range(11)  # fmt: skip

@@ -73,7 +73,8 @@ def is_held(w, cell, x, y, z):
 
 @routine
 def hold_cell(w, cell, at, x, y, z):
-    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside.
+    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside. Returns whether it lies
+    inside, or nowhere.
 
     A place on the edge is inside. An axis of one point has no edge.
     """
@@ -110,6 +111,7 @@ def hold_cell(w, cell, at, x, y, z):
                     k += LANES
     if not inside:
         w[cell] = math.inf  # holds no place
+    return inside or math.isnan(x) or math.isnan(y) or math.isnan(z)
 
 
 @routine

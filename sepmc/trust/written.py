@@ -20,6 +20,7 @@ from sepmc.trust.flights import SIZES, Array, Flight
 WRITTEN = "written"  # beside "general": what is said of a flight by a kernel written for its scene
 LEFT = "left to general"  # status of a case that a written kernel does not vouch for; a campaign flies it by the general one
 UNMET = "accuracy not met"  # status of a case that goes on changing as its steps are halved; a run says so
+_FLOWN = (Status.OK, Status.NEVER_RELEASED)
 _DOUBLINGS = 4
 _STEP = 0.01  # s, where the scene has none
 _CORNERS, _SAMPLE = 3, 24  # trial cases of the pilot, in plain Python
@@ -47,18 +48,18 @@ class Written(Flight):
         self.t = np.array([self.scene.run.end_time])
         columns = schema.result_columns(campaign.plan.contents)
         steps, usual = _steps(campaign, flown.scene.solver.step or _STEP)
-        outcomes, sound, _ = _fly(campaign, steps, usual)
+        outcomes, status, _ = _fly(campaign, steps, usual)
         unmet = False
-        for _ in range(_DOUBLINGS if settled and sound else 0):
+        for _ in range(_DOUBLINGS if settled and status in _FLOWN else 0):
             steps, before = 2 * steps, outcomes
-            outcomes, sound, _ = _fly(campaign, steps, usual)
+            outcomes, status, _ = _fly(campaign, steps, usual)
             count = len(campaign.outcome_columns)
             unmet = _change(before[:count], outcomes[:count], campaign) > self.scene.solver.accuracy
-            if not (sound and unmet):
+            if not (status in _FLOWN and unmet):
                 break
         self.outcomes: dict[str, Any] = {c.name: float(x * c.scale) for c, x in zip(columns, outcomes, strict=True)}
         self.history = pd.DataFrame({"time_s": self.t, **self.outcomes})
-        self.status = LEFT if not sound else UNMET if unmet else Status.OK.label
+        self.status = LEFT if status < 0 else UNMET if unmet else Status(status).label
 
     def places(self, name: str) -> tuple[Array, Array]:
         """Not written: NaN."""
@@ -66,13 +67,13 @@ class Written(Flight):
         return unknown, unknown
 
 
-def _fly(campaign: Campaign, steps: Array, usual: Array) -> tuple[Array, bool, Array]:
-    """The nominal case in so many steps (phases,) of phases that usually last ``usual`` (phases,), s: its outcomes (o,), whether the
-    kernel vouches for it, and the times (phases,) at which phases end."""
+def _fly(campaign: Campaign, steps: Array, usual: Array) -> tuple[Array, int, Array]:
+    """The nominal case in so many steps (phases,) of phases that usually last ``usual`` (phases,), s: its outcomes (o,), its status, less
+    than 0 if the kernel does not vouch for it, and the times (phases,) at which phases end."""
     with interpreted():
         kernel = specialised_kernel(kernel_text(campaign))
     block, reached = fly_specialised(kernel, campaign.plan, steps, usual, np.empty(0, dtype=np.int64), np.empty((1, 0)))
-    return block.outcomes[0], bool(block.status[0] == 0), reached[:, 0]
+    return block.outcomes[0], int(block.status[0]), reached[:, 0]
 
 
 def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
@@ -81,8 +82,8 @@ def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
     stages = len(make_shape(campaign.plan, campaign.dispersed).stages)
     steps, usual = np.full(stages, max(2, math.ceil(campaign.scene.run.end_time / step - 1e-9))), np.full(stages, math.inf)
     if stages > 1:
-        _, sound, reached = _fly(campaign, steps, usual)
-        if sound:
+        _, status, reached = _fly(campaign, steps, usual)
+        if status in _FLOWN:
             usual = np.diff(reached, prepend=0.0)
             steps = np.maximum(2, np.ceil(usual / step - 1e-9)).astype(np.int64)
     return steps, usual
