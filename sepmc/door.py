@@ -127,8 +127,8 @@ def fly_everything(
     kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; its status, as `fly_specialised`
-    has it; the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 2), each a time and the number of a stage;
-    NaN if the case did not get so far."""
+    has it; the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a
+    stage, and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
     outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)

@@ -44,6 +44,18 @@ SCENES = {
         },
         3,
     ),
+    "a ball joint beside a bolt, alone watched": (
+        {
+            "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
+            "phase": [
+                {"name": "bolted", "joints": {"pins": "fixed", "again": "spherical"}, "until": {"time_s": 0.2}},
+                {"name": "hinged", "joints": {"again": "spherical"}, "until": {"time_s": 0.3}},
+                {"name": "free"},
+            ],
+            "output": {"loads": ["again"]},
+        },
+        3,
+    ),
     "four hinges in a plane": (
         {
             "body.mid": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2.0, 0.1, 0.5]},

@@ -153,7 +153,7 @@ class Campaign(Definition):
         if kernel not in (None, "general"):
             raise InputError(f'kernel = {kernel!r}: must be "general", or None for that of the scene where there is one')
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
-        found = None if kernel == "general" or scene.solver.step or unfit else fly_single(scene, self.outcome_columns, step_s)
+        found = None if kernel == "general" or unfit else fly_single(scene, self.outcome_columns, step_s)
         if found is None:
             warm_up(announce)
             found = fly_single_generally(scene, self.outcome_columns, step_s, self.slots[: len(unfit)])

@@ -215,10 +215,11 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
             return block.outcomes[:, : len(units)], np.where(_verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status)
 
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
+    limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
+    largest = np.maximum(largest, _unseen(campaign, trials, scale))
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
-    limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
     error = float(largest[decides].max(initial=0.0))
     return Flight([], kernel, steps, usual, stage_names(campaign), given, scale, limits, angles, error, told, nominal)
 
@@ -238,14 +239,28 @@ def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
-    units = [column.unit for column in campaign.outcome_columns]
-    impulses = [] if general else [k for k, unit in enumerate(units) if unit in ("N s", "N m s")]
+    units, impulses = [column.unit for column in campaign.outcome_columns], [] if general else _impulses(campaign)
     sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
     own = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
     alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)  # guards of joint loads come last
     unseen[first:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
     alike[first:] = _ALIKE_LOADS
     return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
+
+
+def _impulses(campaign: Definition) -> list[int]:
+    """Places of the impulses among the outcomes: their guards come last, in the same order."""
+    return [k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")]
+
+
+def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
+    """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out of impulses (`_limits`)."""
+    found, impulses = np.zeros(len(scale)), _impulses(campaign)
+    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    least = np.maximum(sizes, scale[impulses]).min(axis=0, initial=np.inf)
+    left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
+    found[impulses] = np.divide(left_out, SAFETY * least, out=np.zeros(len(least)), where=least > 0.0)
+    return found
 
 
 def _angles(campaign: Definition, trials: Block) -> dict[int, float]:

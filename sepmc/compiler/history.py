@@ -90,7 +90,7 @@ def _angles(s: State, leader: str) -> tuple[Any, Any]:
 
 def _keep_everything(out: Text, c: Context) -> None:
     """A function that writes the rows of a full history whose stage and instant are those of the step just made, all lanes alike."""
-    says = "Rows at those of the instants (time, stage) that fall within the step just made."
+    says = "Rows at those of the instants (time, stage, side) that fall within the step just made, or at its end (-1) or beginning (1)."
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text("instants, history = table(a, 5), block(a, 8)")
     text = text.block("for row in range(instants.shape[0]):")
@@ -99,6 +99,8 @@ def _keep_everything(out: Text, c: Context) -> None:
     inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
     inner(f"within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}")
     inner("within = within and instants[row, 1] == phase and w[LOST + l] == 0.0")
+    inner("within = within and (instants[row, 2] <= 0.0 or t < last - 1e-12)")
+    inner("within = within and (instants[row, 2] >= 0.0 or t > w[BEGIN_T + l] + 1e-12)")
     inner("w[WITHIN + l] = 1.0 if within else 0.0", "there += w[WITHIN + l]")
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.slabs.add("WITHIN", 1)

@@ -137,7 +137,7 @@ class Stage:
 
     def holds(self, joint: str) -> bool:
         """Whether a joint holds something."""
-        return joint in self.welds or any(row.joint == joint for row in self.rows)
+        return joint in self.welds or any(row.joint == joint for row in (*self.rows, *self.dropped))
 
     def slides(self, joint: str) -> tuple[bool, bool]:
         """Whether the pins of a joint are engaged and may slide: at first, and once it has let go."""
@@ -222,16 +222,20 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     found = _obstacles(plan, dispersed)
     ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
     asked = bool(plan.scene.release or redundancies(plan.scene)) or any(_has_load(until) or _is_manifold(until) for until in ends)
-    stages = make_shape(plan, dispersed).stages if asked and not found else []
+    if found or not asked:
+        return found
+    shape = make_shape(plan, dispersed)
+    stages = shape.stages
     if any(stage.waits_for_load and stage.after_late for stage in stages):
         found.append("a joint's load that ends a phase and is waited for while another joint is late")
     if any(stage.clauses and stage.after_late for stage in stages):
         found.append("several conditions that end a phase and are waited for while a joint is late")
     for stage in stages:
+        phase = shape.names.back[stage.phase]
         if stage.redundant and stage.masked:
-            found.append(f"redundant rows while joints are late after phase {stage.phase}")
-        elif stage.redundant and any(any(stage.slides(name)) for name, joint in plan.scene.joint.items() if joint.guide is not None):
-            found.append(f"pins of a guide in phase {stage.phase}, in which rows are redundant")
+            found.append(f"redundant rows while joints are late before phase {phase}, or may be released apart from phases")
+        elif stage.redundant and any(any(stage.slides(name)) for name, joint in shape.scene.joint.items() if joint.guide is not None):
+            found.append(f"pins of a guide in phase {phase}, in which rows are redundant")
     return found
 
 
