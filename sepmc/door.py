@@ -49,7 +49,8 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known
+    # (n, g): how hard cases are to integrate (`sepmc.compiler.context.Context`), not below 0; NaN: not known; minus infinity: steps were
+    # too long to tell by how many turns pitch and roll went on
     guards: np.ndarray | None = None
     again: Again | None = None
 
@@ -58,6 +59,13 @@ class Block:
         """Which cases (n,) have guards that are all known; others are flown again."""
         assert self.guards is not None
         return np.asarray((self.guards >= 0.0).all(axis=1))
+
+    @property
+    def turns_unclear(self) -> np.ndarray:
+        """Cases (n,) that shorter steps may tell more of."""
+        if self.guards is None:
+            return np.zeros(len(self.status), dtype=bool)
+        return np.asarray(np.isneginf(self.guards).any(axis=1))
 
     @property
     def flown(self) -> np.ndarray:

@@ -43,8 +43,8 @@ _SENTENCES = {
     Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no length, or an axis parallel to another?",
     Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",
     Status.NO_ROOT: "an event could not be located in its step: shorten solver.step_s",
-    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, a body turned more than 2 rad in a step, or passed yaw = 90 deg so "
-    "closely that pitch and roll may have gone on by a turn more or less: the step is too long, shorten it",
+    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or a body turned more than 2 rad in a step: the step is too long, "
+    "shorten it",
     Status.NOT_FLOWN: "the kernel did not reach this case",
     Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does a rod or a joint to the ground allow it?",
     Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not extrapolated: widen the table",

@@ -140,7 +140,7 @@ def _settle(
     def fly_some(step: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         again = flown(step, which[some])
         _put(block, which[some], again)
-        return again.outcomes[:, : len(columns)].copy(), np.where(again.status < 0, Status.UNRESOLVED, again.status)
+        return again.outcomes[:, : len(columns)].copy(), np.where((again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status)
 
     scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
     return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))

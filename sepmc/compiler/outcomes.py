@@ -66,8 +66,9 @@ def emit_results(text: Text, c: Context) -> None:
     shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
     text("# outcomes", "report(w)")
     text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
+    clear = " and w[UNCLEAR + l] == 0.0" if c.history == at.FULL_HISTORY else ""  # otherwise guards that are not known tell
     text("i, lost = first + l, w[ENERGY + l] / w[ENERGY + 2 * LANES + l]")
-    text(f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED} and w[UNCLEAR + l] == 0.0")
+    text(f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED}{clear}")
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
@@ -86,7 +87,8 @@ def emit_results(text: Text, c: Context) -> None:
     audits = ("w[DRIFT + l]", "lost", pivot, str(redundant), "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
     for k, value in enumerate(audits):
         text(f"outcomes[{o + 4 + k}, i] = {value}")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if w[UNEVEN + l] == 0.0 else math.nan")
+    text("unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan", "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0")
+    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     text(f"told = w[LOST + l] if w[LOST + l] != 0.0 else w[UNRELEASED + l] if sound else {float(at.FINER_STEPS)}", "status[i] = int(told)")

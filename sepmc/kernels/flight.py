@@ -359,10 +359,10 @@ def fly_case(m, rk, nominal, slots, draws, outcomes, guards, times, phases, hist
                 if w[m.scene.work + at.JAMMED] != 0.0:
                     status = JAMMED
                     break
-            lost, turned, unclear = follow_angles(y0, length, m, w)
+            lost, turned = follow_angles(y0, length, m, w)
             if lost:
                 audit[at.SINGULAR_AUDIT] = 1.0
-            if turned > _MOST_TURNED or unclear:
+            if turned > _MOST_TURNED:
                 status = UNRESOLVED
                 break
             if w[m.scene.work + at.UNSEARCHED] != 0.0:

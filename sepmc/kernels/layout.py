@@ -78,8 +78,7 @@ WORK_HEAD = 15
 # linear in ground axes, angular in body axes; 1 / mass; pitch and roll at the last step, continuous
 TENSOR, INVERSE, ATTITUDE, LOAD, ACCEL, INVERSE_MASS, LAST_PITCH, LAST_ROLL = 0, 9, 18, 27, 33, 39, 40, 41
 LAYER, LAYER_TOP = 42, 46  # of the standard atmosphere that a body flies in: see `atmosphere.layer`
-HEADING, LAST_RATE = 47, 51  # of its x axis and the body's rate at the last step: see `quat.turns_unclear`
-BODY_WORK = 54
+BODY_WORK = 47
 # per motor: unit thrust, its moment about the centre of mass (body axes); whether it burns in this stretch of time or tails off,
 # and the line its profile follows there
 THRUST_LINE, THRUST_MOMENT, BURNING, LEVEL, SLOPE = 0, 3, 6, 7, 8

@@ -37,11 +37,10 @@ def follow_angles(y, h, m, w):
     """Let pitch and roll follow the motion at the end of a step of length h. Needs attitudes.
 
     Returns whether one of them cannot be followed (near yaw = +-90 deg, where they are singular, or where one changes or the body
-    turns by more than a quarter in the step), the largest angle by which a body turned in the step, rad, and whether one may have gone on
-    by a turn more or less.
+    turns by more than a quarter in the step), and the largest angle by which a body turned in the step, rad.
     """
     keep_apart()
-    lost, largest, unclear = False, 0.0, False
+    lost, largest = False, 0.0
     for b in range(reported_bodies(m)):
         pitch, yaw, roll = body_angles(b, m, w)
         work, omega = body_work(b, m), vec3.get(y, b * at.STATE + at.RATE)
@@ -50,12 +49,7 @@ def follow_angles(y, h, m, w):
         lost = lost or abs(yaw) > SINGULAR_YAW or change > 0.5 * math.pi
         largest = max(largest, turned)
         w[work + at.LAST_PITCH], w[work + at.LAST_ROLL] = pitch, roll
-        k = work + at.HEADING
-        before, now = (w[k], w[k + 1], w[k + 2], w[k + 3]), quat.heading(attitude(b, m, w))
-        unclear = unclear or quat.turns_unclear(before, now, vec3.get(w, work + at.LAST_RATE), omega, h)
-        w[k], w[k + 1], w[k + 2], w[k + 3] = now
-        vec3.put(w, work + at.LAST_RATE, omega)
-    return lost, largest, unclear
+    return lost, largest
 
 
 SINGULAR_YAW = math.radians(89.0)

@@ -168,10 +168,6 @@ def set_initial_state(y, m, w):
         vec3.put(y, k + at.RATE, omega if moves else (0.0, 0.0, 0.0))
         y[k + at.QUATERNION], y[k + at.QUATERNION + 1], y[k + at.QUATERNION + 2], y[k + at.QUATERNION + 3] = q
         w[body_work(b, m) + at.LAST_PITCH], w[body_work(b, m) + at.LAST_ROLL] = w[at.PITCH], w[at.ROLL]
-        start = quat.heading(r)
-        for i in range(4):
-            w[body_work(b, m) + at.HEADING + i] = start[i]
-        vec3.put(w, body_work(b, m) + at.LAST_RATE, omega)
     y[m.scene.n_bodies * at.STATE] = 0.0
 
 

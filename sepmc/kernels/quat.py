@@ -90,17 +90,21 @@ def yaw(m):
     return arctan2(-m[6], math.sqrt(m[0] * m[0] + m[3] * m[3]))
 
 
+_THROUGH = 1e-9  # from the origin, with numbers up to 1: on which side it passes is beyond the accuracy of a flight
+
+
 @formula
 def may_wind(u, v, bend):
     """Whether a path in a plane from u to v, pairs, that strays from the straight line by ``bend`` at most may pass the origin on either
-    side: by how much it turns about the origin is then not known."""
+    side: by how much it turns about the origin is then not known. One that goes through the origin passes it on none."""
     along, across = v[0] - u[0], v[1] - u[1]
     square = along * along + across * across
     share = -(u[0] * along + u[1] * across) / (square if square > 0.0 else 1.0)
     share = 0.0 if share < 0.0 else share
     share = 1.0 if share > 1.0 else share
     x, y = u[0] + share * along, u[1] + share * across
-    return x * x + y * y < bend * bend
+    distance = x * x + y * y
+    return _THROUGH * _THROUGH < distance < bend * bend
 
 
 @formula
