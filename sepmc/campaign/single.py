@@ -72,7 +72,6 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     else:
         steps = one
         flown(steps)  # to learn how long phases last
-        flown(steps)
     releases = [place for place, column in enumerate(columns) if column.name.endswith("release_time_s")]
     found, status, rows = flown(steps)
     instants, phases = _instants(shape, np.fmin(ends, scene.run.end_time), found[releases], every_s)
