@@ -151,7 +151,7 @@ def outcome_columns(contents: Contents) -> list[Column]:
         columns.append(Column(f"{joint}_time_in_guide_s", "s", f"time for which the pins of {joint} slid"))
         for pin in range(1, pins + 1):
             columns.append(Column(f"{joint}_pin{pin}_peak_load_N", "N", f"greatest lateral load of pin {pin} of {joint} at mouth or tip"))
-        meaning = f"least coefficient of friction at which the pins of {joint} would have jammed"
+        meaning = f"least coefficient of friction at which the pins of {joint} would have held against all that drives them apart"
         columns.append(Column(f"{joint}_jam_friction", "1", meaning))
     for name in contents.clearances:
         columns += _fill(_CLEARANCE, f"{name}_", name)

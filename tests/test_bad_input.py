@@ -185,6 +185,11 @@ OTHERS = [  # the same for everything.toml
     ("pins = 3\n", "pins = 0\n", ["joint.pins.guide.pins = 0", ">= 1"]),
     ("pins = 3\n", "pins = 2.5\n", ["joint.pins.guide.pins = 2.5", "whole number"]),
     ("circle_m = 0.3", "", ["joint.pins.guide.circle_m", "must be > 0 with more than one pin"]),
+    (
+        '{ pins = "slider", hinge',
+        '{ pins = "point-on-line", hinge',
+        ["joint.pins.guide", "does nothing", "at least two rotations", "it is fixed, point-on-line, free in the phases"],
+    ),
     ("engaged_mm = 60.0", "engaged_mm = 0.0", ["joint.pins.guide.engaged_mm = 0.0", "must be > 0"]),
     # springs and loads
     (

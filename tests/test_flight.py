@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sepmc.campaign import cases
+from sepmc.campaign import cases, single
 from sepmc.campaign.campaign import Campaign
 from sepmc.compiler import shape
 from sepmc.door import fly_block
@@ -60,7 +60,8 @@ def inertias(campaign):
 def _general():
     """All flights of this file are the general kernel's, as those of scenes that no kernel is written for."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shape, "_obstacles", lambda plan, dispersed: ["a test of the general kernel"])
+        for module in (shape, single):
+            patch.setattr(module, "reasons", lambda plan, dispersed: ["a test of the general kernel"])
         yield
 
 

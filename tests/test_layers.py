@@ -59,3 +59,11 @@ def test_a_start_on_a_border(pair):
         found = outcomes(pair(one).with_settings({"initial.altitude_m": BORDER - ahead, "initial.pitch_deg": pitch}))
         assert found["steps"] == 10.0
         assert np.isfinite(found["fore_alpha_deg"])
+
+
+def test_layers_are_nothing_to_bodies_without_aerodynamics(pair):
+    """They pass a border of the default air as if there were none."""
+    bare = {name: value for name, value in CLIMBING.items() if not name.endswith("aerodynamics")}
+    found = outcomes(pair(bare))
+    empty = outcomes(pair(bare | {"environment": {"atmosphere": "none", "gravity": "inverse-square"}}))
+    assert found == pytest.approx(empty, rel=1e-13, nan_ok=True)

@@ -325,6 +325,25 @@ def test_jam_friction_is_that_of_the_drive(pair, friction):
     assert_allclose(outcomes["pins_jam_friction"], 0.4, rtol=1e-9)
 
 
+@pytest.mark.parametrize("friction", [0.02, 0.3, 0.7])
+def test_jam_friction_counts_the_loads_that_friction_causes(pair, friction):
+    """Pulled apart through the mass centres, the pin 0.3 m beside them: friction f bends it, at both ends by 0.3 f / L, and hardly anything
+    else does. It balances 2 mu 0.3 f / L = f at mu = L / 0.6, least where 0.45 m of it are left; the status says so too."""
+    two = {"mass_kg": 100.0, "inertia_kg_m2": [10.0, 50.0, 50.0]}
+    settings = {
+        "body": {"fore": two | {"cg_m": [1.0, 0.0, 0.0]}, "aft": two | {"cg_m": [3.0, 0.0, 0.0]}},
+        "load": [{"name": "pull", "body": "aft", "force_N": [-1000.0, 0.0, 0.0], "moment_N_m": [0.0, 0.05, 0.0]}],
+        "joint.pins.point_m": [2.0, 0.3, 0.0],
+        "joint.pins.guide": rubbing(friction, 0.5),
+        "phase": phases((SLIDER, {"joint": "pins", "stroke_mm": 50.0}), (FREE, None)),
+        "output.guide": ["pins"],
+        "solver.step_s": 1e-3,
+    }
+    _, outcomes = flown(pair(settings))
+    assert_allclose(outcomes["pins_jam_friction"], 0.75, rtol=1e-6)
+    flown(pair(settings | {"joint.pins.guide": rubbing(0.76, 0.5)}), status="jammed")
+
+
 @pytest.mark.parametrize("gain", [0.2, 0.5, 0.9, 1.5, 3.0])
 def test_friction_that_lowers_its_own_load(pair, gain):
     """Pushed through the pin, the mass centre half a metre beside it: the couple is arm (F - f), so f = k (F - f), k = 2 mu arm / L.

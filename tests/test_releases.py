@@ -128,8 +128,3 @@ def test_a_joint_that_was_told_and_holds_at_the_end(pair):
     """Its delay ends after the flight."""
     campaign = pair(TURNING | ONE | {"joint.pins.delay_s": 0.5, "release": [cut("pins", {"time_s": 0.2})]})
     assert alone(campaign).status == independent.fly(campaign.nominal().to_dict()).status == "never-released"
-
-
-def test_what_no_kernel_is_written_for(pair):
-    late = {"joint.other.delay_s": 0.01, "release": [cut("other", {"time_s": 0.3})]}
-    assert "release cut of a joint that phases let go late, in part" in pilot.reasons(as_written(pair(TURNING | TWO | late)))

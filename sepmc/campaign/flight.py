@@ -20,6 +20,15 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
+class Spare:
+    """A kernel for cases that the one of a flight does not vouch for: in it, joints may let go in any order. ``phases`` (stages,) are the
+    numbers of the phases that the stages of the flight belong to."""
+
+    make: Callable[["Say | None"], Kernel]
+    phases: np.ndarray
+
+
+@dataclass(frozen=True)
 class Flight:
     """How a campaign is flown.
 
@@ -29,7 +38,8 @@ class Flight:
     see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
     error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
     angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases, ``achieved``
-    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
+    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the specialised
+    kernel does not vouch for is left to a ``spare`` one, if there is one.
     """
 
     why: list[str] = field(default_factory=list)
@@ -45,6 +55,16 @@ class Flight:
     achieved: Achieved | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
+    spare: Spare | None = None
+
+    def by_spare(self, announce: Say | None) -> "Flight":
+        """The same by the spare kernel, whose stages are the phases."""
+        assert self.spare is not None
+        assert self.steps is not None
+        assert self.usual is not None
+        kernel, phases = self.spare.make(announce), self.spare.phases
+        steps = np.bincount(phases, self.steps, kernel.stages).astype(np.int64)
+        return replace(self, kernel=kernel, steps=np.maximum(steps, 1), usual=np.bincount(phases, self.usual, kernel.stages), spare=None)
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
@@ -65,6 +85,9 @@ def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, 
     if len(hard):
         again, unsettled = _fly_hard(campaign, flight, draws, room, block, hard)
         lost = np.union1d(lost, unsettled)
+    if len(lost) and flight.spare is not None:
+        more, lost = _fly_spare(campaign, flight.by_spare(announce), draws, room, block, lost)
+        again = again.with_others(more)
     if len(lost):
         warm_up(announce)
         again = again.with_others(_fly_lost(campaign, flight, draws, room, block, lost))
@@ -100,14 +123,17 @@ def _fly_hard(
 ) -> tuple[Again, np.ndarray]:
     """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to
     learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
+    guarded = np.zeros(len(block.status), dtype=bool)
 
     def flown(share: float, which: np.ndarray) -> Block:
-        return fly_once(campaign, flight.sharper(round(1.0 / share)), draws[which], room)
+        found = fly_once(campaign, flight.sharper(round(1.0 / share)), draws[which], room)
+        guarded[which] = found.guarded if flight.kernel is not None else True
+        return found
 
     given = campaign.scene.solver.step is not None
     before = _rows(block, hard)
     found = _settle(campaign, flight, block, hard, 1.0, flown)
-    held = found.settled & (np.isin(found.status, DOUBTFUL) | (block.flown & block.guarded)[hard])
+    held = found.settled & (np.isin(found.status, DOUBTFUL) | (block.flown & guarded)[hard])
     change = found.change
     if given:
         assert flight.scale is not None
@@ -117,6 +143,17 @@ def _fly_hard(
     if flight.kernel is None:
         return Again(_largest(change), finer=len(hard), unsettled=0 if given else int(np.count_nonzero(~held))), hard[:0]
     return Again(_largest(change[held]), finer=int(np.count_nonzero(held))), hard[~held]
+
+
+def _fly_spare(
+    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray
+) -> tuple[Again, np.ndarray]:
+    """Fly the cases ``lost`` by the spare kernel, whose ``flight`` this is, into their rows of ``block``. Returns what is to be told of
+    them, and those that it does not vouch for either."""
+    if campaign.scene.solver.step is not None:
+        _put(block, lost, fly_once(campaign, flight, draws[lost], room))
+        return Again(np.zeros(len(campaign.outcome_columns))), lost[block.status[lost] < 0]
+    return _fly_hard(campaign, flight, draws, room, block, lost)
 
 
 def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:

@@ -4,14 +4,14 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 """
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
 from sepmc.campaign import cases
 from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import SAFE, Flight, Say, fly, fly_once, history_rows
+from sepmc.campaign.flight import SAFE, Flight, Say, Spare, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
 from sepmc.campaign.settle import DEEP, HALVINGS, Fly, changes, first_step, fly_general, longest_step, settle, settled_step
@@ -43,15 +43,29 @@ def reasons(campaign: Definition) -> list[str]:
     return shape.reasons(campaign.plan, campaign.dispersed)
 
 
-def kernel_text(campaign: Definition, method: str | None = None, history: bool = False) -> str:
-    """The kernel written for a campaign, as a Python module."""
-    return emit(shape.make_shape(campaign.plan, campaign.dispersed), method or campaign.scene.solver.method, history)
+def kernel_text(campaign: Definition, method: str | None = None, history: bool = False, any_order: bool = False) -> str:
+    """The kernel written for a campaign, as a Python module; one in which joints may let go in ``any_order``, if that is asked for."""
+    return emit(shape.make_shape(campaign.plan, campaign.dispersed, any_order), method or campaign.scene.solver.method, history)
 
 
-def stage_names(campaign: Definition) -> list[str]:
+def stage_names(campaign: Definition, any_order: bool = False) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
-    found = shape.make_shape(campaign.plan, campaign.dispersed)
+    found = shape.make_shape(campaign.plan, campaign.dispersed, any_order)
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
+
+
+def spare(campaign: Definition, history: bool = False) -> Spare | None:
+    """What flies cases that the kernel written for a campaign loses; None if nothing written does."""
+    found = shape.make_shape(campaign.plan, campaign.dispersed)
+    if not found.may_lose:
+        return None
+    phases = [phase.name for phase in found.scene.phase]
+
+    @cache
+    def make(announce: Say | None = None) -> Kernel:
+        return specialised_kernel(kernel_text(campaign, history=history, any_order=True), announce)
+
+    return Spare(make, np.array([phases.index(stage.phase) for stage in found.stages]))
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -118,11 +132,14 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
     """Choose how to fly a campaign to the accuracy it asks for."""
     why = reasons(campaign)
     if not why:
+        left = spare(campaign, history)
         kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
         _tell_trials(announce)
-        found = _choose_steps(campaign, kernel, announce)
+        found = _choose_steps(campaign, kernel, stage_names(campaign))
+        if found is None and left is not None:
+            found, left = _choose_steps(campaign, left.make(announce), stage_names(campaign, any_order=True)), None
         if found is not None:
-            return _finished(campaign, found, history)
+            return _finished(campaign, replace(found, spare=left), history)
         why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
     warm_up(announce)
     _tell_trials(announce)
@@ -167,7 +184,7 @@ def _tell_trials(announce: Say | None) -> None:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = None) -> Flight | None:
+def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that is given; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
     first, usual, given = len(tried), usual_phases(campaign, kernel, tried), campaign.scene.solver.step
@@ -221,7 +238,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, announce: Say | None = N
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stage_names(campaign), given, scale, limits, angles, error, told, nominal)
+    return Flight([], kernel, steps, usual, stages, given, scale, limits, angles, error, told, nominal)
 
 
 def _verdict(block: Block, given: float | None) -> np.ndarray:

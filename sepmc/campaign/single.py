@@ -53,6 +53,21 @@ def fly_single(scene: Scene, columns: list[Column], every_s: float) -> Single | 
     if reasons(plan, frozenset()) or (scene.solver.step and scene.run.end_time / scene.solver.step > _MOST):
         return None
     shape = make_shape(plan)
+    found = None if _lets_go_in_part(shape) else _fly_shape(shape, plan, columns, every_s)
+    if found is None and shape.may_lose:
+        shape = make_shape(plan, any_order=True)
+        found = None if _lets_go_in_part(shape) else _fly_shape(shape, plan, columns, every_s)
+    return found
+
+
+def _lets_go_in_part(shape: Shape) -> bool:
+    """Whether joints of which it is not known beforehand when they let go may go on holding something: that instant is not noted."""
+    return shape.any_order and any(len(stage.may[joint]) > 1 + len(stage.free(joint)) for stage in shape.stages for joint in stage.masked)
+
+
+def _fly_shape(shape: Shape, plan: Plan, columns: list[Column], every_s: float) -> Single | None:
+    """`fly_single` by the kernel of a shape."""
+    scene = plan.scene
     with interpreted():
         kernel = specialised_kernel(emit(shape, scene.solver.method, FULL_HISTORY))
     usual, ends = np.full(kernel.stages, np.inf), np.zeros(kernel.stages)

@@ -1,5 +1,6 @@
 """Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
 
+import functools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -8,7 +9,7 @@ from sepmc.compiler.context import Context, height, lose, part
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, Value, total, where
-from sepmc.compiler.shape import APART, Stage, met, numbers_of
+from sepmc.compiler.shape import APART, Change, Stage, met, numbers_of
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
@@ -66,8 +67,8 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     _note_sides(text, c, stage)
     if stage.awaited:
         text(f"await_{stage.name}(w, 1.0)")
-    if stage.cuts:
-        _note_cuts(text, c, stage)
+    if stage.releases:
+        _note_told(text, c, stage)
     if stage.masked:
         _let_go(text, c, stage)
     if stage.stops > 1:
@@ -88,17 +89,42 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.write(text)
     if number + 1 < len(c.shape.stages):
         _hand_over(text, c, stage, c.shape.stages[number + 1])
-    elif stage.cuts:
-        _note_unreleased(text, c, stage)
+    elif c.shape.masked:
+        _note_unreleased(text, c)
 
 
-def _note_unreleased(text: Text, c: Context, stage: Stage) -> None:
+def _note_unreleased(text: Text, c: Context) -> None:
     """Whether a joint that was told to let go still holds at the end."""
     scope = c.scope()
-    for cut in stage.cuts:
-        holds = (scope.load(f"HELD_{cut.joint}") >= 1.0) & (scope.load(f"LETS_GO_{cut.joint}") < math.inf)
-        scope.store("UNRELEASED", where(holds, 1.0, scope.load("UNRELEASED")))
+    for joint in c.shape.masked:
+        for change in c.shape.told(joint):
+            told = _comes(scope, c, change) < math.inf
+            holds = told & (_kind(scope, c, joint) < float(change.to))
+            scope.store("UNRELEASED", where(holds, 1.0, scope.load("UNRELEASED")))
     scope.write(text)
+
+
+def _kind(scope: Scope, c: Context, joint: str) -> Value:
+    """As which of its kinds a joint holds, by number."""
+    c.start(f"KIND_{joint}", float(c.shape.masked[joint]))
+    return scope.load(f"KIND_{joint}")
+
+
+def _comes(scope: Scope, c: Context, change: Change) -> Value:
+    """When an event came that tells a joint to let go."""
+    c.start(f"COMES_{change.event}", math.inf)
+    return scope.load(f"COMES_{change.event}")
+
+
+def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[Change, Value]]:
+    """Changes that a joint may make in a stage, and when each is due."""
+    slots = c.shape.plan.slots
+    delay = c.case.number(slots[f"joint.{joint}.delay"])
+    if joint in c.shape.failing:  # it never lets go
+        delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
+    for change in c.shape.told(joint):
+        if change.to in stage.may[joint] and change.to > min(stage.may[joint]):
+            yield change, _comes(scope, c, change) + delay
 
 
 def _note_sides(text: Text, c: Context, stage: Stage) -> None:
@@ -148,17 +174,16 @@ def _holds(scope: Scope, c: Context, stage: str, clauses: list[tuple[int, ...]],
     return found
 
 
-def _note_cuts(text: Text, c: Context, stage: Stage) -> None:
-    """Which releases apart from phases have come: their joints let go after their delay."""
+def _note_told(text: Text, c: Context, stage: Stage) -> None:
+    """Which releases apart from phases have come."""
     scope = c.scope()
-    for cut in stage.cuts:
-        for number in numbers_of(cut.clauses):
+    for release in stage.releases:
+        for number in numbers_of(release.clauses):
             c.start(met(APART, number), 0.0)
-        c.start(f"HELD_{cut.joint}", 1.0)
-        c.start(f"LETS_GO_{cut.joint}", math.inf)
-        lets_go = scope.load(f"LETS_GO_{cut.joint}")
-        told = _holds(scope, c, APART, cut.clauses, cut.times) & lets_go.equals(math.inf)
-        scope.store(f"LETS_GO_{cut.joint}", where(told, scope.load("T") + c.case.number(cut.delay), lets_go))
+        place = f"COMES_{release.name}"
+        c.start(place, math.inf)
+        told = _holds(scope, c, APART, release.clauses, release.times) & scope.load(place).equals(math.inf)
+        scope.store(place, where(told, scope.load("T"), scope.load(place)))
     scope.write(text)
 
 
@@ -182,21 +207,12 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
 
 
 def _begin_late(text: Text, c: Context, stage: Stage) -> None:
-    """When late joints let go: each its delay from now on; the last of them ends the stage."""
+    """The last of late joints to let go ends the stage."""
     scope = c.scope()
-    now, last, cut = scope.load("T"), None, {cut.joint for cut in stage.cuts}
-    for joint, place in stage.late.items():
-        delay = c.case.number(place)
-        last = delay if last is None else scalar.larger(last, delay)
-        if joint in cut:  # unless it was told before
-            told = scope.load(f"LETS_GO_{joint}")
-            scope.store(f"LETS_GO_{joint}", where(told < now + delay, told, now + delay))
-        elif joint in stage.masked:
-            c.slabs.add(f"HELD_{joint}", 1), c.slabs.add(f"LETS_GO_{joint}", 1)
-            scope.store(f"HELD_{joint}", 1.0)
-            scope.store(f"LETS_GO_{joint}", now + delay)
+    first, *others = (c.case.number(place) for place in stage.late.values())
+    last = functools.reduce(scalar.larger, others, first)
     c.slabs.add(f"UNTIL_{stage.name}", 1)
-    scope.store(f"UNTIL_{stage.name}", now + last)
+    scope.store(f"UNTIL_{stage.name}", scope.load("T") + last)
     scope.write(text)
 
 
@@ -218,10 +234,11 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     else:
         scope.store("DONE", 0.0)
     for joint in stage.masked:
-        lets_go = scope.load(f"LETS_GO_{joint}")
-        end = where((scope.load(f"HELD_{joint}") > 0.0) & (lets_go < end), scalar.larger(lets_go, now), end)
+        for change, due in _due(scope, c, stage, joint):
+            waits = _kind(scope, c, joint) < float(change.to)
+            end = where(waits & (due < end), scalar.larger(due, now), end)
     times = [(met(stage.name, number), places) for number, places in stage.times.items()]
-    times += [(met(APART, number), places) for cut in stage.cuts for number, places in cut.times.items()]
+    times += [(met(APART, number), places) for release in stage.releases for number, places in release.times.items()]
     for flag, places in times:
         comes, waits = total([c.case.number(place) for place in places]), scope.load(flag).equals(0.0)
         end = where(waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end)
@@ -248,8 +265,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         text.lanes()("w[T + l] = w[END + l]")
     if stage.clauses:
         _note_clauses(text, c, stage)
-    if stage.cuts:
-        _note_cuts(text, c, stage)
+    if stage.releases:
+        _note_told(text, c, stage)
     if stage.masked:
         _let_go(text, c, stage)
 
@@ -292,15 +309,16 @@ def _awaited(stage: Stage) -> list[str]:
 
 
 def _let_go(text: Text, c: Context, stage: Stage) -> None:
-    """Late joints let go, and what is noted of that."""
+    """Joints change that are due to, and what is noted of that."""
     scope = c.scope()
     now = scope.load("T")
     for joint in stage.masked:
-        held = scope.load(f"HELD_{joint}")
-        goes = ((held > 0.0) & (now >= scope.load(f"LETS_GO_{joint}") - _SAME_TIME)).called("goes")
-        scope.store(f"HELD_{joint}", where(goes, 0.0, held))
-        if joint in stage.set_free:
-            _note_release(scope, c, stage, joint, goes)
+        before = kind = _kind(scope, c, joint)
+        for change, due in _due(scope, c, stage, joint):
+            kind = where((now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind)
+        scope.store(f"KIND_{joint}", kind)
+        for free in stage.free(joint):
+            _note_release(scope, c, stage, joint, (before < float(free)) & (kind >= float(free)))
     scope.write(text)
 
 
@@ -366,10 +384,14 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
             for slab, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
                     scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
-    cut = {cut.joint for cut in stage.cuts}
-    for joint in after.released:
-        held = f"HELD_{joint}"  # or else, where it may be cut, it was released before
-        _note_release(scope, c, stage, joint, scope.load(held) > 0.0 if joint in cut else None)
-        if joint in cut:
-            scope.store(held, where(ended, 0.0, scope.load(held)))
+    for told in c.shape.changes:
+        if told.event == stage.phase and not stage.late and told.joint in c.shape.masked:
+            scope.store(f"COMES_{told.event}", where(ended, now, _comes(scope, c, told)))
+    for joint, kinds in after.may.items():
+        masked, to = joint in c.shape.masked, min(kinds)
+        if stage.holds(joint) and not kinds[to]:
+            _note_release(scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None)
+        if masked and to > min(stage.may[joint]):
+            kind = _kind(scope, c, joint)
+            scope.store(f"KIND_{joint}", where(ended & (kind < float(to)), float(to), kind))
     scope.write(text)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, lost_unless, part
+from sepmc.compiler.context import Context, among, lost_unless, part
 from sepmc.compiler.formulas import vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.shape import Stage
@@ -49,8 +49,8 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
     counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}"
-    if entry.after in stage.set_free:
-        counts += f" and w[HELD_{entry.after} + l] == 0.0"
+    if entry.after in stage.masked:
+        counts += f" and ({among(entry.after, stage.free(entry.after))})"
     text = text.lanes().block(f"if {counts}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",

@@ -65,8 +65,9 @@ class Context:
 
     @property
     def node_size(self) -> int:
-        """Numbers that are followed: force and moment of joints; of guides what drives them, and each pin's forces at both ends."""
-        return 6 * len(self.followed) + 3 * sum(1 + 2 * self.pins(joint) for joint in self.guides)
+        """Numbers that are followed: force and moment of joints; of guides what drives them, and the forces of each pin at both ends, if
+        friction held the guide and as they are."""
+        return 6 * len(self.followed) + 3 * sum(1 + 4 * self.pins(joint) for joint in self.guides)
 
     @property
     def noted_of_guides(self) -> Iterator[tuple[str, int, int, list[int]]]:
@@ -76,11 +77,11 @@ class Context:
         for joint in self.guides:
             ends = 2 * self.pins(joint)
             yield joint, first, place, [place + 2 + 3 * k for k in range(ends)]
-            first, place = first + 3 * (1 + ends), place + 2 + 3 * ends
+            first, place = first + 3 * (1 + 2 * ends), place + 2 + 3 * ends
 
     def watches(self, stage: Stage) -> bool:
         """Whether a joint whose loads are asked for holds something in a phase, or pins may slide that are."""
-        return any(stage.holds(joint) for joint in self.watched) or any(any(stage.slides(joint)) for joint in self.guides)
+        return any(map(stage.holds, self.watched)) or any(map(stage.sliding, self.guides))
 
     def carries(self, stage: Stage) -> bool:
         """Whether what joints carry in a phase is asked for."""
@@ -89,7 +90,7 @@ class Context:
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.shape.scene.clearance)
-        return [i for i, one in entries if one.after is None or not stage.holds(one.after) or one.after in stage.set_free]
+        return [i for i, one in entries if one.after is None or stage.free(one.after)]
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""
@@ -135,6 +136,11 @@ class Context:
     def scope(self) -> Scope:
         """A new loop over lanes."""
         return Scope(self.slabs, self.case.scope)
+
+
+def among(joint: str, kinds: tuple[int, ...]) -> str:
+    """The condition, for a lane, that a joint holds one of some kinds."""
+    return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 
 def part(slab: str, k: int) -> str:

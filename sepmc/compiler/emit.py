@@ -123,8 +123,9 @@ def _first_slabs(c: Context) -> None:
     with c.slabs.optional():
         c.slabs.add("GUARD", len(c.guards))
         if c.idles:
-            for name, count in (("PACE", 1), ("TIMES", 1), ("LEFT", 1), ("WAY", 1), ("HELD_BACK", 1), ("USUALLY", 1), ("BEFORE", c.size)):
-                c.slabs.add(name, count)
+            for name in ("PACE", "TIMES", "LEFT", "FIRST", "WAY", "HELD_BACK", "USUALLY"):
+                c.slabs.add(name, 1)
+            c.slabs.add("BEFORE", c.size)
         for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
             c.slabs.add(f"K{i}", c.size)
 

@@ -41,6 +41,7 @@ guides: Any = Formulas(
         "friction_force": NUMBER,
     },
 )
+linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER)})
 loads: Any = Formulas(
     "",
     {

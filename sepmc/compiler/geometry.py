@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.formulas import ZERO, joints, quat, square_root, vec3
-from sepmc.compiler.recorder import Scope, Value
+from sepmc.compiler.recorder import Scope, Value, where
 from sepmc.compiler.shape import Stage
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND, Spring
@@ -116,11 +116,17 @@ class State:
 
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, 0 before or after, in a phase in which they may."""
-        slides, still_slides = self.stage.slides(joint)
-        if slides and still_slides:
+        return self.while_held(joint, self.stage.sliding(joint))
+
+    def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
+        """1 while a joint holds one of some kinds, 0 before or after."""
+        if len(kinds) == len(self.stage.may[joint]):
             return 1.0
-        held = self.scope.load(f"HELD_{joint}")
-        return held if slides else 1.0 - held
+        kind, found = self.scope.load(f"KIND_{joint}"), None
+        for number in kinds:
+            found = kind.equals(float(number)) if found is None else found | kind.equals(float(number))
+        assert found is not None
+        return where(found, 1.0, 0.0).called("held")
 
     def friction(self, joint: str) -> Any:
         """Friction on the second body of a joint, N, in the direction of separation; None if there is none."""

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, lose, lost_unless, part
+from sepmc.compiler.context import Context, among, lose, lost_unless, part
 from sepmc.compiler.formulas import ZERO, guides, scalar, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.motion import Motion, make_drive, make_motion
@@ -77,7 +77,8 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 
 
 def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
-    """Numbers of a guide at a state, vectors all: what drives it apart, and what each pin carries at both ends."""
+    """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry at both ends if friction balanced that,
+    and what it does carry."""
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
     pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
     faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
@@ -85,10 +86,12 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone  # what else holds them along x would share the drive
     lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives, at.ANOTHER_KERNEL)
-    drive = faster / mobility  # less friction: what would hold the joint along x if that were all there is
+    left = (faster / mobility).called("left")  # of the drive, by friction
     friction = s.friction(joint)
-    drive = drive if friction is None else drive - friction
-    return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in pin_forces(s, motion, joint))]
+    drive = left if friction is None else left - friction
+    forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
+    held = [(y - left * by_y, z - left * by_z) for (y, z), (by_y, by_z) in zip(forces, of_one, strict=True)]
+    return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in (*held, *forces))]
 
 
 def start_guides(c: Context) -> None:
@@ -103,15 +106,13 @@ def start_guides(c: Context) -> None:
 def note_guides(text: Text, c: Context, stage: Stage) -> None:
     """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
     for joint, first, time, peaks in c.noted_of_guides:
-        slides, still_slides = stage.slides(joint)
-        if not (slides or still_slides):
+        sliding = stage.sliding(joint)
+        if not sliding:
             continue
-        inner = text
-        if slides != still_slides:
-            inner = text.block(f"if w[HELD_{joint} + l] {'>' if slides else '=='} 0.0:")
-        nodes = [f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES" for k in range(1 + len(peaks))]
+        inner = text if len(sliding) == len(stage.may[joint]) else text.block(f"if {among(joint, sliding)}:")
+        nodes = [f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES" for k in range(1 + 2 * len(peaks))]
         inner(f"w[{part('GUIDES', time)} + l] += h")
-        for k, peak in enumerate(peaks, 1):
+        for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + l], h)")
         inner(f"peaks.note_least_share(w, {nodes[0]}, {len(peaks)}, SCRATCH, {part('GUIDES', time + 1)} + l)")
 

@@ -9,7 +9,7 @@ from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, body_loads
 from sepmc.compiler.recorder import called
-from sepmc.compiler.rows import Factors, JointRow, Rows, check_pivots
+from sepmc.compiler.rows import Factors, JointRow, Rows, Solver, check_pivots, make_solver
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
 from sepmc.compiler.text import Text
@@ -64,7 +64,7 @@ class Motion:
     spin_rate: dict[str, Any]
     multipliers: list[Any] = field(default_factory=list)
     system: Rows | None = None
-    factors: Factors | None = None
+    factors: Solver | None = None
     moving: bool = True
     shared: bool = False  # whether the rows are those of bodies that turn apart, the multipliers those of least sum of squares
 
@@ -84,7 +84,7 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
         return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
-    factors = Factors(rows.coupling())
+    factors = make_solver(s, rows.coupling())
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
@@ -138,18 +138,21 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     rows = Rows(s)
     rows.note_residuals()
     coupling = rows.coupling()
-    factors = Factors(coupling)
+    factors = make_solver(s, coupling)
+    if isinstance(factors, Factors):
+        dropped = Rows(s, s.stage.dropped)
+        dropped.note_residuals()
+        for one in dropped.rows:
+            rows.lose_independent(one, factors)
+    else:
+        factors.solve([one.value for one in rows.rows])
     check_pivots(s, coupling, factors)
-    dropped = Rows(s, s.stage.dropped)
-    dropped.note_residuals()
-    for one in dropped.rows:
-        rows.lose_independent(one, factors)
     if corrects:
         _correct(s, rows, factors)
     s.scope.write(text)
 
 
-def _correct(s: State, rows: Rows, factors: Factors) -> None:
+def _correct(s: State, rows: Rows, factors: Solver) -> None:
     """Bring a state back onto its constraints: places and attitudes, speeds and rates."""
     shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
     kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))

@@ -83,8 +83,9 @@ def emit_results(text: Text, c: Context) -> None:
                     text(f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, TIP_OFF_{joint}_{body} + l)")
                 o += 3
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
-    pivot, redundant = "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0", float(max(stage.redundant for stage in shape.stages))
-    audits = ("w[DRIFT + l]", "lost", pivot, str(redundant), "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
+    pivot, redundant = "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0", str(float(max(stage.redundant for stage in shape.stages)))
+    redundant = "w[REDUNDANT + l]" if c.slabs.has("REDUNDANT") else redundant
+    audits = ("w[DRIFT + l]", "lost", pivot, redundant, "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
     for k, value in enumerate(audits):
         text(f"outcomes[{o + 4 + k}, i] = {value}")
     text("unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan", "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sepmc.compiler.context import lose, part
-from sepmc.compiler.formulas import ZERO, joints, scalar, square_root, vec3
+from sepmc.compiler.formulas import ZERO, joints, linear, scalar, square_root, vec3
 from sepmc.compiler.geometry import Pair, State, relative_acceleration, translation, translation_rate
 from sepmc.compiler.loads import add_all
 from sepmc.compiler.recorder import Value, called, total, where
@@ -28,7 +28,7 @@ class JointRow:
     gamma: Any
     value: Any
     rate: Any
-    held: Any = 1.0  # 0 once its joint has let go of it
+    held: Any = 1.0  # 0 while its joint does not hold it
 
 
 class Rows:
@@ -56,7 +56,7 @@ class Rows:
             gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
         normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
         turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
-        held = s.scope.load(f"HELD_{row.joint}") if row.goes else 1.0
+        held = s.while_held(row.joint, row.kinds) if row.kinds else 1.0
         return JointRow(row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held)
 
     def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
@@ -141,6 +141,29 @@ class Rows:
                 scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
 
 
+class LeastSquares:
+    """Solutions of least sum of squares of a symmetric system some of whose rows follow from others, given below and on its diagonal."""
+
+    def __init__(self, s: State, a: list[list[Any]]):
+        self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
+        self.rank: Any = None
+        self.smallest: Any = None  # share of its diagonal that a pivot keeps
+
+    def solve(self, side: list[Any]) -> list[Any]:
+        """The solution for a right-hand side."""
+        scope, slabs, n = self.s.scope, self.s.c.slabs, len(side)
+        self.solved += 1
+        system, found, rank = (f"{slab}_{self.s.stage.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK"))
+        slabs.add(system, len(self.matrix) + n), slabs.add(found, n), slabs.add(rank, 1)
+        slabs.add(f"SCRATCH_{self.s.stage.name}", 3 * n**2 + 5 * n)
+        for k, value in enumerate((*self.matrix, *side)):
+            scope.store(part(system, k), value)
+        w, here, there, scratch = map(scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.s.stage.name}"))
+        self.rank, self.smallest = linear.share(w, here, n, scratch, there).called("solved")
+        scope.store(rank, self.rank)  # what is stored is written
+        return [scope.load(part(found, k)) for k in range(n)]
+
+
 class Factors:
     """L D L^T of a symmetric matrix, given below and on its diagonal."""
 
@@ -171,11 +194,24 @@ class Factors:
         return x
 
 
-def check_pivots(s: State, coupling: list[list[Any]], factors: Factors) -> None:
+Solver = Factors | LeastSquares
+
+
+def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
+    """What solves for the multipliers of a phase's rows."""
+    return LeastSquares(s, coupling) if s.stage.least_squares else Factors(coupling)
+
+
+def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
     """Note the smallest share of its diagonal that a pivot keeps; a case is lost where that is too little: rows follow from others, or
-    nearly do."""
+    nearly do. If some are known to, note how many."""
     s.c.start("PIVOT", 1.0)
     least = s.scope.load("PIVOT")
+    if isinstance(factors, LeastSquares):
+        s.c.start("REDUNDANT", 0.0)
+        s.scope.store("REDUNDANT", scalar.larger(s.scope.load("REDUNDANT"), len(coupling) - factors.rank))
+        s.scope.store("PIVOT", where(factors.smallest < least, factors.smallest, least))
+        return
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Value):
             share = (pivot / row[-1]).called("share")

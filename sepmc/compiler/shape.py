@@ -3,35 +3,37 @@
 Only structure counts here, no numbers: scenes of the same shape share a kernel.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 from sepmc.compiler.conditions import Leaf, make_conditions
 from sepmc.compiler.heights import may_pass_borders, rows_step
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
-from sepmc.scene.kinds import joint_axes, rows_of
+from sepmc.scene.kinds import joint_axes, rows_of, slides
 from sepmc.scene.model import GROUND, Phase, Scene, Until
-from sepmc.scene.redundancy import dependent_rows, redundancies
+from sepmc.scene.redundancy import dependent_rows
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 _MOST_ROWS = 256  # steps of such a length that a flight may have
 _UNTOLD = 2**17  # stretches of a phase that a load may end: each as long as the phase usually is, or a share of the time left
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+Kinds = dict[int, tuple[int, ...]]  # codes of the rows that a joint holds, by the number of its kind: the one that holds most first
 
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint and its code (`sepmc.kernels.layout`); whether its joint lets go of it within its stage."""
+    """A constraint row: its joint and its code (`sepmc.kernels.layout`); if it counts in some of its stage only, the kinds of its joint, by
+    number, in which it does."""
 
     joint: str
     code: int
-    goes: bool = False
+    kinds: tuple[int, ...] = ()
 
     @property
     def turns(self) -> bool:
@@ -86,16 +88,25 @@ def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
 
 
 @dataclass
-class Cut:
+class Release:
     """A release apart from phases, of a joint: any of clauses, each all of conditions by number; those of these that are times, places of
-    what adds up to them, those on the state and those on loads; the place of the joint's delay."""
+    what adds up to them, those on the state and those on loads."""
 
+    name: str
     joint: str
     clauses: list[tuple[int, ...]]
     times: dict[int, tuple[int, ...]]
     events: list[Event]
     loads: list[Event]
-    delay: int
+
+
+@dataclass(frozen=True)
+class Change:
+    """What an event tells a joint, the end of a phase or a release apart from phases: to hold its kind number ``to``, from its delay on."""
+
+    joint: str
+    event: str
+    to: int
 
 
 @dataclass
@@ -105,13 +116,13 @@ class Stage:
 
     name: str
     phase: str
-    groups: list[tuple[str, ...]]
-    rows: list[Row]
-    welds: list[str]  # joints that let nothing turn, whose bodies turn as one
-    held: "Kinds"  # what joints hold, by the codes of their rows; and what they still hold once all have let go that do so within it
-    still_held: "Kinds"
+    may: dict[str, Kinds]  # what joints may hold in it: codes of rows, by the number of the kind
+    groups: list[tuple[str, ...]] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    welds: list[str] = field(default_factory=list)  # joints that let nothing turn, whose bodies turn as one
     dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
     redundant: int = 0  # how many would, if each body turned by itself: what joints carry is then not unique
+    least_squares: bool = False  # whether bodies do turn by themselves, and all rows are solved for, by least sum of squares
     events: list[Event] = field(default_factory=list)
     loads: list[Event] = field(default_factory=list)  # conditions on what joints carry
     end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
@@ -121,32 +132,45 @@ class Stage:
     awaited: Event | None = None  # the condition that ends the phase after it and is waited for while joints are late
     clauses: list[tuple[int, ...]] = field(default_factory=list)  # of several conditions: any of these ends it, each all of its numbers
     times: dict[int, tuple[int, ...]] = field(default_factory=dict)  # which of them are times: places of what adds up to them
-    cuts: list[Cut] = field(default_factory=list)  # releases apart from phases of joints that it holds
-    released: list[str] = field(default_factory=list)  # joints that become free as it begins
-    set_free: list[str] = field(default_factory=list)  # joints that become free within it
+    releases: list[Release] = field(default_factory=list)  # apart from phases, that may change what joints hold in it
     stops: int = 1
+
+    @property
+    def shares(self) -> bool:
+        """Whether what joints carry is not what moves its groups of bodies, and has to be shared out."""
+        return self.redundant > 0 and not self.least_squares
 
     @property
     def every_row(self) -> list[Row]:
         """What all joints hold, each body turning by itself."""
-        return [Row(joint, code) for joint, codes in self.held.items() for code in codes]
+        return [row for joint in self.may for row in self._rows(joint)]
+
+    def _rows(self, joint: str) -> list[Row]:
+        """Rows that a joint may have in it."""
+        kinds, codes = self.may[joint], dict.fromkeys(code for codes in self.may[joint].values() for code in codes)
+        having = {code: tuple(k for k, held in kinds.items() if code in held) for code in codes}
+        return [Row(joint, code, () if len(which) == len(kinds) else which) for code, which in having.items()]
 
     def leader(self, body: str) -> str:
         """The body whose attitude is that of a body, or the ground."""
         return next(group[0] for group in self.groups if body in group)
 
     def holds(self, joint: str) -> bool:
-        """Whether a joint holds something."""
-        return joint in self.welds or any(row.joint == joint for row in (*self.rows, *self.dropped))
+        """Whether a joint may hold something."""
+        return any(self.may[joint].values())
 
-    def slides(self, joint: str) -> tuple[bool, bool]:
-        """Whether the pins of a joint are engaged and may slide: at first, and once it has let go."""
-        return _slides(self.held[joint]), _slides(self.still_held[joint])
+    def free(self, joint: str) -> tuple[int, ...]:
+        """The kinds, if any, as which a joint holds nothing."""
+        return tuple(k for k, codes in self.may[joint].items() if not codes)
+
+    def sliding(self, joint: str) -> tuple[int, ...]:
+        """The kinds, if any, as which the pins of a joint are engaged and may slide."""
+        return tuple(k for k, codes in self.may[joint].items() if slides(codes))
 
     @property
     def masked(self) -> list[str]:
-        """Joints that let go within it: their rows count until then."""
-        return [*(joint for joint in self.late if len(self.late) > 1), *dict.fromkeys(cut.joint for cut in self.cuts)]
+        """Joints that let go within it: what they hold differs from case to case."""
+        return [joint for joint, kinds in self.may.items() if len(kinds) > 1]
 
     @property
     def ends_by_time(self) -> bool:
@@ -178,6 +202,8 @@ class Shape:
     names: Names
     stages: list[Stage]
     turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
+    changes: list[Change]  # what events tell joints
+    any_order: bool  # whether joints that are late, fail or are released apart from phases may let go before or after any event
     failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
     borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
@@ -206,9 +232,28 @@ class Shape:
         """Numbers of the state that are integrated in a phase."""
         return 6 * len(self.bodies) + 1 + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
 
+    @property
+    def may_lose(self) -> bool:
+        """Whether a kernel of any order may fly cases that one of this shape loses: in which joints are late beyond the next event or fail,
+        rows cease to follow from others, or bodies leave their layer of air though that was not foreseen."""
+        if self.any_order:
+            return False
+        lost = any(stage.late or stage.delay is not None or stage.dropped for stage in self.stages)
+        return lost or bool(self.failing) or (not self.borders and any(map(self.in_layers, self.bodies)))
+
+    @cached_property
+    def masked(self) -> dict[str, int]:
+        """Joints that let go within a stage, and the numbers of the kinds as which they hold at the start."""
+        names = dict.fromkeys(name for stage in self.stages for name in stage.masked)
+        return {name: min(self.stages[0].may[name]) for name in names}
+
+    def told(self, joint: str) -> list[Change]:
+        """What events tell a joint."""
+        return [change for change in self.changes if change.joint == joint]
+
     def rubbing(self, stage: Stage) -> list[str]:
         """Joints whose pins may slide in a phase, with friction."""
-        guides = {name: joint.guide for name, joint in self.scene.joint.items() if joint.guide is not None and any(stage.slides(name))}
+        guides = {name: joint.guide for name, joint in self.scene.joint.items() if joint.guide is not None and stage.sliding(name)}
         return [name for name, guide in guides.items() if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)]
 
     def plain_axes(self, joint: str) -> bool:
@@ -219,39 +264,24 @@ class Shape:
 
 def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    found = _obstacles(plan, dispersed)
-    ends = [phase.until for phase in plan.scene.phase if phase.until is not None]
-    asked = bool(plan.scene.release or redundancies(plan.scene)) or any(_has_load(until) or _is_manifold(until) for until in ends)
-    if found or not asked:
-        return found
-    shape = make_shape(plan, dispersed)
-    stages = shape.stages
-    if any(stage.waits_for_load and stage.after_late for stage in stages):
-        found.append("a joint's load that ends a phase and is waited for while another joint is late")
-    if any(stage.clauses and stage.after_late for stage in stages):
-        found.append("several conditions that end a phase and are waited for while a joint is late")
-    for stage in stages:
-        phase = shape.names.back[stage.phase]
-        if stage.redundant and stage.masked:
-            found.append(f"redundant rows while joints are late before phase {phase}, or may be released apart from phases")
-        elif stage.redundant and any(any(stage.slides(name)) for name, joint in shape.scene.joint.items() if joint.guide is not None):
-            found.append(f"pins of a guide in phase {phase}, in which rows are redundant")
-    return found
-
-
-def _obstacles(plan: Plan, dispersed: frozenset[str]) -> list[str]:
-    """Why a specialised kernel cannot fly a scene: a phrase each; empty if it can."""
     scene, found = plan.scene, []
-    for release in scene.release:
-        if release.to != "free":
-            found.append(f"release {release.name} of a joint that goes on holding")
-        if _may_be_late(scene, release.joint, dispersed) and any(_lets_go_in_part(scene, release.joint, *p) for p in pairwise(scene.phase)):
-            found.append(f"release {release.name} of a joint that phases let go late, in part")
     if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
         found.append("a table over height whose rows are passed in a small part of the flight")
     if scene.solver.formulation != "reduced":
         found.append("the full formulation")
     return found
+
+
+def _needs_any_order(shape: Shape) -> bool:
+    """Whether a scene asks for more than phases that follow each other, with joints that are late between them: where conditions are
+    waited for meanwhile that cannot be noted, joints fail nominally or let go in part twice, or rows are redundant while joints let go."""
+    scene, stages = shape.scene, shape.stages
+    if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(j.fails for j in scene.joint.values()):
+        return True
+    if any(release.to != "free" or _may_be_late(scene, release.joint, shape.dispersed) for release in scene.release):
+        return True
+    guides = [name for name, joint in scene.joint.items() if joint.guide is not None]
+    return any(stage.redundant and (stage.masked or any(map(stage.sliding, guides))) for stage in stages)
 
 
 def _is_manifold(until: Until) -> bool:
@@ -260,53 +290,33 @@ def _is_manifold(until: Until) -> bool:
     return bool(until.any or until.all) or sum(getattr(until, key) is not None for key in keys) != 1
 
 
-def _has_load(until: Until) -> bool:
-    """Whether a condition, or a part of it, is on what a joint carries."""
-    return until.force is not None or until.moment is not None or any(map(_has_load, (*until.any, *until.all)))
-
-
-def _changed(scene: Scene, phase: Phase, after: Phase) -> list[str]:
-    """Joints that do not hold the same in a phase and in the one after it."""
-    one, other = _kinds(scene, phase), _kinds(scene, after)
-    return [name for name in scene.joint if one[name] != other[name]]
-
-
-def _lets_go_in_part(scene: Scene, joint: str, phase: Phase, after: Phase) -> bool:
-    """Whether a joint holds less in the phase after another, but something."""
-    return joint in _changed(scene, phase, after) and bool(_kinds(scene, after)[joint])
-
-
-def _released(scene: Scene, phase: Phase, after: Phase) -> list[str]:
-    """Joints that hold something in a phase, and nothing in the one after it."""
-    free = {name for name, joint in scene.joint.items() if not rows_of(joint, after.joints.get(name, "free"))}
-    return [name for name, kind in phase.joints.items() if name in free and rows_of(scene.joint[name], kind)]
-
-
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
-def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
-    """The shape of a scene that has no obstacles."""
+def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), any_order: bool = False) -> Shape:
+    """The shape of a scene that has no obstacles.
+
+    A joint that is late lets go between two phases, in a stage of its own; a case in which the next phase ends meanwhile is lost. With
+    ``any_order``, and for scenes that need it, it may let go whenever it is due, in any phase: stages are the phases, and what such joints
+    hold is masked.
+    """
+    if not any_order:
+        shape = _shape(plan, dispersed, False)
+        if not _needs_any_order(shape):
+            return shape
+    return _shape(plan, dispersed, True)
+
+
+def _shape(plan: Plan, dispersed: frozenset[str], any_order: bool) -> Shape:
     names = Names(plan.scene)
     plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
     scene = plan.scene
-    stages: list[Stage] = []
     spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
-    switches = _breaks(scene, dispersed)
-    cuts = _cuts(plan, dispersed)
-    for number, phase in enumerate(scene.phase):
-        stage = _stage(scene, phase.name, phase.name, _kinds(scene, phase), plan.bodies, cuts)
-        if phase.until is not None and _is_manifold(phase.until):
-            _add_clauses(stage, number, plan, dispersed)
-        else:
-            _add_end(stage, phase, plan, dispersed)
-        if number:
-            before = scene.phase[number - 1]
-            stage.released = _released(scene, before, phase)
-            _add_late(stages, stage, scene, before, phase, plan, dispersed, cuts)
-        stages.append(stage)
-    borders = may_pass_borders(scene, plan.extremes)
+    switches, releases = _breaks(scene, dispersed), _releases(plan, dispersed)
+    stages = _stages(plan, dispersed, releases, any_order)
+    in_layers = scene.environment.atmosphere == "us1976" and any(body.aerodynamics is not None for body in scene.body.values())
+    borders = in_layers and (any_order or may_pass_borders(scene, plan.extremes))
     for stage in stages:
         stage.events += [
             Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
@@ -316,43 +326,101 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset()) -> Shape:
         for body in plan.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
                 stage.events += [Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)]
-        stage.events += dict.fromkeys(event for cut in stage.cuts for event in cut.events)
-        stage.loads += dict.fromkeys(load for cut in stage.cuts for load in cut.loads)
-        times = len(stage.times) + sum(len(cut.times) for cut in stage.cuts)
+        stage.events += dict.fromkeys(event for release in stage.releases for event in release.events)
+        stage.loads += dict.fromkeys(load for release in stage.releases for load in release.loads)
+        times = len(stage.times) + sum(len(release.times) for release in stage.releases)
         others = sum(not event.ends_phase for event in (*stage.events, *stage.loads))
-        stage.stops = 1 + others + times + switches + len(stage.masked) + (_UNTOLD if stage.waits_for_load else 0)
+        told = sum(change.joint in stage.masked for change in _changes(scene))
+        stage.stops = 1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
-    failing = [name for name, joint in scene.joint.items() if joint.fails > 0.0 or f"joint.{name}.fails" in dispersed]
-    return Shape(plan, dispersed, names, stages, turning, failing, switches > 0, borders)
+    failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
+    return Shape(plan, dispersed, names, stages, turning, _changes(scene), any_order, failing, switches > 0, borders)
 
 
-def _add_late(
-    stages: list[Stage], stage: Stage, scene: Scene, before: Phase, phase: Phase, plan: Plan, dispersed: frozenset[str], cuts: list[Cut]
-) -> None:
-    """What joints that are late in letting go between two phases add: a delay to the end of the first, if that is a time and no other joint
-    changes; or else a stage of its own, in which those joints hold as before and all others as from now on.
+def _stages(plan: Plan, dispersed: frozenset[str], releases: list[Release], any_order: bool) -> list[Stage]:
+    """The stages of a flight, with what ends each by itself."""
+    scene, stages = plan.scene, list[Stage]()
+    for number, phase in enumerate(scene.phase):
+        may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
+        stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, any_order)
+        if phase.until is not None and _is_manifold(phase.until):
+            _add_clauses(stage, number, plan, dispersed)
+        else:
+            _add_end(stage, phase, plan, dispersed)
+        if number and not any_order:
+            _add_late(stages, stage, number, plan, dispersed, releases)
+        stages.append(stage)
+    return stages
+
+
+def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
+    return scene.joint[joint].fails > 0.0 or f"joint.{joint}.fails" in dispersed
+
+
+def _chain(scene: Scene, joint: str) -> list[tuple[int, ...]]:
+    """What a joint holds over phases and releases, codes of rows, most first: it only lets go."""
+    kinds = [phase.joints.get(joint, "free") for phase in scene.phase]
+    kinds += [release.to for release in scene.release if release.joint == joint]
+    found = dict.fromkeys(tuple(rows_of(scene.joint[joint], kind)) for kind in kinds)
+    return sorted(found, key=len, reverse=True)
+
+
+def _numbered(scene: Scene, joint: str, kind: str) -> int:
+    """The number of a kind among those of a joint."""
+    return _chain(scene, joint).index(tuple(rows_of(scene.joint[joint], kind)))
+
+
+def _in_phase(scene: Scene, joint: str, phase: int) -> int:
+    """The number of the kind that a phase tells a joint to be."""
+    return _numbered(scene, joint, scene.phase[phase].joints.get(joint, "free"))
+
+
+def _changes(scene: Scene) -> list[Change]:
+    """What events tell joints: ends of phases, then releases."""
+    found = []
+    for (number, phase), joint in itertools.product(enumerate(scene.phase[:-1]), scene.joint):
+        to = _in_phase(scene, joint, number + 1)
+        if to > _in_phase(scene, joint, number):
+            found.append(Change(joint, phase.name, to))
+    return found + [Change(release.joint, release.name, _numbered(scene, release.joint, release.to)) for release in scene.release]
+
+
+def _may_hold(scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool) -> Kinds:
+    """What a joint may hold in a phase: that of the phase or what it was released to, or, if it may be late or fail and may let go in
+    ``any_order``, what it held before."""
+    told = [_in_phase(scene, joint, phase)]
+    if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
+        told = [_in_phase(scene, joint, number) for number in range(phase + 1)]
+    released = [_numbered(scene, joint, release.to) for release in scene.release if release.joint == joint]
+    numbers = sorted({*told, *(number for number in released if number > told[0])})
+    chain = _chain(scene, joint)
+    return {number: chain[number] for number in numbers}
+
+
+def _add_late(stages: list[Stage], stage: Stage, number: int, plan: Plan, dispersed: frozenset[str], releases: list[Release]) -> None:
+    """What joints that are late in letting go before phase ``number`` add: a delay to the end of the one before, if that is a time and no
+    other joint changes; or else a stage of its own, in which those joints hold as before and all others as from now on.
 
     What ends the second phase is waited for meanwhile, too: cases in which it may have come are lost (`Stage.after_late`).
     """
-    changed = _changed(scene, before, phase)
-    late = {name: plan.slots[f"joint.{name}.delay"] for name in changed if _may_be_late(scene, name, dispersed)}
+    scene, phase = plan.scene, plan.scene.phase[number]
+    changed = [joint for joint in scene.joint if _in_phase(scene, joint, number) != _in_phase(scene, joint, number - 1)]
+    late = {joint: plan.slots[f"joint.{joint}.delay"] for joint in changed if _may_be_late(scene, joint, dispersed)}
     if not late:
         return
+    stage.after_late, awaited = True, next((event for event in stage.events if event.ends_phase), None)
     if len(changed) == 1 and stages[-1].end_time:
-        stages[-1].delay, stage.after_late = late[changed[0]], True
-        stages[-1].awaited = next((event for event in stage.events if event.ends_phase), None)
+        stages[-1].delay, stages[-1].awaited = late[changed[0]], awaited
         return
-    kinds = _kinds(scene, phase) | {name: _kinds(scene, before)[name] for name in late}
-    between = _stage(scene, f"{phase.name}_late", phase.name, kinds, plan.bodies, cuts, late, _kinds(scene, phase))
-    free = stage.released
-    between.released = [joint for joint in free if joint not in late]
-    between.set_free += [joint for joint in free if joint in late and joint in between.masked]
-    stage.released = [joint for joint in free if joint in late and joint not in between.masked]
-    stage.after_late = True
-    between.awaited = next((event for event in stage.events if event.ends_phase), None)
+    may = dict(stage.may)
+    for joint in late:
+        before = _may_hold(scene, joint, number - 1, dispersed, False)
+        may[joint] = before | stage.may[joint] if len(late) > 1 else before
+    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, False)
+    between.late, between.awaited = late, awaited
     stages.append(between)
 
 
@@ -415,12 +483,10 @@ def _clauses(
     return clauses, times, on_state, on_load
 
 
-def _cuts(plan: Plan, dispersed: frozenset[str]) -> list[Cut]:
+def _releases(plan: Plan, dispersed: frozenset[str]) -> list[Release]:
     """Releases apart from phases."""
-    found, first = [], len(plan.scene.phase)
-    for number, release in enumerate(plan.scene.release, first):
-        found.append(Cut(release.joint, *_clauses(number, plan, dispersed), plan.slots[f"joint.{release.joint}.delay"]))
-    return found
+    first = len(plan.scene.phase)
+    return [Release(r.name, r.joint, *_clauses(number, plan, dispersed)) for number, r in enumerate(plan.scene.release, first)]
 
 
 def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
@@ -433,7 +499,7 @@ def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, i
 
 def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
-    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.goes]
+    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.kinds]
     return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
 
 
@@ -459,57 +525,45 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _slides(codes: tuple[int, ...]) -> bool:
-    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are engaged."""
-    return codes.count(1) == codes.count(2) == 1 and 0 not in codes and sum(at.ROTATION <= code < at.ROD for code in codes) >= 2
-
-
-def _kinds(scene: Scene, phase: Phase) -> "Kinds":
-    """Codes of the rows of every joint in a phase."""
-    return {name: tuple(rows_of(joint, phase.joints.get(name, "free"))) for name, joint in scene.joint.items()}
-
-
-Kinds = dict[str, tuple[int, ...]]  # codes of the rows of every joint
-
-
 def _stage(
-    scene: Scene,
-    name: str,
-    phase: str,
-    kinds: Kinds,
-    bodies: list[str],
-    cuts: list[Cut],
-    late: dict[str, int] | None = None,
-    after: Kinds | None = None,
+    scene: Scene, name: str, phase: str, may: dict[str, Kinds], bodies: list[str], releases: list[Release], any_order: bool
 ) -> Stage:
-    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. With ``late`` joints, what all hold
-    ``after`` it."""
-    made = Stage(name, phase, [], [], [], kinds, kinds, late=late or {}, cuts=[cut for cut in cuts if kinds[cut.joint]])
-    if after is not None and len(made.late) > 1:
-        made.still_held = after
-    made.still_held = made.still_held | {cut.joint: () for cut in made.cuts}
-    made.set_free = list(dict.fromkeys(cut.joint for cut in made.cuts))
-    staying = made.still_held
-    group: dict[str, tuple[str, ...]] = {body: (body,) for body in [*bodies, GROUND]}
-    order = [*bodies, GROUND]
-    turns = {joint: sum(at.ROTATION <= code < at.ROD for code in staying[joint]) for joint in kinds}
-    welds = [joint for joint, count in turns.items() if count == 3]
+    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. If rows are redundant, and joints
+    may let go in ``any_order``, all bodies turn by themselves, and all rows are left in."""
+    numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
+    made = Stage(name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])])
+    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
+    alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, GROUND] if body != GROUND or GROUND in named]
+    largest = [(row.joint, row.code) for row in made.every_row if min(may[row.joint]) in (row.kinds or may[row.joint])]
+    made.redundant = len(dependent_rows(scene, largest, []))
+    made.groups, made.least_squares = alone, any_order and made.redundant > 0
+    if made.least_squares:
+        made.rows = made.every_row
+        return made
+    made.welds = [joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())]
+    made.groups = _groups(scene, made.welds, [*bodies, GROUND])
+    rows = [row for row in made.every_row if not (row.turns and len({made.leader(b) for b in scene.joint[row.joint].bodies}) == 1)]
+    held = [(row.joint, row.code) for row in rows]
+    redundant = made.redundant > 0 and not made.masked  # of one kind or the other, rows of a joint that lets go are not all held at once
+    dependent = dependent_rows(scene, held, [group for group in made.groups if group != (GROUND,)]) if redundant else []
+    made.groups = [group for group in made.groups if group != (GROUND,) or GROUND in named]
+    made.rows = [row for number, row in enumerate(rows) if number not in dependent]
+    made.dropped = [rows[number] for number in dependent]
+    return made
+
+
+def _groups(scene: Scene, welds: list[str], order: list[str]) -> list[tuple[str, ...]]:
+    """Bodies that turn as one, and the ground."""
+    group: dict[str, tuple[str, ...]] = {body: (body,) for body in order}
     for joint in welds:
         first, second = scene.joint[joint].bodies
         merged = tuple(sorted({*group[first], *group[second]}, key=order.index))
         merged = (GROUND, *(b for b in merged if b != GROUND)) if GROUND in merged else merged
         for body in merged:
             group[body] = merged
-    rows: list[Row] = []
-    for joint, codes in kinds.items():
-        first, second = scene.joint[joint].bodies
-        turn_as_one = group[first] == group[second]
-        rows += [Row(joint, code, code not in staying[joint]) for code in codes if not (at.ROTATION <= code < at.ROD and turn_as_one)]
-    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
-    found = [g for g in dict.fromkeys(group.values()) if g != (GROUND,) or GROUND in named]
-    dependent = dependent_rows(scene, [(row.joint, row.code) for row in rows], [group for group in found if group != (GROUND,)])
-    every = [(row.joint, row.code) for row in made.every_row]
-    made.groups, made.welds, made.redundant = found, welds, len(dependent_rows(scene, every, []))
-    made.rows = [row for number, row in enumerate(rows) if number not in dependent]
-    made.dropped = [rows[number] for number in dependent]
-    return made
+    return list(dict.fromkeys(group.values()))
+
+
+def _turns(codes: tuple[int, ...]) -> int:
+    """How many rotations rows hold."""
+    return sum(at.ROTATION <= code < at.ROD for code in codes)

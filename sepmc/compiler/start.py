@@ -37,7 +37,7 @@ def emit_prepare(out: Text, c: Context) -> None:
         if stage.end_time:
             slabs.add(f"UNTIL_{stage.name}", 1)
             scope.store(f"UNTIL_{stage.name}", total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]))
-    for joint in shape.failing:
+    for joint in [] if shape.any_order else shape.failing:
         lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANOTHER_KERNEL)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()

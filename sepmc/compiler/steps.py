@@ -18,6 +18,8 @@ from sepmc.kernels.methods import Method, method
 # hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
 _NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last; the last is so much of the one before at most
+_GROWS = 1.5  # times as long as the first, and as the last, may a step be where an event does not come
+_MANY = 4096.0  # steps that it may take then; a case in which it does not come for longer is lost
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
 _MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
@@ -52,7 +54,8 @@ def emit_lengths(out: Text, c: Context) -> None:
             hold_back(inner, c, stage, "w[WAY + l] < 1.0")
             inner(f"aim_{stage.name}(w, usual)")
         if c.paces(stage):
-            _keep_pace(inner.lanes(), "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]")
+            end = "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]"
+            _keep_pace(inner.lanes(), end, c.shape.scene.solver.step is not None)
     text.lanes()("w[STEP + l] /= parts")
     emit_spread(text, c, "STEP")
     if any(stage.events for stage in c.shape.stages):
@@ -65,16 +68,24 @@ def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
         text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 
-def _keep_pace(lane: Text, end: str) -> None:
+def _keep_pace(lane: Text, end: str, given: bool) -> None:
     """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which no more are LEFT than there were, nor
-    more than TIMES what it takes for none to be longer than PACE.
+    more than TIMES what it takes for none to be longer than PACE; but more where an event that was foretold does not come: so that no
+    step is longer than is ``given``, or else longer by more than half than the first one or the last.
 
     WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is the last; 2 if the last one was. Until
     an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
     """
     lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
     lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
-    lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN", "w[LEFT + l] = left")
+    lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN")
+    if given:
+        lane("left = larger(np.ceil(w[TIMES + l] * h / w[PACE + l] - 1e-9), left)")
+    lane("w[LEFT + l] = left")
+    if not given:
+        lane("w[FIRST + l] = larger(h, min(usual, ahead)) / left if way == 0.0 else w[FIRST + l]")
+        lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST + l])), {_MANY}), left)")
+        lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[LONGEST + l])), left)")
     lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
     lane(f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h", "w[STEP + l] = step if way < 1.0 else 0.0")

@@ -61,7 +61,7 @@ def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
         nodes, found, other, guard = (f"{place} + l" for place in places)
         inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, w[BEGIN_T + l], h)")
     for number, stage in stages.items():
-        if any(any(stage.slides(joint)) for joint in c.guides):
+        if any(map(stage.sliding, c.guides)):
             note_guides(inner.block(f"if phase == {number}:"), c, stage)
 
 
@@ -115,6 +115,6 @@ def _wrenches(out: Text, c: Context, stage: Stage) -> None:
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
     for joint, first, _, _ in c.noted_of_guides:
-        for k, vector in enumerate(watch_guide(s, motion, joint) if any(stage.slides(joint)) else []):
+        for k, vector in enumerate(watch_guide(s, motion, joint) if stage.sliding(joint) else []):
             s.scope.store(part("WRENCH", first + 3 * k), vector)
     s.scope.write(text)

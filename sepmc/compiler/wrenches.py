@@ -16,7 +16,7 @@ from sepmc.scene.model import GROUND
 
 def emit_shares(out: Text, c: Context, stage: Stage) -> None:
     """A function for what joints carry in a phase in which rows are redundant: that of least sum of squares."""
-    if not stage.redundant:
+    if not stage.shares:
         return
     says = f"What the joints of phase {stage.name} carry at the state S and the times CLOCK: of all that would do the multipliers of least"
     text = out.function(f"shares_{stage.name}(w)", says + " sum of squares, into SHARES.")
@@ -36,14 +36,14 @@ def emit_shares(out: Text, c: Context, stage: Stage) -> None:
 def before_wrenches(text: Text, c: Context, stage: Stage) -> None:
     """Lines for what has to be known of a state S before what joints carry."""
     before_motion(text, c, stage)
-    if stage.redundant:
+    if stage.shares:
         text(f"shares_{stage.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
     """The motion at a state, with multipliers that tell what joints carry."""
     motion = make_motion(s)
-    if not s.stage.redundant:
+    if not s.stage.shares:
         return motion
     rows = Rows(s, s.stage.every_row, apart=True)
     return replace(motion, multipliers=[s.scope.load(part("SHARES", k)) for k in range(len(rows.rows))], system=rows, shared=True)

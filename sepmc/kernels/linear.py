@@ -5,7 +5,7 @@ The matrix stands row by row at w[a], n entries a row; the right-hand side at w[
 
 import math
 
-from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels._jit import keep_apart, routine, stage
 from sepmc.kernels.lanes import LANES
 
 # A pivot that keeps less than this share of its diagonal means dependent rows.
@@ -14,12 +14,10 @@ _DEPENDENT = 1e-13
 _RANK = 1e-11
 
 
-@stage
-def solve_ldlt(w, a, b, n):
-    """Solve a symmetric positive definite system given by its lower triangle, by L D L^T.
-
-    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is then meaningless).
-    """
+@routine
+def _factor_ldlt(w, a, n):
+    """L D L^T of a symmetric positive definite matrix given by its lower triangle, in place. Returns the smallest pivot relative to its
+    diagonal, or 0 if rows are dependent."""
     keep_apart()
     smallest = 1.0
     for j in range(n):
@@ -39,6 +37,13 @@ def solve_ldlt(w, a, b, n):
             for k in range(j):
                 s -= w[row_i + k] * w[row_j + k] * w[a + k * n + k]
             w[row_i + j] = s / d
+    return smallest
+
+
+@routine
+def _solve_factored(w, a, b, n):
+    """Solve a system whose matrix is given as L D L^T."""
+    keep_apart()
     for i in range(n):
         for k in range(i):
             w[b + i] -= w[a + i * n + k] * w[b + k]
@@ -47,6 +52,18 @@ def solve_ldlt(w, a, b, n):
     for i in range(n - 1, -1, -1):
         for k in range(i + 1, n):
             w[b + i] -= w[a + k * n + i] * w[b + k]
+
+
+@stage
+def solve_ldlt(w, a, b, n):
+    """Solve a symmetric positive definite system given by its lower triangle, by L D L^T.
+
+    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is then meaningless).
+    """
+    keep_apart()
+    smallest = _factor_ldlt(w, a, n)
+    if smallest > 0.0:
+        _solve_factored(w, a, b, n)
     return smallest
 
 
@@ -89,19 +106,14 @@ def _factor_pivoted(w, a, n, picked, left):
 
 @stage
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """out += A^+ b with A = L L^T: L (L^T L)^-1 (L^T L)^-1 L^T b. ``t``: scratch of n numbers."""
+    """out += A^+ b with A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: scratch of n numbers."""
     keep_apart()
     for r in range(rank):
         w[t + r] = 0.0
         for i in range(n):
             w[t + r] += w[factor + i * n + r] * w[b + i]
     for _ in range(2):
-        for r in range(rank):
-            for s in range(r + 1):
-                w[gram + r * rank + s] = 0.0
-                for i in range(n):
-                    w[gram + r * rank + s] += w[factor + i * n + r] * w[factor + i * n + s]
-        solve_ldlt(w, gram, t, rank)
+        _solve_factored(w, gram, t, rank)
     for i in range(n):
         for r in range(rank):
             w[out + i] += w[factor + i * n + r] * w[t + r]
@@ -121,6 +133,12 @@ def solve_semidefinite(w, a, b, n):
     factor, gram = a + n * n, a + 2 * n * n
     out, residual, picked, t = b + n, b + 2 * n, b + 3 * n, b + 4 * n
     rank, smallest = _factor_pivoted(w, a, n, picked, t)
+    for r in range(rank):
+        for s in range(r + 1):
+            w[gram + r * rank + s] = 0.0
+            for i in range(n):
+                w[gram + r * rank + s] += w[factor + i * n + r] * w[factor + i * n + s]
+    _factor_ldlt(w, gram, rank)
     for i in range(n):
         w[out + i] = 0.0
         w[residual + i] = w[b + i]
@@ -138,7 +156,7 @@ def solve_semidefinite(w, a, b, n):
 @stage
 def share(w, place, n, scratch, out):
     """`solve_semidefinite` for one lane: from its matrix, the lower triangle by rows, and right-hand side at ``place`` the solution at
-    ``out``; not numbers if there is none. ``scratch`` is room for 3 n^2 + 5 n numbers."""
+    ``out``; not numbers if there is none. ``scratch`` is room for 3 n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
     keep_apart()
     k, b = place, scratch + 3 * n * n
     for i in range(n):
@@ -148,9 +166,10 @@ def share(w, place, n, scratch, out):
     for i in range(n):
         w[b + i] = w[k]
         k += LANES
-    rank, _ = solve_semidefinite(w, scratch, b, n)
+    rank, smallest = solve_semidefinite(w, scratch, b, n)
     for i in range(n):
         w[out + i * LANES] = w[b + i] if rank > 0 else math.nan
+    return rank, smallest
 
 
 @stage

@@ -56,22 +56,23 @@ def _norm(w, k):
 
 @stage
 def _guide_row(y, j, row, k, m, w):
-    """Load of each pin, N, and minus the coefficient of friction at which they would jam, of joint j from row[k] on."""
+    """Load of each pin, N, and minus the coefficient of friction at which they would hold joint j, from row[k] on."""
     p, count = joint_params(j, m), m.table[m.scene.pins_i + j]
     if not slides(j, m, w):
         for i in range(count + 1):
             row[k + i] = -math.inf
         return
-    mouth, tip, torsion, total = guide_bearing(y, j, m, w)
+    mouth, tip, torsion, _ = guide_bearing(y, j, m, w)
     for i in range(count):
         at_mouth, at_tip = pins.pin_loads(mouth, tip, torsion, i, count, w[p + at.CIRCLE], w[p + at.PIN_CLOCK])
         row[k + i] = max(at_mouth, at_tip)
-    # what would hold the joint along x, less friction, is what drives it apart
+    # what would hold the joint along x, less friction, is what drives it apart; if friction does, pins carry what they do then
     work = joint_work(j, m)
     kind = w[work + at.KIND]
     w[work + at.KIND] = m.table[m.scene.held_along_i + kind_of(j, m, w)]
     solve_motion(y, m, w)
     drive = max(0.0, -m.numbers[joint_axes_x(j) + 9] * guide_wrench(j, m, w)[0][0] - w[work + at.FRICTION_FORCE])
+    total = guide_bearing(y, j, m, w)[3]
     w[work + at.KIND] = kind
     solve_motion(y, m, w)
     row[k + count] = -drive / total if total > 0.0 else -math.inf

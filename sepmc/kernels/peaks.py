@@ -207,7 +207,8 @@ def note_peak(w, nodes, apart, scratch, out, t, h):
 
 @stage
 def note_least_share(w, nodes, apart, ends, scratch, out):
-    """Follow the least of what drives a guide apart over the sum of what its pins carry at their ``ends``, into ``out``.
+    """Follow the least of what drives a guide apart over the sum of what its pins would carry at their ``ends`` if friction balanced that,
+    into ``out``.
 
     Of a node the vectors at ``nodes`` are: the drive and two zeros, then a force for each end. ``scratch`` has room for the coefficients
     of all these, and for a number at each node.

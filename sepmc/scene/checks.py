@@ -6,7 +6,7 @@ import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
-from sepmc.scene.kinds import KINDS
+from sepmc.scene.kinds import KINDS, rows_of, slides
 from sepmc.scene.load_checks import check_air, check_known, check_lengths, check_loads, check_outputs, check_pair, check_series
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
@@ -94,6 +94,18 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
         problems.add(f"{place}.fails", "must be 0 (lets go) or 1 (never does); disperse it with a discrete law", joint.fails)
     if joint.guide is not None and joint.guide.pins > 1 and joint.guide.circle == 0.0:
         problems.add(f"{place}.guide.circle_m", "must be > 0 with more than one pin")
+    if joint.guide is not None:
+        _check_guide(name, joint, scene, problems)
+
+
+def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
+    """Pins that no phase nor release lets slide would do nothing, and nothing would say so."""
+    kinds = [phase.joints.get(name, "free") for phase in scene.phase]
+    kinds += [release.to for release in scene.release if release.joint == name]
+    known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
+    if not any(slides(rows_of(joint, kind)) for kind in known):
+        said = "does nothing: its pins act while the joint holds y, z and at least two rotations but not x (slider, cylindrical, or a kind "
+        problems.add(f"joint.{name}.guide", f"{said}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases")
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:

@@ -60,6 +60,11 @@ def is_part(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
     return all(row in of or (turns_held and at.ROTATION <= row < at.ROD) for row in rows)
 
 
+def slides(rows: tuple[int, ...]) -> bool:
+    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are engaged."""
+    return rows.count(1) == rows.count(2) == 1 and 0 not in rows and sum(at.ROTATION <= row < at.ROD for row in rows) >= 2
+
+
 def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
     """Right-handed orthonormal axes (rows) from an x axis and a vector near the y axis."""
     x = np.array(x_axis) / np.linalg.norm(x_axis)

@@ -37,22 +37,27 @@ class Written(Flight):
     which the last halving changed no outcome by more than the accuracy asked.
 
     ``history`` has one row, at the end, with every outcome under its public name: angles, rates, separation. Places, velocities and joint
-    forces are not written.
+    forces are not written. What the kernel does not vouch for is flown by the one in which joints let go in any order.
     """
 
     kernel = WRITTEN
 
     def __init__(self, flown: Campaign, settled: bool = False):
+        self._fly(flown, settled, False)
+        if self.status == LEFT and pilot.spare(as_written(flown)):
+            self._fly(flown, settled, True)
+
+    def _fly(self, flown: Campaign, settled: bool, any_order: bool) -> None:
         campaign = as_written(flown)
         self.scene = campaign.scene
         self.t = np.array([self.scene.run.end_time])
         columns = schema.result_columns(campaign.plan.contents)
-        steps, usual = _steps(campaign, flown.scene.solver.step or _STEP)
-        outcomes, status, _ = _fly(campaign, steps, usual)
+        steps, usual = _steps(campaign, flown.scene.solver.step or _STEP, any_order)
+        outcomes, status, _ = _fly(campaign, steps, usual, any_order)
         unmet = False
         for _ in range(_DOUBLINGS if settled and status in _FLOWN else 0):
             steps, before = 2 * steps, outcomes
-            outcomes, status, _ = _fly(campaign, steps, usual)
+            outcomes, status, _ = _fly(campaign, steps, usual, any_order)
             count = len(campaign.outcome_columns)
             unmet = _change(before[:count], outcomes[:count], campaign) > self.scene.solver.accuracy
             if not (status in _FLOWN and unmet):
@@ -67,22 +72,22 @@ class Written(Flight):
         return unknown, unknown
 
 
-def _fly(campaign: Campaign, steps: Array, usual: Array) -> tuple[Array, int, Array]:
+def _fly(campaign: Campaign, steps: Array, usual: Array, any_order: bool) -> tuple[Array, int, Array]:
     """The nominal case in so many steps (phases,) of phases that usually last ``usual`` (phases,), s: its outcomes (o,), its status, less
     than 0 if the kernel does not vouch for it, and the times (phases,) at which phases end."""
     with interpreted():
-        kernel = specialised_kernel(kernel_text(campaign))
+        kernel = specialised_kernel(kernel_text(campaign, any_order=any_order))
     block, reached = fly_specialised(kernel, campaign.plan, steps, usual, np.empty(0, dtype=np.int64), np.empty((1, 0)))
     return block.outcomes[0], int(block.status[0]), reached[:, 0]
 
 
-def _steps(campaign: Campaign, step: float) -> tuple[Array, Array]:
+def _steps(campaign: Campaign, step: float, any_order: bool) -> tuple[Array, Array]:
     """Numbers of steps of a length, s, in all phases, and how long phases last, s. A flight in steps that know nothing of when
     phases end tells that; if it does not come to its end, they stay unknown, and there are as many steps as fit in the whole flight."""
-    stages = len(make_shape(campaign.plan, campaign.dispersed).stages)
+    stages = len(make_shape(campaign.plan, campaign.dispersed, any_order).stages)
     steps, usual = np.full(stages, max(2, math.ceil(campaign.scene.run.end_time / step - 1e-9))), np.full(stages, math.inf)
     if stages > 1:
-        _, status, reached = _fly(campaign, steps, usual)
+        _, status, reached = _fly(campaign, steps, usual, any_order)
         if status in _FLOWN:
             usual = np.diff(reached, prepend=0.0)
             steps = np.maximum(2, np.ceil(usual / step - 1e-9)).astype(np.int64)

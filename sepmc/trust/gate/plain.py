@@ -74,5 +74,6 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
-            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told)
+            left = pilot.spare(campaign, history)
+            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told, spare=left)
         before, steps = now, 2 * steps

@@ -34,7 +34,10 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
         found = judge(tree, name, cases)
         if job.get("doors") and found.rows:
             through(tree, name, found)
-    return {**found.to_dict(), "seconds": time.perf_counter() - begun, "seed": job.get("seed")}
+    compiled = bool(job.get("compiled"))
+    if not compiled and found.rows.get("silent"):  # by few trial cases, in plain Python: the pilot that users have decides
+        compiled, found = True, judge(tree, name, cases)
+    return {**found.to_dict(), "seconds": time.perf_counter() - begun, "seed": job.get("seed"), "compiled": compiled}
 
 
 def main() -> None:

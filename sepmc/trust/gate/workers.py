@@ -96,7 +96,7 @@ def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]]
             why = f"no verdict within {worker.limit_s:g} s" if worker.stopped else "the process died"
             worker = None
             name = job.get("name") or f"seed {job['seed']}"
-            verdict = {"name": name, "seed": job.get("seed"), "crash": why, "rows": {}, "said": []}
-        found.put({**verdict, "interpreted": not job.get("compiled") and verdict.get("kernel") == "written"})
+            verdict = {"name": name, "seed": job.get("seed"), "crash": why, "rows": {}, "said": [], "compiled": job.get("compiled", False)}
+        found.put({**verdict, "interpreted": not verdict["compiled"] and verdict.get("kernel") == "written"})
     if worker:
         worker.close()

@@ -72,8 +72,9 @@ class Motion:
             found |= {name: rows.wrench(j, s, multipliers) for name, j in self.joints.items() if self.sequence.held[name]}
         return found
 
-    def drive(self, name: str, t: float, s: State) -> float:
-        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub."""
+    def held_along(self, name: str, t: float, s: State) -> tuple[float, Array, Array]:
+        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub. Force and moment on its
+        second body if that one did hold it."""
         joint, (_, _, _, rubbing) = self.joints[name], self.at(t, s)
         force, moment = self.loads.on_bodies(t, s)
         for other, size in rubbing.items():
@@ -81,8 +82,8 @@ class Motion:
                 rub(self.joints[other], s, size, force, moment)
         held = [(j, self.sequence.held[each] | ({("along", 0)} if each == name else set())) for each, j in self.joints.items()]
         rows = Constraints(held, self.vehicle).at(s)
-        on_b, _ = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
-        return max(0.0, -joint.apart * float(on_b @ (s.r[joint.a] @ joint.axes[0])))
+        wrench = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
+        return max(0.0, -joint.apart * float(wrench[0] @ (s.r[joint.a] @ joint.axes[0]))), *wrench
 
     def value(self, leaf: Leaf, t: float, s: State) -> float:
         """How far a condition on the state is beyond its threshold."""

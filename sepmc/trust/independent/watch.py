@@ -53,8 +53,9 @@ class Watch:
             if what in ("force", "moment"):
                 found.append(float(np.linalg.norm(wrenches[name][0 if what == "force" else 1])))
             elif what == "jam":
-                carried = total(pins[name])
-                found.append(-motion.drive(name, t, s) / carried if carried > 0.0 else -math.inf)
+                drive, *wrench = motion.held_along(name, t, s)
+                carried = total(contacts(motion.joints[name], s, *wrench))
+                found.append(-drive / carried if carried > 0.0 else -math.inf)
             else:
                 found.append(float(np.sqrt(np.sum(pins[name][:, what] ** 2, axis=-1)).max()))
         return np.array(found)

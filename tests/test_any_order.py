@@ -1,0 +1,144 @@
+"""Joints that let go before or after any event, in written kernels, against the independent flight and the general kernel."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from turning_pair import BOTH, MID, PUSH, TURNING, agrees
+
+from sepmc.campaign import cases, flight, pilot
+from sepmc.campaign.settle import fly_general
+from sepmc.compiler.shape import make_shape
+from sepmc.schema import Status
+from sepmc.trust.written import as_written
+
+CASES = 60
+PULL = {"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}
+FIXED = {"pins": "fixed", "other": "fixed"}
+TWO = {
+    **MID,
+    "joint.pins.bodies": ["fore", "mid"],
+    "joint.other": {"bodies": ["mid", "aft"], "point_m": [2.4, 0.3, 0.1]},
+    "phase": [
+        {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
+        {"name": "guided", "joints": {"other": "slider"}, "until": {"joint": "other", "stroke_mm": 5.0}},
+        {"name": "free"},
+    ],
+    "output": {"loads": ["pins", "other"], "tip_off": ["other", "pins"]},
+}
+AGAIN = {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]}
+GUIDE = {"pins": 3, "circle_m": 0.3, "engaged_m": 0.5, "friction": 0.05, "slip_speed_m_s": 0.05}
+
+
+def cut(joint, when, **more):
+    return {"name": f"cut_{joint}", "joint": joint, "when": when, **more}
+
+
+def by_load(threshold):
+    """The second phase ends by a load of the joint that is left, while the first may be late."""
+    phases = [
+        {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
+        {"name": "pulled", "joints": {"other": "fixed"}, "until": {"joint": "other", "force_N": threshold}},
+        {"name": "free"},
+    ]
+    return TWO | {"motor": [PULL], "phase": phases}
+
+
+SCENES = {
+    "late beyond the end of the next phase": TWO | {"joint.pins.delay_s": 0.25},
+    "later than another that is late": TWO | {"joint.pins.delay_s": 0.21, "joint.other.delay_s": 0.03},
+    "late twice, told twice before the first": TWO
+    | {
+        "joint.other.delay_s": 0.15,
+        "phase": [*TWO["phase"][:1], {"name": "guided", "joints": {"other": "slider"}, "until": {"time_s": 0.12}}, {"name": "free"}],
+    },
+    "late, then holding what it held by other rows, which it had not in between": TWO
+    | {
+        "joint.other.kind": {"keyed": {"translations": ["y", "z"], "rotations": ["x", "z"]}},
+        "joint.other.delay_s": 0.05,
+        "joint.pins.delay_s": 0.08,
+        "phase": [
+            {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
+            {"name": "keyed", "joints": {"other": "keyed"}},
+        ],
+    },
+    "late, while a load is waited for": by_load(5.0) | {"joint.pins.delay_s": 0.2},
+    "late, while several conditions are waited for": TWO
+    | {
+        "joint.pins.delay_s": 0.15,
+        "phase": [
+            {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
+            {"name": "guided", "joints": {"other": "slider"}, "until": {"any": [{"joint": "other", "stroke_mm": 5.0}, {"time_s": 0.22}]}},
+            {"name": "free"},
+        ],
+    },
+    "released in part": {
+        "phase": [{"name": "held", "joints": {"pins": "fixed"}}],
+        "release": [cut("pins", {"time_s": 0.1}, to="slider")],
+        "output": {"loads": ["pins"]},
+    },
+    "released in part, then let go by a phase": {
+        "phase": [
+            {"name": "held", "joints": {"pins": "fixed"}, "until": {"time_s": 0.3}},
+            {"name": "free"},
+        ],
+        "release": [cut("pins", {"time_s": 0.1}, to="slider")],
+        "output": {"loads": ["pins"], "tip_off": ["pins"]},
+    },
+    "released while it is late in letting go in part": TWO | {"joint.other.delay_s": 0.1, "release": [cut("other", {"time_s": 0.05})]},
+    "redundant, and late each by its own delay": {
+        "joint.again": AGAIN | {"delay_s": 0.1},
+        "joint.pins.delay_s": 0.05,
+        "phase": [{"name": "held", "joints": {"pins": "fixed", "again": "spherical"}, "until": {"time_s": 0.1}}, {"name": "free"}],
+        "output": {"loads": ["pins", "again"], "tip_off": ["pins"]},
+    },
+    "redundant, until one breaks": {
+        "motor": [PULL],
+        "joint.again": AGAIN,
+        "phase": [{"name": "held", "joints": {"pins": "fixed", "again": "fixed"}}],
+        "release": [cut("again", {"joint": "again", "force_N": 1.5})],
+        "output": {"loads": ["pins", "again"]},
+    },
+    "redundant guides": {
+        "joint.pins.guide": GUIDE,
+        "joint.again": AGAIN,
+        "phase": [{"name": "guided", "joints": {"pins": "slider", "again": "slider"}}],
+        "load": [PUSH | {"force_N": [6.0, 1.0, -0.5]}],
+        "output": {"loads": ["pins", "again"], "guide": ["pins"]},
+    },
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_as_the_independent_flight(pair, name):
+    campaign = pair(TURNING | SCENES[name])
+    assert pilot.reasons(as_written(campaign)) == []
+    agrees(campaign)
+
+
+DISPERSED = {
+    "late": ({"joint.pins.delay_s": {"uniform": [0.0, 0.35]}, "joint.other.delay_s": {"uniform": [0.0, 0.2]}}, Status.NEVER_RELEASED),
+    "failing": ({"joint.pins.fails": {"discrete": [0, 1], "weights": [0.6, 0.4]}}, Status.NEVER_RELEASED),
+}
+
+
+@pytest.mark.parametrize("name", DISPERSED)
+def test_cases_that_keep_no_order_are_flown_by_a_second_kernel(pair, monkeypatch, name):
+    """And the general kernel is not asked; it says the same of every case."""
+    laws, expected = DISPERSED[name]
+    campaign = pair(TURNING | TWO | {"dispersion": laws, "solver": {"accuracy": 1e-8}})
+    assert not make_shape(campaign.plan, campaign.dispersed).any_order
+    with monkeypatch.context() as patch:
+        patch.setattr(flight, "warm_up", None)
+        patch.setattr(pilot, "warm_up", None)
+        result = campaign.run(cases=CASES)
+    status = result.table["status"]
+    assert set(status) == {"ok", expected.label}
+    drawn = campaign.in_si(cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, CASES))
+    slow = fly_general(campaign, 2e-3, drawn)
+    assert_array_equal(status, [Status(one).label for one in slow.status])
+    columns = campaign.outcome_columns
+    found = np.column_stack([result.table[c.name] / c.scale for c in columns])
+    sharp = [k for k, c in enumerate(columns) if not c.name.endswith(("force_time_s", "moment_time_s"))]
+    units = [columns[k].unit for k in sharp]
+    assert pilot.relative_error(found[:, sharp], slow.outcomes[:, sharp], units).max() < 1e-6
+    assert_allclose(result.accuracy.worst[1], 0.0, atol=2e-8)
