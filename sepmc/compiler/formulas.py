@@ -7,7 +7,7 @@ from sepmc.compiler.recorder import CONDITION, NUMBER, SYMMETRIC, Formulas
 vec3: Any = Formulas(
     "vec3",
     {
-        **dict.fromkeys(("add", "sub", "scale", "cross", "unit", "rotate", "unrotate"), 3),
+        **dict.fromkeys(("add", "sub", "scale", "cross", "unit", "perpendicular", "rotate", "unrotate"), 3),
         "dot": NUMBER,
         "add_matrices": SYMMETRIC,  # of inertias
         "symmetric_inverse": SYMMETRIC,
@@ -41,7 +41,7 @@ guides: Any = Formulas(
         "friction_force": NUMBER,
     },
 )
-linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER)})
+linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER), "eliminate": NUMBER})
 loads: Any = Formulas(
     "",
     {

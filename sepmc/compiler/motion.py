@@ -6,6 +6,7 @@ from typing import Any
 from sepmc.compiler.context import Context, part
 from sepmc.compiler.energy import power
 from sepmc.compiler.formulas import ZERO, quat, vec3
+from sepmc.compiler.full import FullSystem, Wrench, before_full
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, body_loads
 from sepmc.compiler.recorder import called
@@ -50,13 +51,15 @@ def before_motion(text: Text, c: Context, stage: Stage) -> None:
     call_look_up(text, c, stage)
     if c.shape.rubbing(stage):
         text(f"rub_{stage.name}(w)")
+    if stage.full:
+        before_full(text, stage, c.shape.bodies)
 
 
 @dataclass
 class Motion:
     """Force (ground axes) and moment (body axes) of the loads on every body, accelerations of mass centres (ground axes) and angular
-    accelerations of groups (body axes, by leader), and the rows of the joints with their multipliers; or by how much a force changes all
-    these, whatever the bodies do that are ``moving``."""
+    accelerations of groups (body axes, by leader), and the rows of the joints with their multipliers, or wrenches by the full system; or by
+    how much a force changes all these, whatever the bodies do that are ``moving``."""
 
     force: dict[str, Any]
     moment: dict[str, Any]
@@ -65,6 +68,7 @@ class Motion:
     multipliers: list[Any] = field(default_factory=list)
     system: Rows | None = None
     factors: Solver | None = None
+    wrenches: dict[str, Wrench] = field(default_factory=dict)
     moving: bool = True
     shared: bool = False  # whether the rows are those of bodies that turn apart, the multipliers those of least sum of squares
 
@@ -85,6 +89,9 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
     factors = make_solver(s, rows.coupling())
+    if s.stage.full and rubs:
+        acceleration, spin_rate, wrenches = FullSystem(s, rows, force, moment).solve()
+        return Motion(force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches)
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")

@@ -122,6 +122,7 @@ class Stage:
     welds: list[str] = field(default_factory=list)  # joints that let nothing turn, whose bodies turn as one
     dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
     redundant: int = 0  # how many would, if each body turned by itself: what joints carry is then not unique
+    full: bool = False  # whether bodies turn by themselves, and wrenches and accelerations are solved for together
     least_squares: bool = False  # whether bodies do turn by themselves, and all rows are solved for, by least sum of squares
     events: list[Event] = field(default_factory=list)
     loads: list[Event] = field(default_factory=list)  # conditions on what joints carry
@@ -267,8 +268,6 @@ def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
     scene, found = plan.scene, []
     if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
         found.append("a table over height whose rows are passed in a small part of the flight")
-    if scene.solver.formulation != "reduced":
-        found.append("the full formulation")
     return found
 
 
@@ -537,7 +536,8 @@ def _stage(
     largest = [(row.joint, row.code) for row in made.every_row if min(may[row.joint]) in (row.kinds or may[row.joint])]
     made.redundant = len(dependent_rows(scene, largest, []))
     made.groups, made.least_squares = alone, any_order and made.redundant > 0
-    if made.least_squares:
+    made.full = scene.solver.formulation == "full" and not made.redundant and bool(made.every_row)
+    if made.least_squares or made.full:
         made.rows = made.every_row
         return made
     made.welds = [joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())]

@@ -51,12 +51,16 @@ def make_wrenches(s: State) -> Motion:
 
 def force_of(motion: Motion, joint: str) -> Any:
     """Force on the second body of a joint, ground axes."""
+    if motion.wrenches:
+        return motion.wrenches[joint][0] if joint in motion.wrenches else ZERO
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return add_all([vec3.scale(m, one.e) for m, one in rows if one.row.joint == joint and not one.row.turns])
 
 
 def moment_of(s: State, motion: Motion, joint: str) -> Any:
     """Moment on the second body of a joint, ground axes: what its rows of rotation do, or else what its bodies need to turn as one."""
+    if motion.wrenches:
+        return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
     if joint in s.stage.welds and not motion.shared:
         return _moment_of_weld(s, motion, joint)
     rows = zip(motion.multipliers, motion.rows, strict=True)

@@ -213,3 +213,16 @@ def solve_lu(w, a, b, n):
             w[b + i] -= w[a + i * n + j] * w[b + j]
         w[b + i] /= w[a + i * n + i]
     return smallest
+
+
+@stage
+def eliminate(w, place, n, scratch, out):
+    """`solve_lu` for one lane: from its matrix by rows and right-hand side at ``place`` the solution at ``out``; not numbers if there is
+    none. ``scratch`` is room for n^2 + n numbers. Returns the smallest pivot of the scaled system, 0 if it is singular."""
+    keep_apart()
+    for i in range(n * n + n):
+        w[scratch + i] = w[place + i * LANES]
+    pivot = solve_lu(w, scratch, scratch + n * n, n)
+    for i in range(n):
+        w[out + i * LANES] = w[scratch + n * n + i] if pivot > 0.0 else math.nan
+    return pivot

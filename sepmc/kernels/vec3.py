@@ -37,6 +37,14 @@ def unit(a):
 
 
 @formula
+def perpendicular(a):
+    """A unit vector across a; not finite if a is zero."""
+    x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
+    least = (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
+    return unit(cross(a, least))
+
+
+@formula
 def rotate(m, a):
     """m a: body components to ground, if m is an attitude matrix."""
     return (
