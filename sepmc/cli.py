@@ -165,7 +165,7 @@ def run(
             "seed": None if number is None else loaded.scene.run.seed if seed is None else seed,
             "inputs": case.inputs,
             "status": history.attrs["status"],
-            "kernel": history.attrs["kernel"],
+            "compiled": history.attrs["compiled"],
             "outcomes": history.attrs["outcomes"],
             "notes": history.attrs["notes"],
             "bodies": loaded.plan.bodies,
@@ -181,8 +181,8 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for note in history.attrs["notes"]:
             click.echo(f"warning: {note}", err=True)
-        how = "by the kernel written for it, in plain Python" if history.attrs["kernel"] == "written" else "by the general kernel"
-        say(f"flown {how}, in {seconds:.2f} s; {len(history)} rows")
+        how = "compiled" if history.attrs["compiled"] else "in plain Python"
+        say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
         if not no_plots:
             from sepmc.report.figures import run_figures
 
@@ -242,12 +242,8 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         from sepmc.campaign import cases, pilot
         from sepmc.compiler.emit import features
         from sepmc.compiler.shape import make_shape
-        from sepmc.scene.messages import InputError
 
-        why = pilot.reasons(loaded)
         if code:
-            if why:
-                raise InputError(f"{loaded.name}: no kernel is written for it, because of {'; '.join(why)}. The general kernel flies it")
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
         from sepmc.campaign.chunks import implausible_note
@@ -258,20 +254,17 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
         for line in lines(loaded.plan):
             click.echo("  " + line)
-        if why:
-            click.echo(f"  kernel       general, because of {'; '.join(why)}")
-        else:
-            shape = make_shape(loaded.plan, loaded.dispersed)
-            inside, outside = features(shape)
-            click.echo("  kernel       specialised (print it with --code)")
-            called = shape.names.back
-            for stage, stage_name in zip(shape.stages, pilot.stage_names(loaded), strict=True):
-                groups = [" and ".join(called.get(body, body) for body in group) for group in stage.groups if len(group) > 1]
-                together = "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
-                rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
-                click.echo(f"    {stage_name:14s} {together}{rows}")
-            click.echo(f"    compiled in    {', '.join(inside)}")
-            click.echo(f"    left out       {', '.join(outside)}")
+        shape = make_shape(loaded.plan, loaded.dispersed)
+        inside, outside = features(shape)
+        click.echo("  kernel       written for the scene (print it with --code)")
+        called = shape.names.back
+        for stage, stage_name in zip(shape.stages, pilot.stage_names(loaded), strict=True):
+            groups = [" and ".join(called.get(body, body) for body in group) for group in stage.groups if len(group) > 1]
+            together = "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
+            rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
+            click.echo(f"    {stage_name:14s} {together}{rows}")
+        click.echo(f"    has in it      {', '.join(inside)}")
+        click.echo(f"    left out       {', '.join(outside)}")
         click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
@@ -372,10 +365,7 @@ def bench(
 
 def _flown(suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool) -> list[Any]:
     """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns all lines."""
-    from sepmc.door import warm_up
-
     names = list(names)
-    warm_up(_speaker(quiet))
     with _counted(len(names), quiet) as progress:
         groups = {name: fly([name], progress) for name in names}
     lines = [line for group in groups.values() for line in group]
@@ -560,7 +550,7 @@ def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
     steps = ", ".join(f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False))
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
-    how = f"{accuracy['kernel']} kernel, {accuracy['method']}, {how}"
+    how = f"{accuracy['method']}, {how}" if accuracy["formulation"] == "reduced" else f"full system, {accuracy['method']}, {how}"
     if not accuracy["cases"]:
         return f"numerical error not known, no trial case came to its end; {how}"
     said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"
@@ -568,9 +558,9 @@ def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     place = accuracy.get("worst_place")
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
-    finer, left = accuracy.get("finer_cases"), accuracy.get("left_cases")
+    finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
     others = f", {finer} cases harder than trial cases at finer steps of their own" if finer else ""
-    others += f", {left} cases by the general kernel, each at a step of its own" if left else ""
+    others += f", {spare} cases by a second kernel" if spare else ""
     trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
 

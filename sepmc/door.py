@@ -5,7 +5,7 @@ import operator
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,17 +26,17 @@ _EVERY_S = 5.0  # between two words on how far the compiling is
 @dataclass
 class Again:
     """Cases that are flown again: the largest change (o,) of outcomes by the last halvings of steps; how many were flown at finer steps
-    than the others; which a specialised kernel left to the general one; and how many no step settled."""
+    than the others, and by a spare kernel; and how many no step settled."""
 
     change: np.ndarray
     finer: int = 0
-    left: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    spare: int = 0
     unsettled: int = 0
 
     def with_others(self, others: "Again") -> "Again":
         """These and others."""
-        left = np.concatenate([self.left, others.left])
-        return Again(np.maximum(self.change, others.change), self.finer + others.finer, left, self.unsettled + others.unsettled)
+        change = np.maximum(self.change, others.change)
+        return Again(change, self.finer + others.finer, self.spare + others.spare, self.unsettled + others.unsettled)
 
 
 @dataclass
@@ -73,36 +73,7 @@ class Block:
         return np.isin(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
-def fly_block(plan: Plan, slots: np.ndarray, draws: np.ndarray, room: int, width: int, level: int) -> Block:
-    """One call of the general kernel's door; draws (n, d) in SI."""
-    from sepmc.kernels.batch import fly  # noqa: PLC0415
-
-    n = len(draws)
-    outcomes = len(schema.result_columns(plan.contents))
-    block = Block(
-        np.full((n, outcomes), np.nan),
-        np.full(n, int(Status.NOT_FLOWN), dtype=np.int64),
-        np.full((n, room), np.nan),
-        np.zeros((n, room), dtype=np.int64),
-        np.full((n, room, width), np.nan),
-        np.zeros(n, dtype=np.int64),
-        np.zeros((n, _general_guards(plan))),
-    )
-    nominal = np.ascontiguousarray(plan.nominal)
-    fly(
-        plan.model.scene, plan.model.table, plan.model.numbers, plan.tableau, nominal, slots, np.ascontiguousarray(draws),
-        block.outcomes, block.guards, block.status, block.times, block.phases, block.history, block.rows, level,
-    )  # fmt: skip
-    return block
-
-
-def _general_guards(plan: Plan) -> int:
-    """Guards of the general kernel: three for every body, the ground among them, and one for every condition."""
-    scene = plan.model.scene[0]
-    return int(3 * scene.n_bodies + scene.n_leaves)
-
-
-def fly_specialised(
+def fly_cases(
     kernel: Kernel,
     plan: Plan,
     steps: np.ndarray,
@@ -123,8 +94,8 @@ def fly_specialised(
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
-    _call(kernel, plan, steps, usual, slots, draws, plan.tableau.history_step, outcomes, ends, history, status)
-    rows = np.broadcast_to(np.arange(room) * plan.tableau.history_step, (n, room))
+    _call(kernel, plan, steps, usual, slots, draws, plan.scene.run.history_step, outcomes, ends, history, status)
+    rows = np.broadcast_to(np.arange(room) * plan.scene.run.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
     kept = np.where(status > Status.NEVER_RELEASED, 0, room)
     block = Block(outcomes[: len(columns)].T, status, rows, phases, history, kept, outcomes[len(columns) :].T)
@@ -133,15 +104,17 @@ def fly_specialised(
 
 def fly_everything(
     kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
-) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; its status, as `fly_specialised`
-    has it; the times (stages,) at which stages end, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a
-    stage, and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case did not get so far."""
+) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
+    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; its status, as `fly_cases`
+    has it; whether shorter steps may tell by how many turns pitch and roll went on; the times (stages + changes,) at which stages end,
+    then those at which joints let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage, and 1 or
+    -1 if the row is to be as things are just after that time or before; NaN if the case did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
-    outcomes, status, ends = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64), np.empty((kernel.stages, 1))
+    outcomes, status = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64)
+    ends = np.empty((kernel.stages + kernel.changes, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
-    return outcomes[:columns, 0], int(status[0]), ends[:, 0], history[0]
+    return outcomes[:columns, 0], int(status[0]), bool(np.isneginf(outcomes[columns:]).any()), ends[:, 0], history[0]
 
 
 def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
@@ -183,7 +156,7 @@ def check_threads(threads: int | None) -> int | None:
     """``threads`` if this machine can use so many; raises InputError (a ValueError) otherwise."""
     if threads is None:
         return None
-    from sepmc.kernels.batch import max_threads  # noqa: PLC0415
+    from sepmc.kernels.blocks import max_threads  # noqa: PLC0415
 
     if isinstance(threads, bool) or not 1 <= threads <= max_threads():
         raise InputError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
@@ -192,22 +165,9 @@ def check_threads(threads: int | None) -> int | None:
 
 def use_threads(threads: int | None) -> None:
     """Fly on this many threads from now on, or on all."""
-    from sepmc.kernels import batch  # noqa: PLC0415
+    from sepmc.kernels import blocks  # noqa: PLC0415
 
-    batch.use_threads(threads)
-
-
-def warm_up(announce: Callable[[str], None] | None = None) -> float:
-    """Make the general kernel ready: load it from the disk cache, after compiling it there if need be. Returns the seconds it took."""
-    start = time.perf_counter()
-    from sepmc.kernels import batch  # noqa: PLC0415
-
-    if not batch.is_compiled():
-        if announce:
-            announce("compiling the general kernel, once per installation (one to two minutes) ...")
-        batch.compile_apart()
-    batch.compile_door()
-    return time.perf_counter() - start
+    blocks.use_threads(threads)
 
 
 _interpreting = False
@@ -237,19 +197,19 @@ def _now_and_then(announce: Callable[[str], None] | None) -> Callable[[int, int]
     return progress
 
 
-def specialised_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
+def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there what of it is not yet."""
     if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.kernels import interpreted as plain  # noqa: PLC0415
 
         return plain.load(text)
-    from sepmc.kernels import specialised  # noqa: PLC0415
+    from sepmc.kernels import cache  # noqa: PLC0415
 
     pieces = split(text)
-    names = specialised.write([piece.text for piece in pieces])
-    left = len(specialised.missing(names))
+    names = cache.write([piece.text for piece in pieces])
+    left = len(cache.missing(names))
     if left:
         if announce:
             announce(f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some ten seconds) ...")
-        specialised.compile_apart(names, _now_and_then(announce))
-    return specialised.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])
+        cache.compile_apart(names, _now_and_then(announce))
+    return cache.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])

@@ -65,7 +65,7 @@ class Column:
     scale: float = 1.0
 
 
-# Per body and per joint, in the order the kernel writes them (kernels/observe.py).
+# Per body and per joint, in the order kernels write them (compiler/outcomes.py).
 _BODY = (
     ("alpha_deg", "deg", "angle of attack of {0} relative to the air, eq (11)", DEG),
     ("beta_deg", "deg", "sideslip angle of {0} relative to the air, eq (11)", DEG),

@@ -77,10 +77,6 @@ def measure(name, campaign, count, seconds):
     sharp = trial.sharper().sharper().sharper()
     reference = fly(fine, sharp, draws)
     own = fly(campaign, trial, draws)
-    if len(own.again.left):  # at more steps the specialised kernel flies some of them, badly
-        which = own.again.left
-        left = fly(fine, trial, draws[which])
-        reference.outcomes[which], reference.status[which] = left.outcomes, left.status
     columns = campaign.outcome_columns
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]
@@ -94,9 +90,10 @@ def measure(name, campaign, count, seconds):
     place = f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}" if told.worst_place else ""
     asked = "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     failed = ratio < 1 / 3 or (asked.endswith(" met") and true[worst] > told.asked)
-    how = trial.steps.tolist() if trial.steps is not None else f"{trial.step:.4g} s"
+    how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
     lost = f", {own.again.finer} finer" if own.again.finer else ""
-    lost += f", {len(own.again.left)} left ({own.again.unsettled} unsettled)" if len(own.again.left) else ""
+    lost += f", {own.again.spare} by a spare kernel" if own.again.spare else ""
+    lost += f", {own.again.unsettled} unsettled" if own.again.unsettled else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} ({columns[worst].name}) | {ratio:.2g} | "

@@ -127,15 +127,11 @@ def test_nominal(campaign):
 
 
 def test_a_case_alone_at_a_given_step_is_its_row(campaign):
-    """Bit for bit where the general kernel flies both; within the error that the run tells where the row is a written kernel's."""
-    general = campaign.with_settings({"solver.step_s": 0.05, "solver.formulation": "full"})
-    row = general.run(cases=20, seed=7).to_pandas().iloc[17]
-    outcomes = general.simulate(general.case(17, seed=7), step_s=0.1).attrs["outcomes"]
-    assert outcomes == {name: row[name] for name in outcomes}
-    written = campaign.with_settings({"solver.step_s": 0.05})
-    result = written.run(cases=20, seed=7)
+    """Within the error that the run tells: its first steps may be divided otherwise."""
+    given = campaign.with_settings({"solver.step_s": 0.05})
+    result = given.run(cases=20, seed=7)
     table = result.to_pandas()
-    outcomes = written.simulate(written.case(17, seed=7), step_s=0.1).attrs["outcomes"]
+    outcomes = given.simulate(given.case(17, seed=7), step_s=0.1).attrs["outcomes"]
     for name, error in result.accuracy.errors.items():
         size = max(abs(outcomes[name]), table[name].std(), 1e-4)
         assert outcomes[name] == pytest.approx(table[name][17], rel=0, abs=max(error, 1e-9) * size), name

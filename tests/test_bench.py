@@ -49,14 +49,13 @@ def table(study, reference):
     return work_precision.measure(study, reference)
 
 
-@pytest.mark.parametrize(("name", "settings"), [("table2", ()), ("table1", ("solver.formulation=full",))])
-def test_command(name, settings, tmp_path, monkeypatch):
-    """Files, columns, marks; a scene of its own kernel, and one that the general kernel flies."""
+@pytest.mark.parametrize(("name", "formulation"), [("table2", "reduced"), ("table1", "full")])
+def test_command(name, formulation, tmp_path, monkeypatch):
+    """Files, columns, marks, whichever formulation is the scene's own."""
     monkeypatch.setattr(scaling, "SIZES", (20, 40))
     monkeypatch.setattr(flops, "count", lambda *_: None)  # compiles for a minute; it has a test of its own
-    options = [part for text in settings for part in ("--set", text)]
     out = tmp_path / "bench"
-    result = call("bench", name, "--quick", "--cases", 40, "--repeats", 1, "--out", out, *options)
+    result = call("bench", name, "--quick", "--cases", 40, "--repeats", 1, "--out", out, "--set", f"solver.formulation={formulation}")
     assert result.exit_code == 0, result.output
     parts = ["features", "scaling", "stages", "work_precision"]
     assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *(f"{p}.{kind}" for p in parts for kind in ("parquet", "png"))])
@@ -67,10 +66,12 @@ def test_command(name, settings, tmp_path, monkeypatch):
     frame = pd.read_parquet(out / "work_precision.parquet")
     assert frame["default"].sum() == 1
     assert (frame["ms"] > 0.0).all()
-    own = frame["formulation"] == "specialised"
-    assert own.any() == (not settings)
-    assert ("full formulation" in result.output) == bool(settings)
-    assert frame.loc[frame["default"], "error"].item() < 1e-8
+    assert set(frame["formulation"]) == {"reduced", "full"}
+    assert (frame["scaled"] == (frame["formulation"] == "full")).all()
+    chosen = frame[frame["default"]].iloc[0]
+    assert (chosen["formulation"], told["formulation"]) == (formulation, formulation)
+    assert f"threads, {formulation} formulation" in result.output
+    assert chosen["error"] < 1e-8
     assert {"feature", "time_ratio", "flop_ratio"} <= set(pd.read_parquet(out / "features.parquet"))
     assert {"over", "cases", "threads", "kernel_s", "peak_MB"} <= set(pd.read_parquet(out / "scaling.parquet"))
     assert {"import", "pilot", "kernel", "statistics"} <= set(pd.read_parquet(out / "stages.parquet")["stage"])
@@ -81,7 +82,7 @@ def test_command(name, settings, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["table2", "spring-pushers"])
 def test_same_bits(name):
     """On any number of threads, in any chunks and order."""
-    from sepmc.kernels.batch import max_threads
+    from sepmc.kernels.blocks import max_threads
 
     found = bits.same_bits(study_of(name, 60, max_threads()))
     assert len(found) == 4
@@ -106,9 +107,28 @@ def test_error_counts_the_worst_case(study, reference):
 
 
 def test_more_steps_are_more_exact(table):
-    own = table[(table["formulation"] == "specialised") & (table["method"] == "dop853")]
+    own = table[(table["formulation"] == "reduced") & (table["method"] == "dop853")]
     assert own["error"].iloc[0] > 10.0 * own["error"].iloc[-1]
     assert not own["scaled"].any()
+
+
+def test_full_flies_as_the_reduced_does(table, reference):
+    """In the same steps the same errors, by fewer cases."""
+    of = {name: rows.set_index("asked") for name, rows in table[table["asked"].notna()].groupby("formulation")}
+    assert of["full"]["scaled"].all()
+    assert set(of["full"].index) == set(of["reduced"].index)
+    assert (of["full"]["error"] <= 1.5 * of["reduced"]["error"].clip(lower=reference.floor)).all()
+
+
+def test_step_that_is_given():
+    """Is flown as it is, and divided."""
+    study = study_of("table2", 20, settings={"solver.step_s": 0.1})
+    reference = make_reference(study)
+    table = work_precision.measure(study, reference)
+    assert list(table["setting"][table["formulation"] == "reduced"]) == ["step 0.1 s", "step 0.05 s", "step 0.025 s"]
+    assert list(table["setting"][table["formulation"] == "full"]) == ["step 0.1 s"]
+    assert table["default"].tolist() == [True, False, False, False]
+    assert table["error"].iloc[0] > 10.0 * table["error"].iloc[2]
 
 
 def test_features_change_the_scene(study):
@@ -181,7 +201,7 @@ def test_unknown_peers_are_left_out(study, reference, monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr(race.importlib, "import_module", missing)
-    monkeypatch.setattr(engines, "QUICK", dict.fromkeys(("numba per case", "scipy"), 0) | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1))
+    monkeypatch.setattr(engines, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1))
     loud = Study(study.campaign, study.flight, study.draws, 1, 1, True, told.append)
     frame = engines.measure(loud, reference)
     assert set(frame["engine"]) == {"sepmc"}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sepmc.kernels import compilers, specialised
+from sepmc.kernels import cache, compilers
 
 PLAIN = '"""Nothing to compile, number {}."""\n'
 
@@ -17,7 +17,7 @@ def none_running():
 
 
 def names(*numbers):
-    return specialised.write([PLAIN.format(number) for number in numbers])
+    return cache.write([PLAIN.format(number) for number in numbers])
 
 
 def test_processes_are_kept():
@@ -41,11 +41,11 @@ def test_one_that_died_is_replaced():
 
 def test_what_cannot_be_compiled():
     """The call says so, and whoever loads the module then gets the error itself."""
-    (bad,) = specialised.write(["raise ValueError('no kernel')\n"])
+    (bad,) = cache.write(["raise ValueError('no kernel')\n"])
     assert not compilers.compile_all([bad])
     assert compilers.running() == []
     with pytest.raises(ValueError, match="no kernel"):
-        specialised.module(bad)
+        cache.module(bad)
 
 
 def test_they_end_by_themselves(monkeypatch):

@@ -85,8 +85,8 @@ def test_columns_have_units_and_stand_in_their_order(campaign, result):
 
 
 def test_run_folder_is_the_campaign_again(campaign, result):
-    """The resolved file reads to the same scene, dispersions and reference; cases replay to the last bit in a batch; one by one, which the
-    general kernel flies because joints let go in part, within the errors told."""
+    """The resolved file reads to the same scene, dispersions and reference; cases replay to the last bit in a batch; one by one, within the
+    errors told."""
     again = sepmc.load(result.folder)
     assert again.scene == campaign.scene
     assert again.file.dispersions == campaign.file.dispersions

@@ -1,4 +1,4 @@
-"""The independent flight against closed forms, the general kernel, and what it must refuse."""
+"""The independent flight against closed forms, single runs, and what it must refuse."""
 
 import copy
 import math
@@ -67,7 +67,7 @@ def test_table2_against_minimal_coordinates(table2):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["table2.toml", "spring-pushers.toml"])
-def test_against_the_general_kernel(name):
+def test_against_a_single_run(name):
     campaign = sepmc.load(name)
     case = campaign.case(1)
     history, found = campaign.simulate(case, step_s=0.05), fly(case.to_dict())

@@ -36,6 +36,11 @@ class Motion:
         return (Rotation.from_rotvec(self.omega * t + 0.5 * self.omega_rate * t * t) * self.r).apply(body)
 
 
+def perpendicular_pair(i, k, ax, ay, az, bx, by):
+    """Axis i (x or y) of B and axis k of A."""
+    return (bx, by)[i], (ax, ay, az)[k]
+
+
 def second_difference(function, h=0.02):
     """Second derivative at 0. Measured: good to 2e-10 here, from h^8 times tenth derivatives of 1e7 over 3e3, and round-off over h^2."""
     return SECOND @ [function(h * i) for i in range(-4, 5)] / h**2
@@ -69,7 +74,7 @@ def test_rotation_row(seed, pair_of):
     a, b = Motion(random), Motion(random)
 
     def pair(t):
-        return joints.perpendicular_pair(*pair_of, *(tuple(m.turn(t, e)) for m, e in zip((a, a, a, b, b), (*AXES, *AXES[:2]), strict=True)))
+        return perpendicular_pair(*pair_of, *(tuple(m.turn(t, e)) for m, e in zip((a, a, a, b, b), (*AXES, *AXES[:2]), strict=True)))
 
     n, gamma = joints.rotation(*pair(0.0), tuple(a.omega), tuple(b.omega))
     assert_allclose(np.dot(n, b.omega_rate - a.omega_rate) - gamma, second_difference(lambda t: np.dot(*pair(t))), rtol=0, atol=1e-9)
@@ -97,7 +102,7 @@ def test_rod_row(seed):
 def test_rotation_pair_senses_its_axis_alone(axis):
     """From parallel axes, B turned by 1e-6 about one axis of A: that C is +-1e-6, the others stay 0 (to 1e-12, second order)."""
     turned = Rotation.from_rotvec(1e-6 * AXES[axis]).apply(AXES)
-    c = [np.dot(*joints.perpendicular_pair(*PAIRS[k], *map(tuple, AXES), tuple(turned[0]), tuple(turned[1]))) for k in range(3)]
+    c = [np.dot(*perpendicular_pair(*PAIRS[k], *map(tuple, AXES), tuple(turned[0]), tuple(turned[1]))) for k in range(3)]
     assert_allclose(np.abs(c), 1e-6 * AXES[axis], rtol=0, atol=1e-12)
 
 

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels import layout
 from sepmc.kernels.atmosphere import us1976
-from sepmc.kernels.dynamics import _polynomials
-from sepmc.kernels.gravity import gravity
-from sepmc.kernels.propulsion import thrust_level
+from sepmc.kernels.gravity import inverse_square
+from sepmc.kernels.propulsion import building_up
 from sepmc.kernels.us1976_table import R0
 from sepmc.kernels.wind import wind
 from sepmc.trust import lagrange
@@ -100,11 +98,9 @@ def test_atmosphere_is_continuous(h):
 
 
 def test_gravity():
-    """Constant; a quarter at one radius, and 9.5942 m/s2 at 70 km (eq 17 of the standard); none."""
-    assert gravity(layout.CONSTANT_GRAVITY, 9.81, 70e3) == 9.81
-    assert gravity(layout.INVERSE_SQUARE, 8.0, R0) == 2.0
-    assert_allclose(gravity(layout.INVERSE_SQUARE, 9.80665, 70e3), 9.5942, rtol=0, atol=5e-5)
-    assert gravity(layout.NO_GRAVITY, 9.81, 0.0) == 0.0
+    """A quarter at one radius, and 9.5942 m/s2 at 70 km (eq 17 of the standard)."""
+    assert inverse_square(8.0, R0) == 2.0
+    assert_allclose(inverse_square(9.80665, 70e3), 9.5942, rtol=0, atol=5e-5)
 
 
 def test_free_fall(pair):
@@ -124,7 +120,7 @@ def test_thrust_build_up_closed_form(pair):
     tau, end = 0.1, 0.5
     last = pair(FREE | {"motor": [PUSH | {"build_up_s": tau}], "solver.step_s": tau / 10}).simulate(step_s=0.1).iloc[-1]
     assert_allclose(last["fore_vx_m_s"] - 1.0, 2.0 * (end - tau * (1.0 - math.exp(-end / tau))), rtol=EXACT * 10)
-    assert thrust_level(6.0, 0.0, 0.0) == 6.0  # no build-up: at once
+    assert building_up(6.0, 1.0 / tau, 0.0) == 0.0
 
 
 @pytest.mark.parametrize(("ignition", "burn"), [(0.123, 0.2), (0.0, 0.317), (0.05, 0.05), (0.4, 7.0), (0.6, 0.1)])
@@ -141,14 +137,6 @@ def test_two_motors_add(pair):
     """Overlapping burns of 6 N and 3 N on 3 kg: 2 x 0.25 + 1 x 0.25 m/s."""
     motors = [PUSH | {"burn_s": 0.25}, PUSH | {"name": "half", "thrust_N": 3.0, "ignition_s": 0.13, "burn_s": 0.25}]
     assert_allclose(pair(FREE | {"motor": motors}).simulate(step_s=0.1).iloc[-1]["fore_vx_m_s"], 1.75, rtol=EXACT)
-
-
-def test_aerodynamic_polynomial_by_hand(table2):
-    """All six coefficients at alpha 0.1, beta -0.2 rad: the sum of the terms in `TERMS` is 0.2679, times the factor of each."""
-    plan = table2.with_settings({f"body.lower.aerodynamics.{k}": v for k, v in POLYNOMIALS.items()}).plan
-    polynomials = getattr(_polynomials, "py_func", _polynomials)  # a stage has no Python wrapper
-    model = plan.model._replace(scene=plan.model.scene[0])
-    assert_allclose(polynomials(1, 0.1, -0.2, model, plan.nominal), 0.2679 * np.array([1.0, -1.2, 1.4, -1.6, 1.8, -2.0]), rtol=EXACT)
 
 
 def test_aerodynamics_in_flight_agree_with_the_oracle(table2):

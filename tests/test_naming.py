@@ -5,7 +5,7 @@ import keyword
 import re
 
 import pytest
-from specialised_scenes import SCENES, scene
+from small_scenes import SCENES, scene
 
 import sepmc
 from sepmc.campaign import pilot

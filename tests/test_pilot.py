@@ -12,16 +12,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import cases, chunks, flight, pilot, search
+from sepmc.campaign import cases, chunks, pilot, search
 from sepmc.campaign.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.remarks import unmet
-from sepmc.compiler.plan import make_plan
-from sepmc.door import Again, fly_block
 from sepmc.schema import Status
 from sepmc.trust.independent import fly as fly_independently
 
 INF, NAN = np.inf, np.nan
-GENERAL = {"solver.formulation": "full", "run.history_step_s": 0.0}  # what the general kernel alone computes
 
 
 def error(found, reference, units=None):
@@ -159,34 +156,6 @@ def test_error_does_not_change_what_it_is_given():
 # -- how a campaign is flown --------------------------------------------------------------------------------------------------------
 
 
-def test_general_kernel_at_a_step_that_has_settled(table2):
-    """Halving the step changes no outcome of the corners by more than the accuracy; of other cases by no more than ten times that."""
-    for accuracy in (1e-5, 1e-9):
-        campaign = table2.with_settings(GENERAL | {"solver.accuracy": accuracy})
-        assert pilot.reasons(campaign) == ["the full formulation"]
-        flight = pilot.plan_flight(campaign)
-        assert (flight.kernel, flight.why) == (None, ["the full formulation"])
-        assert flight.error <= accuracy
-        units = [column.unit for column in campaign.outcome_columns]
-        peaks = [i for i, column in enumerate(campaign.outcome_columns) if not column.name.endswith("_time_s") or "release" in column.name]
-        for draws, most in (
-            (pilot.corners(campaign)[:9], accuracy),
-            (cases.draw(campaign.file.dispersions, 3, 0, 50) * campaign.factors, 10.0 * accuracy),
-        ):
-            one, two = (
-                fly_block(make_plan(campaign.scene, step=step), campaign.slots, draws, 0, 0, 0).outcomes[:, : len(units)]
-                for step in (flight.step, 0.5 * flight.step)
-            )
-            changes = pilot.relative_error(one, two, units)
-            assert changes[peaks].max() <= most
-
-
-def test_a_coarser_accuracy_takes_a_longer_step(table2):
-    steps = [pilot.plan_flight(table2.with_settings(GENERAL | {"solver.accuracy": accuracy})).step for accuracy in (1e-2, 1e-6, 1e-10)]
-    assert steps == sorted(steps, reverse=True)
-    assert steps[0] > steps[2]
-
-
 def test_bodies_that_turn_far_in_a_step():
     """In the eight steps that first tell how far outcomes spread no case can be vouched for: then more steps tell it."""
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
@@ -200,13 +169,10 @@ def test_bodies_that_turn_far_in_a_step():
 
 
 def test_a_given_step_is_taken(table2):
-    """No step is longer, whichever kernel flies."""
+    """No step is longer."""
     flight = pilot.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
-    assert (flight.step, flight.steps.tolist(), flight.why) == (0.0123, [1, 1, 1], [])
+    assert (flight.step, flight.steps.tolist()) == (0.0123, [1, 1, 1])
     assert (flight.sharper().step, flight.sharper().steps.tolist()) == (0.00615, [2, 2, 2])
-    flight = pilot.plan_flight(table2.with_settings({"solver.step_s": 0.0123} | GENERAL))
-    assert (flight.step, flight.steps, flight.kernel) == (0.0123, None, None)
-    assert flight.sharper().step == 0.00615
 
 
 def test_a_case_that_is_never_released_settles_too(table2):
@@ -221,7 +187,6 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any phase is too few."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
     flight = pilot.plan_flight(campaign)
-    assert flight.why == []
     assert flight.error <= 0.5 * accuracy
     assert_allclose(flight.usual.sum(), campaign.scene.run.end_time, rtol=1e-9)
     assert flight.usual[0] == pytest.approx(0.05, rel=1e-9)
@@ -237,38 +202,33 @@ def told(folder, name):
     return json.loads((folder / name).read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(
-    ("settings", "kernel"),
-    [({}, "specialised"), (GENERAL, "general"), ({"solver.step_s": 0.02}, "specialised")],
-    ids=["fast", "full", "step"],
-)
-def test_a_run_tells_its_error(table2, settings, kernel, tmp_path):
+@pytest.mark.parametrize("settings", [{}, {"solver.formulation": "full"}, {"solver.step_s": 0.02}], ids=["reduced", "full", "step"])
+def test_a_run_tells_its_error(table2, settings, tmp_path):
     """In the result, the manifest and the statistics: what was asked for, what was achieved over trial cases, by outcome."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | settings)
     result = campaign.run(cases=80, out=tmp_path / "run")
     achieved, written = result.accuracy, told(tmp_path / "run", "manifest.json")["accuracy"]
-    share = 8 if kernel == "general" and "solver.step_s" not in settings else 1
-    assert (achieved.asked, achieved.cases) == (1e-9, pilot.CORNERS + 1 + pilot.SAMPLE // share)
+    assert (achieved.asked, achieved.cases) == (1e-9, pilot.CORNERS + 1 + pilot.SAMPLE)
     assert set(achieved.errors) == set(result.outcomes)
     name, worst = achieved.worst
     assert worst == max(error for key, error in achieved.errors.items() if key not in achieved.places) == achieved.errors[name]
     assert achieved.places == {key for key in result.outcomes if "peak" in key and key.endswith("time_s")}
     assert written.get("places", []) == sorted(achieved.places)
-    assert written["kernel"] == kernel
-    assert written["method"] == "dop853"
+    formulation = campaign.scene.solver.formulation
+    assert (written["formulation"], written["method"]) == (formulation, "dop853")
     assert (written["achieved"], written["worst_outcome"], written["cases"]) == (worst, name, achieved.cases)
     given = campaign.scene.solver.step is not None
     assert ("asked" in written) is not given
     assert given or (written["asked"], written["met"]) == (1e-9, worst <= 1e-9)
     assert written["errors"] == achieved.errors
-    if kernel == "specialised" and not given:
+    if not given:
         assert written["steps"] == result.flight.steps.tolist()
         assert worst <= 1e-9
     else:
         assert written["step_s"] == result.flight.step
     printed = CliRunner().invoke(cli.main, ["stats", str(tmp_path / "run")], catch_exceptions=False).stdout
     assert f"numerical error at most {worst:.1e} ({name})" in printed
-    assert f"{kernel} kernel, dop853" in printed
+    assert ("full system, dop853, " if formulation == "full" else "; dop853, ") in printed
     table = pd.read_csv(tmp_path / "run" / "statistics.csv", index_col="outcome")
     assert_allclose(table["error"], [achieved.errors[name] for name in table.index], rtol=1e-9)
 
@@ -288,15 +248,12 @@ HARD = {
 
 
 def true_error(campaign, flight, count):
-    """Largest error of the first cases of a campaign, and those that were left to the general kernel."""
+    """Largest error of the first cases of a campaign, and what is told of those that were flown again."""
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
     here = pilot.fly(campaign, flight, drawn)
     fine = pilot.fly(exact, flight.sharper().sharper().sharper(), drawn)
-    if len(here.again.left):  # at more steps the specialised kernel flies some of them, badly
-        left = pilot.fly(exact, flight, drawn[here.again.left])
-        fine.outcomes[here.again.left], fine.status[here.again.left] = left.outcomes, left.status
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return pilot.relative_error(here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale).max(), here.again
@@ -314,7 +271,7 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     assert not result.accuracy.met or error <= result.accuracy.asked
     assert result.accuracy.met
     assert result.notes == []
-    assert len(again.left) == again.unsettled == 0
+    assert again.spare == again.unsettled == 0
     if "spin" in name:
         assert again.finer > 50
 
@@ -339,7 +296,6 @@ def test_outcomes_of_round_off_alone(table2):
     """A joint that stays shut: its separation is zero but for round-off, and the pilot is not put off by that."""
     shut = {"run.history_step_s": 0.0, "phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}
     result = table2.with_settings(shut).run(cases=20)
-    assert result.flight.why == []
     assert result.accuracy.met
     assert result.accuracy.errors["separation_distance_mm"] <= 1e-10
     assert np.abs(result.table["separation_distance_mm"]).max() <= 1e-9
@@ -356,8 +312,8 @@ def test_the_program_tells_it(tmp_path):
     assert "1e-09" in checked
     code = CliRunner().invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False).stdout
     assert "def rates_phase2(w):" in code
-    general = CliRunner().invoke(cli.main, ["check", "table2.toml", "--set", "solver.formulation=full"], catch_exceptions=False).stdout
-    assert "the full formulation" in general
+    full = ["check", "table2.toml", "--code", "--set", "solver.formulation=full"]
+    assert "linear.eliminate" in CliRunner().invoke(cli.main, full, catch_exceptions=False).stdout
 
 
 def test_sepmc_load_is_not_slowed(table2):
@@ -388,30 +344,20 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     assert resumed.accuracy.met
 
 
-@pytest.fixture
-def spinning(table2, monkeypatch):
-    """A campaign some of whose cases no steps of its own kernel settle, or so it says."""
-    monkeypatch.setattr(
-        flight, "_fly_hard", lambda campaign, flight, draws, room, block, hard: (Again(np.zeros(len(campaign.outcome_columns))), hard)
-    )
-    return table2.with_settings({"run.history_step_s": 0.0} | HARD["a fast spin"])
-
-
-def test_a_kernel_that_lost_cases_need_is_announced(spinning, monkeypatch):
-    """The first case left to the general kernel may have it compiled: whoever listens is told, in the middle of a flight too."""
-    heard = []
-    monkeypatch.setattr(flight, "warm_up", lambda announce=None: announce("compiling"))
-    spinning.run(cases=100, announce=heard.append)
-    assert "compiling" in heard
-
-
-def test_lost_cases_enter_the_error_that_is_told(spinning, tmp_path):
-    """And are counted, with those that no step settles."""
-    result = spinning.run(cases=2000, out=tmp_path / "run")
-    written = told(tmp_path / "run", "manifest.json")["accuracy"]
-    assert written["left_cases"] > 50
-    assert written["unsettled_cases"] == 0
-    assert result.accuracy.worst[1] > result.flight.achieved.worst[1]
+@pytest.mark.parametrize("settings", [{}, {"run.history_step_s": 0.1}], ids=["rows", "histories"])
+def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
+    """Every case then finds its own: the same rows, to the accuracy asked, and its error is told."""
+    campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
+    expected = campaign.run(cases=60)
+    monkeypatch.setattr(pilot, "_choose_steps", lambda *given: None)
+    result = campaign.run(cases=60)
+    assert result.notes == []
+    assert result.accuracy.met
+    assert result.accuracy.cases > 50
+    n, columns = 60, campaign.outcome_columns
+    one, two = (np.column_stack([of.table[c.name] / c.scale for c in columns])[:n] for of in (result, expected))
+    scale = scene_scales(campaign.scene, [c.unit for c in columns])
+    assert pilot.relative_error(one, two, [c.unit for c in columns], scale).max() <= 1e-7
 
 
 def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
@@ -420,7 +366,6 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
-    assert result.flight.why == []
     assert (result.flight.steps >= coarse.flight.steps).all()
     assert result.flight.steps.sum() > 1.3 * coarse.flight.steps.sum()
     assert not result.accuracy.met
@@ -457,7 +402,6 @@ def test_the_end_of_a_long_tail_is_flown_at_finer_steps(pair):
     off = (table["fore_pitch_deg"] - exact).abs() / np.maximum(exact.abs(), table["fore_pitch_deg"].std())
     assert off.max() <= result.accuracy.errors["fore_pitch_deg"]
     assert result.accuracy.met
-    assert result.flight.kernel is not None
 
 
 REEL = {
@@ -476,10 +420,7 @@ REEL = {
 }
 
 
-OTHERWISE = [{}, {"solver.formulation": "full", "solver.accuracy": 1e-6}, {"solver.step_s": 5e-4}]
-
-
-@pytest.mark.parametrize("settings", OTHERWISE, ids=["written", "general", "given"])
+@pytest.mark.parametrize("settings", [{}, {"solver.step_s": 5e-4}], ids=["settled", "given"])
 def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand: such are seen and settled, or told."""
     campaign = pair(REEL | settings)
@@ -493,7 +434,6 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     judged = np.array([names.index(name) for name in ("fore_omega_z_deg_s", "separation_speed_m_s", "aft_pitch_deg")])
     before, now = (errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1) for flown in (once, block))
     told = SAFETY * max(flight.error, block.again.change[decisive(campaign.outcome_columns)].max())
-    assert flight.why == [] or settings
     assert block.again.finer == 2
     assert before[0] > 50.0 * SAFETY * flight.error
     assert now.max() <= told
@@ -523,9 +463,9 @@ def shot(force, stiffness, stroke, time):
     return speed, reach * (1.0 - np.cos(rate * end)) + speed * (time - end)
 
 
-@pytest.mark.parametrize("settings", [{}, {"solver.accuracy": 1e-4}, {"solver.formulation": "full"}], ids=["written", "coarse", "general"])
+@pytest.mark.parametrize("settings", [{}, {"solver.accuracy": 1e-4}], ids=["fine", "coarse"])
 def test_a_stroke_that_is_only_just_reached(pair, settings):
-    """With 1e-5 ... 1e-2 to spare or to miss: the written kernel jumped over such a stroke, and the general one told too small an error."""
+    """With 1e-5 ... 1e-2 to spare or to miss: a long step may jump over such a stroke."""
     campaign = pair(SHOT | settings)
     flight = pilot.plan_flight(campaign)
     stroke, beyond = campaign.scene.spring[0].stroke, np.geomspace(1e-5, 1e-2, 40)
@@ -536,7 +476,6 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     block, names = pilot.fly(campaign, flight, draws), [column.name for column in campaign.outcome_columns]
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)
     assert (block.status == Status.OK).all()
-    assert (flight.kernel is None) == ("solver.formulation" in settings)
     for name, right in (("separation_speed_m_s", speed), ("separation_distance_mm", distance)):
         k = names.index(name)
         told = max(flight.achieved.errors[name], SAFETY * block.again.change[k])

@@ -100,7 +100,7 @@ def test_long_statements_are_broken(scope):
 
 HOMES = {
     vec3: ["vec3"], quat: ["quat"], joints: ["joints"], loads: ["aerodynamics", "gravity", "propulsion", "springs", "wind"],
-    air: ["atmosphere"], vehicle: ["prepare"], scalar: ["lanes", "elementary"], guides: ["guides"],
+    air: ["atmosphere"], vehicle: ["vehicle"], scalar: ["lanes", "elementary"], guides: ["guides"],
 }  # fmt: skip
 ALL = [(module, name) for module in HOMES for name in module._shapes if not name.startswith("math.") and name != "abs"]
 
@@ -109,7 +109,7 @@ ALL = [(module, name) for module in HOMES for name in module._shapes if not name
 def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names)
-    return interpreted.load(f"GUARDS, STAGES = 0, 0\nfrom sepmc.kernels import {homes}").plain
+    return interpreted.load(f"GUARDS, STAGES, CHANGES = 0, 0, 0\nfrom sepmc.kernels import {homes}").plain
 
 
 def _sizes(value):

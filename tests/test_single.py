@@ -1,50 +1,39 @@
-"""One case by itself, flown by the kernel written for its scene in plain Python: against the general kernel, row by row."""
+"""One case by itself, flown by the kernel written for its scene in plain Python, with rows over time."""
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
-from specialised_scenes import scene
+from small_scenes import scene
 
 import sepmc
-from sepmc import cli, schema
-from sepmc.campaign import single
-
-NONE = np.empty(0, dtype=np.int64)
-
-
-def both(campaign, every_s):
-    """The nominal case by its own kernel and by the general one."""
-    alone = campaign.nominal().scene
-    columns = campaign.outcome_columns
-    return single.fly_single(alone, columns, every_s), single.fly_single_generally(alone, columns, every_s, NONE)
-
-
-def by_instant(flown):
-    """Rows by time and phase; where a time comes twice in a phase, the last."""
-    return {(round(t, 9), phase): row for t, phase, row in zip(flown.times, flown.phases, flown.rows, strict=True)}
+from sepmc import cli
+from sepmc.kernels import cache
+from sepmc.trust.independent import fly
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["table1.toml", "table2.toml", "spring-pushers.toml", "stack"])
-def test_histories_agree(name):
-    """Every column of every row, to 1e-8 of the largest of its unit; rows at every instant and on both sides of the end of every phase."""
+def test_formulations_agree(name):
+    """Every column of every row, forces and moments at both ends of the joints among them, by the reduced and by the full system: 1e-8 of
+    the largest of its unit. Rows at every instant and on both sides of the end of every phase."""
     campaign = sepmc.load(name) if name.endswith("toml") else scene(name)
     if campaign.scene.solver.step:
         solver = {key: value for key, value in campaign.file.tree["solver"].items() if key != "step_s"}
         campaign = campaign.with_settings({"solver": solver})
-    written, general = both(campaign, campaign.scene.run.end_time / 40)
-    assert (written.kernel, general.kernel, written.notes, general.notes) == ("written", "general", [], [])
-    ours, theirs = by_instant(written), by_instant(general)
-    assert set(ours) <= set(theirs)  # the general kernel has rows at events within a phase too
-    assert {phase for _, phase in ours} == set(range(len(campaign.scene.phase)))
-    grid = {round(t, 9) for t in np.arange(41) * campaign.scene.run.end_time / 40}
-    assert grid <= {time for time, _ in ours}
-    found, expected = (np.array([table[key] for key in sorted(ours)]) for table in (ours, theirs))
-    columns = schema.history_columns(written.plan.contents)
-    for k, column in enumerate(columns):
-        size = np.abs(expected[:, [c.unit == column.unit for c in columns]]).max()
-        assert_allclose(found[:, k], expected[:, k], rtol=0.0, atol=1e-8 * max(size, 1e-6), err_msg=column.name)
+    every_s = campaign.scene.run.end_time / 40
+    one, two = (campaign.with_settings({"solver.formulation": which}).simulate(step_s=every_s) for which in ("reduced", "full"))
+    assert one.attrs["notes"] == two.attrs["notes"] == []
+    assert one.attrs["status"] == two.attrs["status"] == "ok"
+    assert list(one["phase"]) == list(two["phase"])
+    assert set(one["phase"]) == {phase.name for phase in campaign.scene.phase}
+    assert_allclose(one["time_s"], two["time_s"], rtol=0.0, atol=1e-9)
+    grid = np.arange(41) * every_s
+    assert np.abs(one["time_s"].to_numpy()[None, :] - grid[:, None]).min(axis=1).max() < 1e-9
+    units = one.attrs["units"]
+    for column in one.columns[2:]:
+        size = max(np.abs(one[other]).max() for other in one.columns[2:] if units[other] == units[column])
+        assert_allclose(one[column], two[column], rtol=0.0, atol=1e-8 * max(size, 1e-6), err_msg=column)
 
 
 @pytest.mark.slow
@@ -52,7 +41,6 @@ def test_a_late_joint_is_late_in_the_next_phase():
     """Its force goes on, in the phase that has begun, until it lets go."""
     campaign = sepmc.load("table2.toml", {"joint.pins.delay_ms": 5.0, "phase.guided.until": {"time_s": 0.4}})
     frame = campaign.simulate(step_s=0.01)
-    assert frame.attrs["kernel"] == "written"
     late = frame[(frame["phase"] == "free") & (frame["time_s"] < 0.405 - 1e-9)]
     assert len(late) >= 1
     assert (late["pins_force_on_lower_z_N"].abs() > 0.0).all()
@@ -73,33 +61,61 @@ LEAVES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("status", ["never-released", "outside-table"])
-def test_a_case_that_fails(pair, status):
-    """Its status, and rows as far as it got, are those of the general kernel; so are its outcomes, if it has any."""
-    campaign = pair(LEAVES) if status == "outside-table" else sepmc.load("table2.toml", {"phase.guided.until.stroke_mm": 1e5})
-    written, general = both(campaign, 0.02)
-    assert (written.status.label, general.status.label) == (status, status)
-    count = len(campaign.outcome_columns)
-    assert np.isnan(written.outcomes[:count]).all() == (status != "never-released")
-    assert_allclose(written.outcomes[:count], general.outcomes[:count], rtol=1e-7, atol=1e-9)
-    ours, theirs = by_instant(written), by_instant(general)
-    assert abs(max(theirs)[0] - max(ours)[0]) < 0.03
-    for key in set(ours) & set(theirs):
-        assert_allclose(ours[key], theirs[key], rtol=1e-7, atol=1e-7 * np.abs(theirs[key]).max())
+def test_a_case_that_fails(pair):
+    """It has rows as far as it got: to where alpha, 2 deg to begin with, leaves its table."""
+    found = pair(LEAVES).simulate(step_s=0.02)
+    assert found.attrs["status"] == fly(pair(LEAVES).nominal().to_dict()).status == "outside-table"
+    assert np.isnan(found.attrs["outcomes"]["fore_omega_z_deg_s"])
+    assert 3 < len(found) < 26
+    alpha = found["aft_alpha_deg"].to_numpy()
+    assert (np.abs(alpha) <= 5.0 + 1e-6).all()
+    assert np.abs(alpha).max() > 4.0
 
 
-def test_what_the_kernel_does_not_vouch_for():
-    """The full system: the general kernel flies it."""
-    full = sepmc.load("table2.toml", {"solver.formulation": "full"})
-    assert single.fly_single(full.nominal().scene, full.outcome_columns, 0.1) is None
+@pytest.mark.slow
+def test_a_case_that_is_never_released():
+    found = sepmc.load("table2.toml", {"phase.guided.until.stroke_mm": 1e5}).simulate(step_s=0.1)
+    assert found.attrs["status"] == "never-released"
+    assert np.isfinite(found.attrs["outcomes"]["upper_omega_z_deg_s"])
+    assert_allclose(found["time_s"].iloc[-1], 0.5)
+
+
+def test_rows_on_both_sides_of_a_release_in_part(pair):
+    """A fixed joint that becomes a slider within a phase, under a moment: it goes on holding that, and lets go of the force along x."""
+    push = {"name": "push", "body": "aft", "force_N": [-6.0, 0.0, 0.0], "point_m": [3.0, 0.0, 0.0]}
+    release = {"name": "cut", "joint": "pins", "when": {"time_s": 0.13}, "to": "slider"}
+    found = pair({"load": [push], "release": [release]}).simulate(step_s=0.1)
+    force = found["pins_force_on_aft_x_N"].to_numpy()
+    at = np.flatnonzero(np.abs(found["time_s"] - 0.13) < 1e-9)
+    assert len(at) == 2
+    assert_allclose(force[: at[1]], 4.5, rtol=1e-9)  # of the 6 N, what moves the 3 kg of 4 kg
+    assert_allclose(force[at[1] :], 0.0, atol=1e-12)
+
+
+def test_a_number_that_may_not_be(pair):
+    """A mass below zero, drawn: nothing is flown, and the note says why."""
+    campaign = pair({"dispersion": {"body.aft.mass_kg": {"normal": 5.0}}})
+    number = next(i for i in range(50) if campaign.case(i).scene.body["aft"].mass <= 0.0)
+    found = campaign.simulate(campaign.case(number))
+    assert (found.attrs["status"], len(found)) == ("invalid-input", 0)
+    assert "body.aft.mass_kg" in found.attrs["notes"][0]
+
+
+def test_many_steps_are_compiled(pair):
+    """A body that turns once in 0.2 ms for a second: some 10^4 steps take plain Python too long; it is told."""
+    heard = []
+    campaign = pair(
+        {"phase": [{"name": "free"}], "initial.omega_deg_s": [1.8e6, 0.0, 0.0], "run.end_time_s": 1.0, "solver": {"accuracy": 1e-6}}
+    )
+    found = campaign.simulate(step_s=0.5, announce=heard.append)
+    assert found.attrs["compiled"]
+    assert any("compiling" in text for text in heard)
+    assert_allclose(found.attrs["outcomes"]["fore_roll_deg"], 1.8e6, rtol=1e-6)
 
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
-    from sepmc import door
-
-    monkeypatch.setattr(door, "warm_up", None)
-    monkeypatch.setattr("sepmc.campaign.campaign.warm_up", None)
+    monkeypatch.setattr(cache, "compile_apart", None)
     result = CliRunner().invoke(cli.main, ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"])
     assert result.exit_code == 0, result.output
     assert "in plain Python" in result.output

@@ -38,8 +38,8 @@ def momenta(history, bodies=("fore", "aft")):
     return momentum, spin, energy
 
 
-def flown(campaign, step_s=0.01, kernel=None):
-    history = campaign.simulate(step_s=step_s, kernel=kernel)
+def flown(campaign, step_s=0.01):
+    history = campaign.simulate(step_s=step_s)
     assert history.attrs["status"] == "ok"
     return history
 
@@ -119,7 +119,7 @@ def test_a_stroke_that_is_not_reached(pair):
 def test_two_springs_end_one_after_the_other(pair):
     """12 N over 10 mm and 6 N over 20 mm, in one step: m v^2 / 2 = 0.12 + 0.12 J."""
     springs = [PUSH | {"stroke_mm": 10.0}, PUSH | {"name": "long", "force_N": 6.0, "stroke_mm": 20.0}]
-    history = flown(pair(STILL | {"spring": springs, "solver.step_s": 0.5}), kernel="general")
+    history = flown(pair(STILL | {"spring": springs, "solver.step_s": 0.5}))
     _, rate = along(history)
     assert_allclose(rate[-1], math.sqrt(2.0 * 0.24 / REDUCED), rtol=1e-12)
     first = math.sqrt(2.0 * 0.01 * REDUCED / 18.0)

@@ -45,15 +45,6 @@ def test_an_error_nobody_is_told_of_is_silent(monkeypatch):
     assert SILENT in stress.table(lines)
 
 
-def test_a_written_kernel_has_lines_of_its_own():
-    """Wherever one can be written, each of its lines stands beside one of the general kernel."""
-    lines = stress.stress(["needles", "grazing"])
-    kernels = [line.kernel for line in lines if line.input.startswith("needle")]
-    assert kernels == ["general", "written"] * 4
-    assert {line.kernel for line in lines if line.input.startswith("stroke")} == {"general"}
-    assert "  W   rate" in stress.table(lines)
-
-
 def test_an_audit_beyond_its_bound_is_flagged(monkeypatch):
     """The same with the bound of the steps taken: all lines are flagged."""
     monkeypatch.setitem(AUDIT_BOUNDS, "steps", 1.0)

@@ -15,8 +15,8 @@ from sepmc.bench.study import Say, Study, drawn
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import plan_flight
-from sepmc.door import check_threads, use_threads, warm_up
-from sepmc.kernels.batch import max_threads
+from sepmc.door import check_threads, use_threads
+from sepmc.kernels.blocks import max_threads
 from sepmc.scene.messages import SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000
@@ -87,17 +87,14 @@ def bench(
 def _study(campaign: Campaign, cases: int, repeats: int, threads: int, quick: bool, say: Say) -> Study:
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     flight = plan_flight(bare, announce=say)
-    warm_up(say)
-    study = Study(bare, flight, drawn(bare, cases), repeats, threads, quick, say)
-    say(f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads")
-    say("flown by a kernel of its own" if study.specialised else f"flown by the general kernel: {'; '.join(flight.why)}")
-    return study
+    say(f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads, {bare.scene.solver.formulation} formulation")
+    return Study(bare, flight, drawn(bare, cases), repeats, threads, quick, say)
 
 
 def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Every part in turn, told as soon as it is there."""
     told: dict[str, Any] = {"campaign": study.campaign.name, "digest": study.campaign.digest, "machine": machine.describe(study.threads)}
-    told |= {"cases": study.cases, "repeats": study.repeats, "why_general": study.flight.why}
+    told |= {"cases": study.cases, "repeats": study.repeats, "formulation": study.formulation}
     frames: dict[str, pd.DataFrame] = {}
 
     def keep(name: str, frame: pd.DataFrame) -> None:

@@ -14,8 +14,8 @@ ALONE = (0, 3, -1)
 
 def same_bits(study: Study) -> dict[str, bool]:
     """Whether outcomes and statuses are the same to the last bit, by what is varied."""
-    draws = study.draws[: min(MOST, study.cases if study.specialised else study.few)]
-    way = Way("", study.method, study.flight, study.campaign, len(draws))
+    draws = study.draws[: min(MOST, study.own_cases)]
+    way = Way(study.flight, study.campaign, len(draws))
     use_threads(study.threads)
     whole = _flown(way, draws)
     return {what: all(_same(flown(), wanted(whole)) for flown, wanted in trials) for what, trials in _trials(study, way, draws).items()}

@@ -10,10 +10,9 @@ from sepmc.bench.peers.race import CASES
 from sepmc.bench.reference import Reference
 from sepmc.bench.study import Study
 from sepmc.bench.work_precision import PER, own_ways, rows_of
-from sepmc.door import warm_up
 
 OURS = "sepmc"
-QUICK = {"numba per case": 64, "heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
+QUICK = {"heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
@@ -26,7 +25,6 @@ def measure(study: Study, reference: Reference) -> pd.DataFrame:
     ValueError
         If the other engines do not fly such a scene, saying which they do.
     """
-    warm_up(study.say)
     ours = rows_of(study, reference, own_ways(study, reference))
     most = QUICK if study.quick else CASES
     entries = race(
@@ -47,9 +45,9 @@ def _error(study: Study, reference: Reference, entry: Entry) -> float:
 
 
 def _ours(row: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: row[name] for name in ("error", "ms", "cases", "repeats", "default")}
+    kept = {name: row[name] for name in ("error", "ms", "cases", "repeats", "scaled", "default")}
     note = "the scene's own kernel" + (", as the pilot chose" if row["default"] else "")
-    return {"engine": OURS, "setting": f"{row['method']}, {row['setting']}", **kept, "scaled": False, "compile_s": np.nan, "note": note}
+    return {"engine": OURS, "setting": f"{row['method']}, {row['setting']}", **kept, "compile_s": np.nan, "note": note}
 
 
 def _theirs(entry: Entry, off: float, cases: int) -> dict[str, Any]:

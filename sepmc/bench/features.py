@@ -12,13 +12,11 @@ import pandas as pd
 
 from sepmc.bench import flops
 from sepmc.bench.clock import rounds
-from sepmc.bench.study import Study
+from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.pilot import kernel_text, reasons
-from sepmc.compiler.plan import make_plan
-from sepmc.door import fly_block, fly_specialised, specialised_kernel
-from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
+from sepmc.campaign.pilot import kernel_text, stage_names
+from sepmc.door import fly_cases, load_kernel
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -41,10 +39,10 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     The kernel of each is written and compiled for what is left; nothing but the kernel is timed, in the steps of the whole scene.
     """
     variants = _variants(study, history_step)
-    counts = _counts(study, variants) if study.specialised else [None] * len(variants)
+    counts = _counts(study, variants)
     flights = {v.feature: _flight(study, v) for v in variants}
     times = {name: median(found) for name, found in rounds(flights, study.repeats).items()}
-    cases = study.cases if study.specialised else study.few
+    cases = study.own_cases
     rows = []
     for variant, counted in zip(variants, counts, strict=True):
         rows.append({
@@ -63,10 +61,11 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
     """Each takes the time of a compilation, in a process of its own; so many at once as there are threads. Equal kernels are one."""
-    assert study.flight.steps is not None
-    assert study.flight.usual is not None
+    if study.formulation == FULL:  # its elimination is in loops, and their code does not tell how often they run
+        return [None] * len(variants)
     steps, usual = study.flight.steps, study.flight.usual
     wanted = [v for v in variants if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)]
+    wanted = [v for v in wanted if _has_stages(study, v.campaign)]
     texts = {v.feature: kernel_text(v.campaign) for v in wanted}
     first = {text: v for v in reversed(wanted) for text in [texts[v.feature]]}
     study.say(f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ...")
@@ -80,17 +79,17 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
     campaign = variant.campaign
     known = {d.parameter.path for d in campaign.file.dispersions}
     columns = [i for i, d in enumerate(study.campaign.file.dispersions) if d.parameter.path in known]
-    draws, run = np.asfortranarray(study.draws[:, columns]), campaign.scene.run
+    draws, run = np.asfortranarray(study.draws[: study.own_cases, columns]), campaign.scene.run
     room = int(run.end_time / run.history_step + 1e-9) + 1 if run.history_step > 0.0 and campaign.plan.joints else 0
-    if study.specialised:
-        steps, usual = study.flight.steps, study.flight.usual
-        assert steps is not None
-        assert usual is not None
-        kernel = specialised_kernel(kernel_text(campaign, history=room > 0), study.say)
-        return lambda: fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws, room)
-    plan, few = make_plan(campaign.scene, step=study.flight.step, dispersed=campaign.dispersed), draws[: study.few]
-    width, level = (2 * len(plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    return lambda: fly_block(plan, campaign.slots, few, room, width, level)
+    kernel, steps, usual = study.flight.kernel, study.flight.steps, study.flight.usual
+    if variant.feature != ALL:
+        kernel = load_kernel(kernel_text(campaign, history=room > 0), study.say)
+    return lambda: fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws, room)
+
+
+def _has_stages(study: Study, campaign: Campaign) -> bool:
+    """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in its steps."""
+    return len(stage_names(campaign)) == study.flight.kernel.stages
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
@@ -115,11 +114,11 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
             except SceneError as error:
                 study.say(f"cost of {feature}: the scene cannot be flown without: {error.problems[0]}")
                 continue
-            if study.specialised and (why := reasons(campaign)):
-                study.say(f"cost of {feature}: without it no kernel of its own flies the scene: {why[0]}")
+            if not _has_stages(study, campaign):
+                study.say(f"cost of {feature}: without it the flight has other stages, so its steps are not those of the whole scene")
                 continue
             found.append(Variant(feature, change, campaign))
-    if study.campaign.plan.joints:
+    if study.campaign.plan.joints and _has_stages(study, study.campaign):
         every = history_step or scene.run.end_time / _HISTORY_ROWS
         histories = study.with_settings({"run.history_step_s": every})
         found.append(Variant(HISTORIES, f"with a row every {every:g} s", histories))

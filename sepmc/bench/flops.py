@@ -25,8 +25,8 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import kernel_text
 from sepmc.compiler.pieces import split
 from sepmc.compiler.shape import make_shape
-from sepmc.door import fly_specialised
-from sepmc.kernels import interpreted, specialised
+from sepmc.door import fly_cases
+from sepmc.kernels import cache, interpreted
 from sepmc.kernels.lanes import LANES
 from sepmc.kernels.methods import method
 from sepmc.scene.read import parse_campaign
@@ -80,7 +80,7 @@ def _each(text: str, phases: list[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for phase in phases:
         piece = texts[f"rates_{phase}"]
-        kept = specialised.CACHE_FOLDER / f"{specialised.write([piece])[0]}.flops.json"
+        kept = cache.CACHE_FOLDER / f"{cache.write([piece])[0]}.flops.json"
         if kept.is_file():
             found |= json.loads(kept.read_text(encoding="utf-8"))
             continue
@@ -94,7 +94,7 @@ def _each(text: str, phases: list[str]) -> dict[str, float]:
 
 def each_here(piece: str, phase: str) -> dict[str, float]:
     """Flops of an evaluation in a phase, whose piece of a kernel is compiled here."""
-    module = specialised.module(specialised.write([piece])[0])
+    module = cache.module(cache.write([piece])[0])
     return in_code(getattr(module, f"rates_{phase}")._library.get_llvm_str(), [phase])
 
 
@@ -133,5 +133,5 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int], usual: l
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_specialised(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.array(usual), campaign.slots, drawn)
+    fly_cases(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.array(usual), campaign.slots, drawn)
     return {phase: seen[phase] for phase in called}

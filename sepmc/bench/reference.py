@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sepmc.bench.study import Study, Way
+from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import plan_flight
 from sepmc.schema import Status
 
 METHOD = "dop853"
 _DOUBLINGS = 6
-_CHECKED = 500  # cases flown by the general kernel for the second opinion
+_CHECKED = 500  # cases flown by the other formulation for the second opinion
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Reference:
     @property
     def sentence(self) -> str:
         return (
-            f"reference: {self.how}, {len(self.sound)} cases; halving its resolution changes {self.change:.1e}; {self.other} "
+            f"reference: {self.how}, {len(self.sound)} cases; halving its resolution changes {self.change:.1e}; the {self.other}, "
             f"differs by {self.difference:.1e} ({self.checked} cases)"
         )
 
@@ -45,24 +45,21 @@ class Reference:
 def make_reference(study: Study) -> Reference:
     """The reference of a study."""
     campaign = study.with_settings({"solver.method": METHOD})
-    if study.specialised:
-        flight = study.flight if study.method == METHOD else plan_flight(campaign, announce=study.say)
-        way = Way("specialised", METHOD, flight, campaign, study.cases)
-    else:
-        way = Way("reduced", METHOD, replace(study.general, step=0.5 * study.base_step), campaign, study.few)
-    outcomes, sound, change, flown = _refined(study, way)
-    other = _other(study, flown)
-    checked = min(_CHECKED // (10 if study.quick else 1), len(sound), study.few)
-    difference, _ = study.error(replace(other, cases=checked).fly(study.draws), outcomes, sound)
-    how = f"{_kernel(flown)}, {METHOD}, {flown.setting}"
-    return Reference(outcomes, sound, how, flown.setting, change, f"{_kernel(other)}, {other.setting},", difference, checked)
+    flight = study.flight if study.method == METHOD else plan_flight(campaign, announce=study.say)
+    first = Way(flight, campaign, study.own_cases)
+    outcomes, sound, change, flown = _refined(study, first)
+    times = int(flown.flight.steps[0] // first.flight.steps[0])
+    other = _other(study, first, times)
+    difference, _ = study.error(other.fly(study.draws), outcomes, sound)
+    how, opinion = (f"{way.formulation} formulation, {METHOD}, {way.setting}" for way in (flown, other))
+    return Reference(outcomes, sound, how, flown.setting, change, opinion, difference, other.cases)
 
 
 def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way]:
     """Double the steps while that changes less and less; outcomes, which are sound, the last change, and the way they were flown."""
     last = way.fly(study.draws)
     best = None
-    for _ in range(_DOUBLINGS if study.specialised else 3):
+    for _ in range(_DOUBLINGS):
         way = replace(way, flight=way.flight.sharper())
         block = way.fly(study.draws)
         outcomes, sound = block.outcomes[:, : len(study.names)], block.status == Status.OK
@@ -74,15 +71,9 @@ def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way
     return best
 
 
-def _other(study: Study, flown: Way) -> Way:
-    """Another way to the same answer: the general kernel at a fine step; for scenes that it flies anyway, the other formulation."""
-    if study.specialised:
-        general = replace(study.general, step=0.25 * study.base_step)
-        return Way("reduced", METHOD, general, study.with_settings({"solver.method": METHOD}), study.cases)
-    other = "full" if study.campaign.scene.solver.formulation == "reduced" else "reduced"
-    campaign = study.with_settings({"solver.method": METHOD, "solver.formulation": other})
-    return replace(flown, formulation=other, campaign=campaign)
-
-
-def _kernel(way: Way) -> str:
-    return "the scene's own kernel" if way.formulation == "specialised" else f"the general kernel ({way.formulation})"
+def _other(study: Study, own: Way, times: int) -> Way:
+    """Another way to the same answer: the other formulation of the equations, at so many times its resolution, by a part of the cases."""
+    other = "reduced" if own.formulation == FULL else FULL
+    campaign = own.campaign.with_settings({"solver.formulation": other})
+    flight = plan_flight(campaign, announce=study.say).sharper(times)
+    return Way(flight, campaign, min(own.cases, _CHECKED // (10 if study.quick else 1)))

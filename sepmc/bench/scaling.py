@@ -11,7 +11,7 @@ import pandas as pd
 
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds
-from sepmc.bench.study import Study, Way
+from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
 from sepmc.door import use_threads
 from sepmc.scene.read import parse_campaign
@@ -42,8 +42,7 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
 
 
 def _by_threads(study: Study) -> list[dict[str, Any]]:
-    cases = study.cases if study.specialised else study.few
-    way = Way("", study.method, study.flight, study.campaign, cases)
+    cases, way = study.own_cases, study.default
     rows: list[dict[str, Any]] = []
 
     def on(threads: int) -> None:

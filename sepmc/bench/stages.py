@@ -45,25 +45,16 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]]:
-    """The campaign with an empty cache folder, and what of it was compiling; the general kernel too, if the campaign does not need it."""
+    """The campaign with an empty cache folder, and what of it was compiling."""
     study.say("flying with an empty cache folder ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: apart.run(command, cache))
     compiling = store.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
-    rows = [_row("sepmc campaign FILE --no-plots", "command, cold", [whole]), _row("compile and pilot", "stage, cold", [compiling])]
-    if study.specialised:
-        study.say("compiling the general kernel in an empty cache folder (one to two minutes) ...")
-        rows.append(_row("compile the general kernel", "stage, cold", [seconds(lambda: apart.call("stages:general_here", [], cache))]))
-    return rows
+    return [_row("sepmc campaign FILE --no-plots", "command, cold", [whole]), _row("compile and pilot", "stage, cold", [compiling])]
 
 
 def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
     return {"stage": name, "kind": kind, "s": median(times), "best_s": min(times), "repeats": len(times)}
-
-
-def general_here() -> float:
-    """Compile the general kernel."""
-    return door.warm_up()
 
 
 def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, float]:
@@ -72,10 +63,7 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
     campaign = load(file)
     history = campaign.scene.run.history_step > 0.0
     began = time.perf_counter()
-    if pilot.reasons(campaign):
-        door.warm_up()
-    else:
-        door.specialised_kernel(pilot.kernel_text(campaign, history=history))
+    door.load_kernel(pilot.kernel_text(campaign, history=history))
     found["load kernel"] = time.perf_counter() - began
     found["pilot"] = seconds(lambda: pilot.plan_flight(campaign, history))
     drawn(campaign, 1)
@@ -89,5 +77,5 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
 
 def import_seconds() -> float:
     """Seconds to import what a campaign needs, in another fresh process."""
-    program = "import time; t = time.perf_counter(); import sepmc.campaign.campaign, sepmc.kernels.batch; print(time.perf_counter() - t)"
+    program = "import time; t = time.perf_counter(); import sepmc.campaign.campaign, sepmc.kernels.blocks; print(time.perf_counter() - t)"
     return float(apart.run([sys.executable, "-c", program]))

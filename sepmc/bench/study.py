@@ -1,24 +1,23 @@
 """What all parts of a bench share: the campaign, its cases, how it is flown by default, how often things are timed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from sepmc.bench.clock import rounds
 from sepmc.campaign import cases
 from sepmc.campaign.accuracy import scene_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import Flight, fly, relative_error
-from sepmc.door import Block, warm_up
+from sepmc.door import Block
+from sepmc.kernels.methods import method as make_method
 from sepmc.schema import Status
 
 Say = Callable[[str], None]
-GENERAL_S = 0.3  # one flight by the general kernel may take so long: it flies fewer cases, and the time is scaled
-GENERAL_CASES = 2000
-FEWEST = 16
+FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
+_PART, _FEWEST = 16, 16  # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
 
 
 @dataclass(frozen=True)
@@ -53,9 +52,26 @@ class Study:
         return len(self.draws)
 
     @property
-    def specialised(self) -> bool:
-        """Whether a kernel of its own flies the campaign."""
-        return self.flight.steps is not None
+    def method(self) -> str:
+        return self.campaign.scene.solver.method
+
+    @property
+    def formulation(self) -> str:
+        return self.campaign.scene.solver.formulation
+
+    def part(self, formulation: str) -> int:
+        """How many of the cases a formulation flies: all, or a part of them."""
+        return min(self.cases, max(_FEWEST, self.cases // _PART)) if formulation == FULL else self.cases
+
+    @property
+    def own_cases(self) -> int:
+        """How many of the cases the scene's own formulation flies."""
+        return self.part(self.formulation)
+
+    @property
+    def default(self) -> "Way":
+        """The way that the pilot chose."""
+        return Way(self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True)
 
     @cached_property
     def units(self) -> list[str]:
@@ -64,32 +80,6 @@ class Study:
     @cached_property
     def names(self) -> list[str]:
         return [c.name for c in self.campaign.outcome_columns]
-
-    @cached_property
-    def few(self) -> int:
-        """Cases that the general kernel flies in about `GENERAL_S` at the base step; all cases, if that is fewer."""
-        warm_up(self.say)
-        trial = self.draws[: min(self.cases, 2 * self.threads)]
-        way = Way("reduced", self.method, replace(self.general, step=self.base_step), self.campaign, len(trial))
-        spent = min(rounds({"": lambda: way.fly(trial)}, 2)[""]) / len(trial)
-        most = int(GENERAL_S / max(spent, 1e-9)) // FEWEST * FEWEST
-        return min(self.cases, max(FEWEST, min(GENERAL_CASES // (8 if self.quick else 1), most)))
-
-    @property
-    def method(self) -> str:
-        return self.campaign.scene.solver.method
-
-    @cached_property
-    def general(self) -> Flight:
-        """A flight by the general kernel."""
-        return Flight(why=self.flight.why or ["the bench"], step=self.base_step)
-
-    @cached_property
-    def base_step(self) -> float:
-        """Step of the general kernel from which others are made, s: the pilot's; in its absence about that of the scene's own kernel."""
-        if self.flight.steps is not None and self.flight.step is None:
-            return self.campaign.scene.run.end_time / float(self.flight.steps.sum())
-        return self.flight.step or self.campaign.scene.run.end_time / 8.0
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
         """The campaign with other values."""
@@ -114,10 +104,8 @@ class Study:
 
 @dataclass(frozen=True)
 class Way:
-    """A way to fly: formulation ("specialised", "reduced", "full"), method, flight, and how many of the cases."""
+    """A way to fly: a flight, the campaign with the method and formulation that it was planned for, and how many of the cases."""
 
-    formulation: str
-    method: str
     flight: Flight
     campaign: Campaign
     cases: int
@@ -125,11 +113,24 @@ class Way:
     default: bool = False
 
     @property
+    def method(self) -> str:
+        return self.campaign.scene.solver.method
+
+    @property
+    def formulation(self) -> str:
+        return self.campaign.scene.solver.formulation
+
+    @property
     def setting(self) -> str:
-        """Steps, in words."""
-        if self.flight.steps is not None and self.flight.step is None:
-            return "steps " + " ".join(map(str, self.flight.steps.tolist()))
-        return f"step {self.flight.step:.4g} s"
+        """Steps, in words: the scene's own step, if it has one, or else how many each stage takes."""
+        if self.flight.step is not None:
+            return f"step {self.flight.step:.4g} s"
+        return "steps " + " ".join(map(str, self.flight.steps.tolist()))
+
+    @property
+    def evaluations(self) -> int:
+        """About how many a case takes; with a step that is given, only in proportion."""
+        return int(self.flight.steps.sum()) * len(make_method(self.method).b)
 
     def fly(self, draws: np.ndarray) -> Block:
         return fly(self.campaign, self.flight, draws[: self.cases])

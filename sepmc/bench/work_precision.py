@@ -10,26 +10,29 @@ import pandas as pd
 
 from sepmc.bench.clock import rounds
 from sepmc.bench.reference import METHOD, Reference
-from sepmc.bench.study import Study, Way
-from sepmc.campaign.pilot import plan_flight
+from sepmc.bench.study import FULL, Study, Way
+from sepmc.campaign.pilot import Flight, plan_flight
 from sepmc.kernels.methods import METHODS
-from sepmc.kernels.methods import method as make_method
 
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # asked of the pilot, to get steps that a user might fly with
-MULTIPLES = (0.5, 2.0, 4.0)  # of the steps the pilot chose by default
-HALVINGS = {"dop853": (-1, 0, 1, 2, 3), "dopri5": (0, 1, 2, 3, 4), "rk4": (0, 1, 2, 3, 4)}  # of the base step, for the general kernel
 PER = 10_000  # cases that times are told for
 _MOST = 25  # times as many evaluations as by default are left out
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
     """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the study's were flown."""
-    return rows_of(study, reference, own_ways(study, reference) + _general(study))
+    ways = [way for formulation in ("reduced", FULL) for way in _ways(study, formulation)]
+    return rows_of(study, reference, _without(reference, study, ways))
 
 
 def own_ways(study: Study, reference: Reference) -> list[Way]:
-    """Ways to fly with the scene's own kernel; not that of the reference."""
-    return [way for way in _specialised(study) if (way.method, way.setting) != (METHOD, reference.setting)]
+    """Ways to fly by the scene's own formulation; not that of the reference."""
+    return _without(reference, study, _ways(study, study.formulation))
+
+
+def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
+    known = (study.formulation, METHOD, reference.setting)
+    return [way for way in ways if (way.formulation, way.method, way.setting) != known]
 
 
 def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
@@ -62,52 +65,41 @@ def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> d
     }
 
 
-def _specialised(study: Study) -> list[Way]:
-    """The scene's own kernel with each method: the steps that the pilot chooses for several accuracies, and multiples of the default."""
-    if not study.specialised:
-        return []
-    ways: list[Way] = []
-    for method in [study.method] if study.quick else sorted(METHODS, key=lambda m: METHODS[m]().order):
-        own = study.with_settings({"solver.method": method})
-        found: dict[tuple[int, ...], Way] = {}
-        default = study.flight if method == study.method else plan_flight(own, announce=study.say)
-        asked = study.campaign.scene.solver.accuracy
-        flights = [(asked, default)]
+def _ways(study: Study, formulation: str) -> list[Way]:
+    """Each method in the steps that the pilot chooses for several accuracies, and in multiples of those for the accuracy asked. By the full
+    formulation only the scene's own method, without multiples."""
+    every = sorted(METHODS, key=lambda m: METHODS[m]().order)
+    methods = [study.method] if study.quick or formulation == FULL else every
+    return [way for method in methods for way in _of_method(study, method, formulation)]
+
+
+def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
+    campaign = study.with_settings({"solver.method": method, "solver.formulation": formulation})
+    cases, most = study.part(formulation), _MOST * study.default.evaluations
+    if (method, formulation) == (study.method, study.formulation):
+        first = study.default
+    else:
+        first = Way(plan_flight(campaign, announce=study.say), campaign, cases, study.default.asked)
+    ways = [first]
+    if first.flight.step is None:  # the pilot has something to choose
         for accuracy in ACCURACIES[::4] if study.quick else ACCURACIES:
-            if accuracy != asked:
-                flights.append((accuracy, plan_flight(own.with_settings({"solver.accuracy": accuracy}))))
-        if default.steps is not None:
-            multiples = [np.maximum(1, np.round(k * default.steps)).astype(np.int64) for k in MULTIPLES]
-            flights += [(np.nan, replace(default, steps=steps, limits=None, angles={})) for steps in multiples]
-        for accuracy, flight in flights:
-            if flight.steps is not None:
-                is_default = flight is study.flight
-                way = Way("specialised", method, flight, own, study.cases, accuracy, is_default)
-                found.setdefault(tuple(flight.steps.tolist()), way)
-        ways += sorted(found.values(), key=_evaluations)
-    most = _MOST * _evaluations(next(way for way in ways if way.default))
+            if accuracy != first.asked:
+                ways.append(Way(plan_flight(campaign.with_settings({"solver.accuracy": accuracy})), campaign, cases, accuracy))
+            if ways[-1].evaluations > most:
+                break  # it takes still more for the next ones
+    if formulation != FULL:
+        ways += [Way(flight, campaign, cases) for flight in _multiples(first.flight)]
+    found: dict[tuple[int, ...], Way] = {}
     for way in ways:
-        if _evaluations(way) > most:
-            study.say(f"left out, more than {_MOST} times the work of the default: {way.method}, {way.setting}")
-    return [way for way in ways if _evaluations(way) <= most]
+        found.setdefault(tuple(way.flight.steps.tolist()), way)
+    for way in found.values():
+        if way.evaluations > most:
+            study.say(f"left out, more than {_MOST} times the work of the default: {way.formulation}, {way.method}, {way.setting}")
+    return sorted((way for way in found.values() if way.evaluations <= most), key=lambda way: way.evaluations)
 
 
-def _evaluations(way: Way) -> int:
-    """About how many a case takes."""
-    steps = 0 if way.flight.steps is None else int(way.flight.steps.sum())
-    return steps * len(make_method(way.method).b)
-
-
-def _general(study: Study) -> list[Way]:
-    """The general kernel, reduced and full, with each method at several steps, by a part of the cases."""
-    ways = []
-    fixed = study.campaign.scene.solver.formulation
-    for formulation in ("reduced", "full"):
-        few = study.few if formulation == "reduced" else max(min(study.few, 16), study.few // 4)
-        for method in [study.method] if study.quick else ("rk4", "dopri5", "dop853"):
-            own = study.with_settings({"solver.method": method, "solver.formulation": formulation})
-            for halvings in HALVINGS[method][1:3] if study.quick else HALVINGS[method]:
-                flight = replace(study.general, step=study.base_step * 0.5**halvings)
-                default = not study.specialised and halvings == 0 and (method, formulation) == (study.method, fixed)
-                ways.append(Way(formulation, method, flight, own, few, np.nan, default))
-    return ways
+def _multiples(flight: Flight) -> list[Flight]:
+    """A flight in half, twice and four times as many steps; a step that the scene gives is only divided."""
+    half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
+    fewer = [replace(flight, steps=half)] if flight.step is None else []
+    return [replace(one, limits=None, angles={}) for one in (*fewer, flight.sharper(2), flight.sharper(4))]

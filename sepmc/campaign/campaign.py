@@ -17,9 +17,9 @@ from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
-from sepmc.campaign.single import fly_single, fly_single_generally
+from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
-from sepmc.door import check_every, check_threads, use_threads, warm_up, whole
+from sepmc.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.messages import InputError
 from sepmc.scene.read import parse_campaign, read_campaign
@@ -135,28 +135,26 @@ class Campaign(Definition):
         case: Case | None = None,
         step_s: float = 0.001,
         announce: Callable[[str], None] | None = None,
-        kernel: str | None = None,
     ) -> pd.DataFrame:
         """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
 
         Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no outcome by more than ``solver.accuracy``:
-        by the kernel written for the scene, as plain Python, or by the general one, whose compiling ``announce`` is told of and
-        which flies all if ``kernel`` is "general". Its outcomes are those of the campaign's row to that accuracy.
+        by the kernel written for the scene, as plain Python or, where that takes thousands of steps, compiled, which ``announce`` is
+        told of. Its outcomes are those of the campaign's row to that accuracy.
 
         Returns
         -------
         history : DataFrame
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
-            the case, its ``status``, the ``kernel`` that flew it, and ``notes``, sentences on what deserves a look.
+            the case, its ``status``, whether its kernel was ``compiled``, and ``notes``, sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
-        if kernel not in (None, "general"):
-            raise InputError(f'kernel = {kernel!r}: must be "general", or None for that of the scene where there is one')
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
-        found = None if kernel == "general" or unfit else fly_single(scene, self.outcome_columns, step_s)
-        if found is None:
-            warm_up(announce)
-            found = fly_single_generally(scene, self.outcome_columns, step_s, self.slots[: len(unfit)])
+        if unfit:
+            scene = self.nominal().scene
+            found = invalid(scene, len(self.result_columns))
+        else:
+            found = fly_single(scene, self.outcome_columns, step_s, announce)
         columns = schema.history_columns(found.plan.contents)
         data: dict[str, Any] = {"time_s": found.times, "phase": [found.plan.phases[p] for p in found.phases]}
         data |= {c.name: found.rows[:, i] * c.scale for i, c in enumerate(columns)}
@@ -168,7 +166,7 @@ class Campaign(Definition):
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": outcomes,
             "status": found.status.label,
-            "kernel": found.kernel,
+            "compiled": found.compiled,
             "notes": unfit + found.notes + together(scene, outcomes, which),
         }
         return frame

@@ -51,7 +51,7 @@ class Chunks:
         self.implausible = self.earlier.get("implausible_inertias", 0)
         how = self.earlier.get("accuracy", {})
         self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
-        self.left = how.get("left_cases", 0)  # by the specialised kernel to the general one
+        self.spare = how.get("spare_cases", 0)  # flown by spare kernels
         self.unsettled = how.get("unsettled_cases", 0)  # of both
         self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
         self.started = datetime.now(UTC)
@@ -112,7 +112,7 @@ class Chunks:
         t1 = clock()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
         if block.again:
-            self.left, self.unsettled = self.left + len(block.again.left), self.unsettled + block.again.unsettled
+            self.spare, self.unsettled = self.spare + block.again.spare, self.unsettled + block.again.unsettled
             self.finer += block.again.finer
             self._change = np.maximum(self._change, block.again.change)
         self.timing["sample"] += t1 - t0
@@ -177,10 +177,10 @@ class Chunks:
 
     @property
     def accuracy(self) -> Achieved:
-        """Error of the run: what trial cases show, and cases that the general kernel flew in place of the specialised one."""
+        """Error of the run: what trial cases show, and cases that were flown again."""
         told = self.flight.achieved
         assert told is not None
-        if not told.cases and self.finer + self.left:  # no trial case tells anything, but cases that were flown again do
+        if not told.cases and self.finer:  # no trial case tells anything, but cases that were flown again do
             told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
         own = {c.name: float(SAFETY * x) for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)}
         return told.with_errors(own).with_errors(self._earlier_errors)
@@ -193,11 +193,11 @@ class Chunks:
 
     def _accuracy(self) -> dict[str, Any]:
         flight, told = self.flight, self.accuracy
-        said: dict[str, Any] = {"kernel": "general" if flight.kernel is None else "specialised"}
-        said["method"] = self.campaign.scene.solver.method
+        solver = self.campaign.scene.solver
+        said: dict[str, Any] = {"formulation": solver.formulation, "method": solver.method}
         if flight.step is not None:
             said |= {"step_s": flight.step}
-        elif flight.steps is not None:
+        else:
             said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
         worst, error = told.worst
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
@@ -205,10 +205,9 @@ class Chunks:
             said |= {"history": told.history}
         if self.finer:
             said |= {"finer_cases": self.finer}
-        if self.left:
-            said |= {"left_cases": self.left}
-        if self.finer or self.left:
             said |= {"unsettled_cases": self.unsettled}
+        if self.spare:
+            said |= {"spare_cases": self.spare}
         if self.campaign.scene.solver.step is None:
             said |= {"asked": told.asked, "met": told.met}
         if told.worst_place:
@@ -220,7 +219,7 @@ class Chunks:
         """What a person should know of the run."""
         told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
-        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.left + self.finer)]
+        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.finer)]
         return found + [note for note in self.flight.notes if note not in found]
 
     def kept(self) -> Kept:

@@ -7,23 +7,26 @@ import numpy as np
 
 from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, first_step, fly_general, settle
-from sepmc.door import Again, Block, fly_specialised, warm_up
+from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, settle
+from sepmc.door import Again, Block, fly_cases
 from sepmc.kernels.kernel import Kernel
-from sepmc.kernels.layout import ANOTHER_KERNEL, FINER_STEPS
+from sepmc.kernels.layout import BODY_OUTCOMES, FINER_STEPS, LEAST_SQUARES
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
 SAFE = 0.5  # share of the accuracy asked for that trial cases may use
+_TO_LEARN = 64  # times finer steps tell how long the phases of a case last
+_AT_ONCE = 1e-9  # of a flight
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Spare:
-    """A kernel for cases that the one of a flight does not vouch for: in it, joints may let go in any order. ``phases`` (stages,) are the
-    numbers of the phases that the stages of the flight belong to."""
+    """A kernel for cases that the one of a flight does not vouch for, because it takes more ``care``: ANY_ORDER or LEAST_SQUARES of
+    `sepmc.kernels.layout`. ``phases`` (stages,) are the numbers of the phases that the stages of the flight belong to."""
 
+    care: int
     make: Callable[["Say | None"], Kernel]
     phases: np.ndarray
 
@@ -32,20 +35,18 @@ class Spare:
 class Flight:
     """How a campaign is flown.
 
-    ``why`` says why the general kernel flies it; ``steps`` (stages,) are those of the specialised kernel, for ``stages``
-    (phases, and joints that are late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is that of the
-    general one, or the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative to,
-    see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial cases to tell its
-    error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
+    ``steps`` (stages,) are those of its ``kernel``, for ``stages`` (phases, and joints that are late in letting go) that usually
+    last ``usual`` (stages,) s; ``step`` (s) is the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small
+    outcomes are taken relative to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial
+    cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
     angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases, ``achieved``
-    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the specialised
-    kernel does not vouch for is left to a ``spare`` one, if there is one.
+    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the kernel
+    does not vouch for is left to ``spares``, one after the other.
     """
 
-    why: list[str] = field(default_factory=list)
-    kernel: Kernel | None = None
-    steps: np.ndarray | None = None
-    usual: np.ndarray | None = None
+    kernel: Kernel
+    steps: np.ndarray
+    usual: np.ndarray
     stages: list[str] = field(default_factory=list)
     step: float | None = None
     scale: np.ndarray | None = None
@@ -55,44 +56,56 @@ class Flight:
     achieved: Achieved | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
-    spare: Spare | None = None
+    spares: tuple[Spare, ...] = ()
 
-    def by_spare(self, announce: Say | None) -> "Flight":
-        """The same by the spare kernel, whose stages are the phases."""
-        assert self.spare is not None
-        assert self.steps is not None
-        assert self.usual is not None
-        kernel, phases = self.spare.make(announce), self.spare.phases
-        steps = np.bincount(phases, self.steps, kernel.stages).astype(np.int64)
-        return replace(self, kernel=kernel, steps=np.maximum(steps, 1), usual=np.bincount(phases, self.usual, kernel.stages), spare=None)
+    def by(self, spare: Spare, announce: Say | None) -> "Flight":
+        """The same by a spare kernel, whose stages are the phases."""
+        kernel = spare.make(announce)
+        steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
+        usual = np.bincount(spare.phases, self.usual, kernel.stages)
+        return replace(self, kernel=kernel, steps=np.maximum(steps, 1), usual=usual, spares=())
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
-        steps, step = self.steps, self.step
-        return replace(self, steps=None if steps is None else times * steps, step=None if step is None else step / times)
+        return replace(self, steps=times * self.steps, step=None if self.step is None else self.step / times)
 
 
 def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or to jam and those that a specialised
-    kernel does not vouch for are flown again at shorter steps; by the general one, if that does not tell."""
+    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or to jam and those that the kernel does not
+    vouch for are flown again at shorter steps; by spare kernels, if that does not tell. What none vouches for has no outcomes."""
     block = fly_once(campaign, flight, draws, room)
-    again, doubtful = Again(np.zeros(len(campaign.outcome_columns))), block.flown & ~_is_like_trials(flight, block)
+    hard = _doubtful(campaign, block) | (block.flown & ~_is_like_trials(flight, block))
+    again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
+    for spare in flight.spares:
+        finer = (block.status == FINER_STEPS) & _finite(campaign, block)  # it would help no more than they did
+        lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & ~finer)
+        if len(lost):
+            other = flight.by(spare, announce)
+            _put(block, lost, fly_once(campaign, other, draws[lost], room))
+            hard = (_doubtful(campaign, block) | block.flown)[lost]
+            again = again.with_others(_fly_hard(campaign, other, draws, room, block, lost[hard]))
+            again.spare += len(lost)
     lost = np.flatnonzero(block.status < 0)
-    if campaign.scene.solver.step is None:
-        doubtful |= np.isin(block.status, (FINER_STEPS, *TOO_LONG)) | (np.isin(block.status, DOUBTFUL) & (flight.kernel is not None))
-        lost = np.flatnonzero(block.status == ANOTHER_KERNEL)
-    hard = np.flatnonzero(doubtful)
-    if len(hard):
-        again, unsettled = _fly_hard(campaign, flight, draws, room, block, hard)
-        lost = np.union1d(lost, unsettled)
-    if len(lost) and flight.spare is not None:
-        more, lost = _fly_spare(campaign, flight.by_spare(announce), draws, room, block, lost)
-        again = again.with_others(more)
-    if len(lost):
-        warm_up(announce)
-        again = again.with_others(_fly_lost(campaign, flight, draws, room, block, lost))
+    block.status[lost] = final_status(block.status[lost], _finite(campaign, block)[lost])
+    block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0  # the audit stays
     block.again = again
     return block
+
+
+def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
+    """How cases (n,) end that no kernel vouches for, given what the last one said of them, and whether their outcomes are numbers."""
+    told = np.where(lost == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
+    return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
+
+
+def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
+    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages, n), of which some are ``sound`` (n,).
+    One that usually is over as it begins lasts as long as in the cases, sound or not, in which it is not."""
+    usual, lengths = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0), np.diff(ends, axis=0, prepend=0.0)
+    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
+        lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
+        usual[k] = np.median(lasting) if len(lasting) else 0.0
+    return usual
 
 
 def history_rows(scene: Scene) -> int:
@@ -102,9 +115,12 @@ def history_rows(scene: Scene) -> int:
 
 def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
-    if flight.kernel is None or flight.steps is None or flight.usual is None:
-        return fly_general(campaign, flight.step, draws, room)
-    return fly_specialised(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
+    return fly_cases(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
+
+
+def _finite(campaign: Definition, block: Block) -> np.ndarray:
+    """Whether the rates and angles of bodies at the end are numbers, (n,)."""
+    return np.asarray(np.isfinite(block.outcomes[:, : BODY_OUTCOMES * len(campaign.plan.bodies)]).all(axis=1))
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
@@ -118,69 +134,53 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     return np.asarray(like)
 
 
-def _fly_hard(
-    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray
-) -> tuple[Again, np.ndarray]:
-    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to
-    learn their error. Returns what is to be told of them, and those that a specialised kernel did not settle."""
-    guarded = np.zeros(len(block.status), dtype=bool)
+def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
+    """Which cases (n,) may end otherwise at shorter steps, if none is given."""
+    return np.isin(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (campaign.scene.solver.step is None)
 
-    def flown(share: float, which: np.ndarray) -> Block:
-        found = fly_once(campaign, flight.sharper(round(1.0 / share)), draws[which], room)
-        guarded[which] = found.guarded if flight.kernel is not None else True
-        return found
 
+def _fly_hard(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray) -> Again:
+    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to learn
+    their error. Returns what is to be told of them."""
     given = campaign.scene.solver.step is not None
+    if not len(hard):
+        return Again(np.zeros(len(campaign.outcome_columns)))
     before = _rows(block, hard)
-    found = _settle(campaign, flight, block, hard, 1.0, flown)
-    held = found.settled & (np.isin(found.status, DOUBTFUL) | (block.flown & guarded)[hard])
-    change = found.change
+    found = _settle(campaign, flight, block, hard, lambda sharper, some: fly_once(campaign, sharper, draws[some], room))
     if given:
         assert flight.scale is not None
         n = len(flight.scale)
-        change = np.maximum(change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale))
+        change = np.maximum(found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale))
         _put(block, hard, before)
-    if flight.kernel is None:
-        return Again(_largest(change), finer=len(hard), unsettled=0 if given else int(np.count_nonzero(~held))), hard[:0]
-    return Again(_largest(change[held]), finer=int(np.count_nonzero(held))), hard[~held]
+        return Again(_largest(change), finer=len(hard))
+    left = np.flatnonzero((block.status[hard] == FINER_STEPS) & _finite(campaign, block)[hard])
+    for number in left:
+        own = _alone(campaign, flight, draws, room, block, hard[number])
+        found.change[number], found.settled[number] = own.change[0], own.settled[0]
+    flown = block.flown[hard]
+    return Again(_largest(found.change[flown]), finer=len(hard), unsettled=int(np.count_nonzero(flown & ~found.settled)))
 
 
-def _fly_spare(
-    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray
-) -> tuple[Again, np.ndarray]:
-    """Fly the cases ``lost`` by the spare kernel, whose ``flight`` this is, into their rows of ``block``. Returns what is to be told of
-    them, and those that it does not vouch for either."""
-    if campaign.scene.solver.step is not None:
-        _put(block, lost, fly_once(campaign, flight, draws[lost], room))
-        return Again(np.zeros(len(campaign.outcome_columns))), lost[block.status[lost] < 0]
-    return _fly_hard(campaign, flight, draws, room, block, lost)
+def _alone(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int) -> Settled:
+    """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an event is looked for far too early: what
+    they last is learnt from a flight of its own."""
+    one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
+    _, ends = fly_cases(flight.kernel, campaign.plan, sharp.steps, flight.usual, campaign.slots, one)
+    own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
+    return _settle(campaign, own, block, np.array([number]), lambda sharper, _: fly_once(campaign, sharper, one, room))
 
 
-def _fly_lost(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, lost: np.ndarray) -> Again:
-    """Fly the cases ``lost`` by the general kernel into their rows of ``block``, each at a step at which it has settled."""
-    assert flight.kernel is not None
-    assert flight.steps is not None
-    assert flight.usual is not None
-    lasts, first = flight.usual > 0.0, first_step(campaign.scene, campaign.file.dispersions)
-    step = flight.step or float(np.min((flight.usual / flight.steps)[lasts], initial=first))
-    found = _settle(campaign, flight, block, lost, step, lambda step, which: fly_general(campaign, step, draws[which], room))
-    ok = np.isin(found.status, (Status.OK, Status.NEVER_RELEASED))
-    return Again(_largest(found.change[ok]), left=lost, unsettled=int(np.count_nonzero(ok & ~found.settled)))
-
-
-def _settle(
-    campaign: Definition, flight: Flight, block: Block, which: np.ndarray, step: float, flown: Callable[[float, np.ndarray], Block]
-) -> Settled:
-    """Fly cases into their rows of a block, by ``flown`` (step, cases), at half the step and so on until they have settled."""
+def _settle(campaign: Definition, flight: Flight, block: Block, which: np.ndarray, flown: Callable[[Flight, np.ndarray], Block]) -> Settled:
+    """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution and so on until they have settled."""
     columns = campaign.outcome_columns
 
-    def fly_some(step: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        again = flown(step, which[some])
+    def fly_some(share: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        again = flown(flight.sharper(round(1.0 / share)), which[some])
         _put(block, which[some], again)
         return again.outcomes[:, : len(columns)].copy(), np.where((again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status)
 
     scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
-    return settle(fly_some, len(which), step, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
+    return settle(fly_some, len(which), 1.0, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
 
 
 def _rows(block: Block, which: np.ndarray) -> Block:

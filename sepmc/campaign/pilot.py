@@ -9,23 +9,24 @@ from functools import cache, partial
 import numpy as np
 
 from sepmc.campaign import cases
-from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, deviation, errors, relative_error, scales, scene_scales
+from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, errors, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import SAFE, Flight, Say, Spare, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
-from sepmc.campaign.settle import DEEP, HALVINGS, Fly, changes, first_step, fly_general, longest_step, settle, settled_step
+from sepmc.campaign.settle import Fly, longest_step, settle
 from sepmc.compiler import shape
 from sepmc.compiler.emit import emit
-from sepmc.door import Block, fly_specialised, specialised_kernel, warm_up
+from sepmc.door import Block, fly_cases, load_kernel
 from sepmc.kernels.kernel import Kernel
+from sepmc.kernels.layout import FINER_STEPS, USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
 CORNERS = 24  # cases flown besides the nominal one; more if a discrete law has many values
 SAMPLE = 512  # trial cases drawn from the laws
-_OF_GENERAL = 8  # the general kernel takes a thousand times as long: it flies one eighth of the sample to find its step
+_OF_HARD = 8  # of the sample only a part is flown where every case finds its own steps
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
@@ -35,37 +36,30 @@ _WORST = 24
 _ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
 _UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
 _ALIKE_LOADS = 0.2  # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few errors add up
-_FEW = 4  # cases that the general kernel flies once more at a much shorter step
 
 
-def reasons(campaign: Definition) -> list[str]:
-    """Why a campaign is flown by the general kernel; empty if a kernel of its own flies it."""
-    return shape.reasons(campaign.plan, campaign.dispersed)
+def kernel_text(campaign: Definition, method: str | None = None, history: bool = False, care: int = USUAL) -> str:
+    """The kernel written for a campaign, as a Python module; one that takes more ``care``, if that is asked for."""
+    return emit(shape.make_shape(campaign.plan, campaign.dispersed, care), method or campaign.scene.solver.method, history)
 
 
-def kernel_text(campaign: Definition, method: str | None = None, history: bool = False, any_order: bool = False) -> str:
-    """The kernel written for a campaign, as a Python module; one in which joints may let go in ``any_order``, if that is asked for."""
-    return emit(shape.make_shape(campaign.plan, campaign.dispersed, any_order), method or campaign.scene.solver.method, history)
-
-
-def stage_names(campaign: Definition, any_order: bool = False) -> list[str]:
+def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
-    found = shape.make_shape(campaign.plan, campaign.dispersed, any_order)
+    found = shape.make_shape(campaign.plan, campaign.dispersed, care)
     return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
 
 
-def spare(campaign: Definition, history: bool = False) -> Spare | None:
-    """What flies cases that the kernel written for a campaign loses; None if nothing written does."""
-    found = shape.make_shape(campaign.plan, campaign.dispersed)
-    if not found.may_lose:
-        return None
+def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
+    """What flies cases that the kernel written for a campaign with some care loses."""
+    found = shape.make_shape(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
+    numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 
     @cache
-    def make(announce: Say | None = None) -> Kernel:
-        return specialised_kernel(kernel_text(campaign, history=history, any_order=True), announce)
+    def make(care: int, announce: Say | None = None) -> Kernel:
+        return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return Spare(make, np.array([phases.index(stage.phase) for stage in found.stages]))
+    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -130,21 +124,50 @@ def _is_wide(law: Dispersion) -> bool:
 
 def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    why = reasons(campaign)
-    if not why:
-        left = spare(campaign, history)
-        kernel = specialised_kernel(kernel_text(campaign, history=history), announce)
+    care = USUAL
+    while True:
+        kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
-        found = _choose_steps(campaign, kernel, stage_names(campaign))
-        if found is None and left is not None:
-            found, left = _choose_steps(campaign, left.make(announce), stage_names(campaign, any_order=True)), None
+        left, stages = spares(campaign, history, care), stage_names(campaign, care)
+        found = _choose_steps(campaign, kernel, stages)
         if found is not None:
-            return _finished(campaign, replace(found, spare=left), history)
-        why = ["its pilot: a kernel of its own cannot vouch for most corners of the dispersions"]
-    warm_up(announce)
-    _tell_trials(announce)
-    found = choose_step(campaign, why, *_trials(campaign))
-    return _finished(campaign, found, history)
+            return _finished(campaign, replace(found, spares=left), history)
+        wanted = _more_care(campaign, kernel, left)
+        if wanted is None:
+            return _finished(campaign, _each_by_itself(campaign, kernel, stages, left), history)
+        care = wanted
+
+
+def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
+    """With what care a kernel may fly most of the corners that this one loses; None if there is none."""
+    steps, usual = _unknown(kernel)
+    block, _ = fly_cases(kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign))
+    for spare in left:
+        if 2 * np.count_nonzero((block.status < FINER_STEPS) & (block.status >= spare.care)) >= np.count_nonzero(block.status < 0) > 0:
+            return spare.care
+    return None
+
+
+def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
+    """Steps (stages,), and how long stages usually last, while nothing is known of that."""
+    return np.full(kernel.stages, _SPREAD_STEPS), np.full(kernel.stages, np.inf)
+
+
+def _each_by_itself(campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]) -> Flight:
+    """Where no steps suit most trial cases: every case finds its own."""
+    draws, given = np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]), campaign.scene.solver.step
+    steps, usual = _unknown(kernel)
+    steps = steps if given is None else np.ones_like(steps)
+    units = [c.unit for c in campaign.outcome_columns]
+    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
+    flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
+    block = fly(campaign, flight, draws)
+    assert block.again is not None
+    ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
+    told = achieved(campaign, block.again.change, int(np.count_nonzero(ok)))
+    nominal = block.outcomes[0, : len(units)] if ok[0] else None
+    scale = scales(block.outcomes[ok][:, : len(units)], units, own)
+    return replace(flight, scale=scale, error=float(block.again.change[decides].max(initial=0.0)), achieved=told, nominal=nominal)
 
 
 def _finished(campaign: Definition, found: Flight, history: bool) -> Flight:
@@ -160,7 +183,7 @@ def _history_error(campaign: Definition, found: Flight) -> float:
     assert found.scale is not None
     draws = np.empty((1, 0))
     if campaign.file.dispersions:
-        draws = np.vstack([corners(campaign), sample(campaign, SAMPLE if found.kernel else SAMPLE // _OF_GENERAL)])
+        draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
     room = history_rows(campaign.scene)
     one, two = (fly_once(campaign, flight, draws, room) for flight in (found, found.sharper()))
     names = [column.name for column in campaign.outcome_columns]
@@ -169,14 +192,6 @@ def _history_error(campaign: Definition, found: Flight) -> float:
     both = (one.status == Status.OK) & (two.status == Status.OK)
     there = one.history[both].reshape(-1, width), two.history[both].reshape(-1, width)
     return float(errors(*there, scale).max(initial=0.0))
-
-
-def _trials(campaign: Definition) -> tuple[np.ndarray, np.ndarray]:
-    """Corners, and a sample of the laws, that the general kernel flies first."""
-    if not campaign.file.dispersions:
-        return np.empty((1, 0)), np.empty((0, 0))
-    given = campaign.scene.solver.step is not None  # then they only tell the error
-    return corners(campaign), sample(campaign, SAMPLE if given else SAMPLE // _OF_GENERAL)
 
 
 def _tell_trials(announce: Say | None) -> None:
@@ -198,7 +213,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], _verdict(block, given)
 
     spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
@@ -221,24 +236,24 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
         if given is not None or not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    trials, _ = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
+    trials, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
     again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
 
         def finely_flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            block, _ = fly_specialised(kernel, campaign.plan, round(1.0 / share) * steps, usual, campaign.slots, doubted[which])
+            block, _ = fly_cases(kernel, campaign.plan, round(1.0 / share) * steps, usual, campaign.slots, doubted[which])
             return block.outcomes[:, : len(units)], np.where(_verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status)
 
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
-    limits, angles = _limits(campaign, trials, general=False), _angles(campaign, trials)
+    limits, angles = _limits(campaign, trials), _angles(campaign, trials)
     largest = np.maximum(largest, _unseen(campaign, trials, scale))
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
     error = float(largest[decides].max(initial=0.0))
-    return Flight([], kernel, steps, usual, stages, given, scale, limits, angles, error, told, nominal)
+    return Flight(kernel, steps, usual, stages, given, scale, limits, angles, error, told, nominal)
 
 
 def _verdict(block: Block, given: float | None) -> np.ndarray:
@@ -248,15 +263,15 @@ def _verdict(block: Block, given: float | None) -> np.ndarray:
     return np.where(block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT))
 
 
-def _limits(campaign: Definition, trials: Block, general: bool) -> np.ndarray:
+def _limits(campaign: Definition, trials: Block) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
     assert trials.guards is not None
     sound = trials.guards[(trials.status == Status.OK) & trials.guarded]
     speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     unseen = np.zeros(trials.guards.shape[1])
-    of_states = 3 * (campaign.plan.model.scene[0].n_bodies if general else len(campaign.plan.bodies))
+    of_states = 3 * len(campaign.plan.bodies)
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
-    units, impulses = [column.unit for column in campaign.outcome_columns], [] if general else _impulses(campaign)
+    units, impulses = [column.unit for column in campaign.outcome_columns], _impulses(campaign)
     sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
     own = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
     alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)  # guards of joint loads come last
@@ -311,56 +326,6 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
     return np.argsort(-errors_of_cases)[: min(_WORST, np.count_nonzero(errors_of_cases > goal))]
 
 
-def choose_step(campaign: Definition, why: list[str], tried: np.ndarray, drawn: np.ndarray) -> Flight:
-    """Step of the general kernel at which halving it changes trial cases by no more than the accuracy; or the one that is given.
-
-    tried : draws (n, d), SI, that decide; drawn : draws that the step is then held against, the worst of which join those that decide
-    """
-    columns, given = campaign.outcome_columns, campaign.scene.solver.step
-    units, decides = [c.unit for c in columns], decisive(columns)
-    own, goal = scene_scales(campaign.scene, units), SAFE * campaign.scene.solver.accuracy
-
-    def flown(step: float, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block = fly_general(campaign, step, draws)
-        return block.outcomes[:, : len(units)].copy(), block.status
-
-    step = given or first_step(campaign.scene, campaign.file.dispersions)
-    least = step / 2.0**HALVINGS
-    spread = own if given else _spread(*flown(step, np.vstack([tried[:1], drawn])))
-    for number in range(_ROUNDS):
-        if not given:
-            size = partial(scales, units=units, scene_scale=own, spread=spread)
-            step = settled_step(flown, tried, step, least, goal, size, decides)
-        draws = np.vstack([tried, drawn])
-        trials = fly_general(campaign, step, draws)
-        one, two = (trials.outcomes[:, : len(units)], trials.status), flown(0.5 * step, draws)
-        spread = _spread(two[0][len(tried) :], two[1][len(tried) :])
-        scale = scales(two[0], units, own, spread)
-        found = changes(*one, *two, scale, decides)
-        deep = changes(one[0][:_FEW], one[1][:_FEW], *flown(step / DEEP, draws[:_FEW]), scale, decides)
-        found[:_FEW] = np.maximum(found[:_FEW], deep)
-        worst = found[:, decides].max(axis=1, initial=0.0)
-        beyond = _beyond(worst[len(tried) :], goal)
-        if given or step < 4.0 * least or worst.max() <= goal or number == _ROUNDS - 1:
-            break
-        if worst[:_FEW].max() > goal:
-            step *= 0.25
-        tried = np.vstack([tried, drawn[beyond]])
-    sound = (one[1] == Status.OK) | (two[1] == Status.OK)  # of the others no row is ok
-    largest = found[sound].max(axis=0, initial=0.0)
-    told = achieved(campaign, largest, int(np.count_nonzero(one[1] == Status.OK)))
-    nominal = two[0][0] if two[1][0] == Status.OK else None
-    limits, angles = _limits(campaign, trials, general=True), _angles(campaign, trials)
-    return Flight(why, None, None, None, [], step, scale, limits, angles, float(largest[decides].max(initial=0.0)), told, nominal)
-
-
-def _spread(outcomes: np.ndarray, status: np.ndarray) -> np.ndarray:
-    """Standard deviations (o,) over the cases that statistics count, those that are ok; if there are none, over all."""
-    sound = status == Status.OK
-    return deviation(outcomes[sound] if sound.any() else outcomes)
-
-
 __all__ = [
-    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "reasons", "relative_error",
-    "sample",
+    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "relative_error", "sample",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Search for the fewest steps of a specialised kernel: in every stage, such that some cases come within a goal of a reference."""
+"""Search for the fewest steps of a kernel: in every stage, such that some cases come within a goal of a reference."""
 
 from collections.abc import Callable
 
@@ -6,14 +6,15 @@ import numpy as np
 
 from sepmc.campaign.accuracy import errors
 from sepmc.campaign.definition import Definition
-from sepmc.door import fly_specialised
+from sepmc.campaign.flight import usual_lengths
+from sepmc.door import fly_cases
 from sepmc.kernels.kernel import Kernel
 from sepmc.schema import Status
 
 _MOST_STEPS = 2048  # of a stage
+_REFINED = 4  # times as many as there are at first, if that is more
 _FINER = 8  # times as fine as a step that is given is what it is held against
-_AT_ONCE = 1e-9  # of a flight
-_MAY_BE_LOST = 0.1  # of the cases may be left to the general kernel
+_MAY_BE_LOST = 0.1  # of the cases may find steps of their own
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
 # Steps and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1 if it does, 0 if not; -1 if there are none.
@@ -29,23 +30,13 @@ def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.
     """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
     usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
     while steps.max() <= _MOST_STEPS:
-        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == Status.OK
         sound = sound if sound.any() else block.flown
         if sound.any():
             return usual_lengths(ends, sound)
         steps *= 2
     return None
-
-
-def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages, n), of which some are ``sound`` (n,).
-    One that usually is over as it begins lasts as long as in the cases, sound or not, in which it is not."""
-    usual, lengths = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0), np.diff(ends, axis=0, prepend=0.0)
-    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
-        lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
-        usual[k] = np.median(lasting) if len(lasting) else 0.0
-    return usual
 
 
 class Search:
@@ -95,9 +86,9 @@ class Search:
 
     def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
-        steps = first
+        steps, most = first, max(_MOST_STEPS, _REFINED * int(first.max()))
         self.reference, self.verdict = self.flown(steps, self.draws)
-        while self.settled > 0.02 * self.goal and 2 * steps.max() <= _MOST_STEPS:
+        while self.settled > 0.02 * self.goal and 2 * steps.max() <= most:
             coarse, steps = steps, 2 * steps
             self.reference, self.verdict = self.flown(steps, self.draws)
             if not mostly(self.verdict):  # steps are far too long: what the few others say is not what it is about
@@ -120,7 +111,7 @@ class Search:
         return np.minimum(2 * steps, most)
 
     def _errors(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error of each outcome, (o,); infinite if more cases are lost than may be: the general kernel would fly them."""
+        """Largest error of each outcome, (o,); infinite if more cases are lost than may be."""
         found, verdict = self.flown(steps, self.draws)
         both = (verdict == VOUCHED) & self.fair
         if np.count_nonzero(self.fair & ~both) > _MAY_BE_LOST * len(self.draws) or not both.any():

@@ -1,4 +1,4 @@
-"""Steps of the general kernel: how short they have to be for outcomes to settle, of each case by itself or of many together."""
+"""How short steps have to be for the outcomes of a case to settle, each by itself."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,39 +8,27 @@ import numpy as np
 
 from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
 from sepmc.campaign.cases import extremes, quantile
-from sepmc.campaign.definition import Definition
 from sepmc.compiler.heights import rows_step
-from sepmc.compiler.plan import make_plan
-from sepmc.door import Block, fly_block
-from sepmc.kernels.layout import NO_HISTORY, SEPARATION_HISTORY
 from sepmc.kernels.methods import method
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
-_FIRST = 8  # steps of a flight that are tried first
 _TRANSIENTS = ("build_up", "tail_off")
 _SEEN = 4.0  # time constants after an ignition or a burn-out: there 2 % of the change are still to come
 _RARE = 0.001  # of the cases may have shorter ones than are looked for
 _MOST_FIRST = 2**15  # steps that are tried first, however close the rows
 HALVINGS = 9  # at most
 _AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
-DEEP = 16  # times finer are a few cases flown once more: what is shorter than a step, neither it nor its half may see
 _PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
 
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
-TOO_LONG = (Status.NOT_FINITE, Status.NO_ROOT, Status.UNRESOLVED, Status.NO_CLEARANCE)  # a shorter step may help
+TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
 
 DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
 Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
-
-
-def fly_general(campaign: Definition, step: float | None, draws: np.ndarray, room: int = 0) -> Block:
-    """Fly draws by the general kernel."""
-    width, level = (2 * len(campaign.plan.joints), SEPARATION_HISTORY) if room else (0, NO_HISTORY)
-    return fly_block(make_plan(campaign.scene, step=step, dispersed=campaign.dispersed), campaign.slots, draws, room, width, level)
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
@@ -52,13 +40,6 @@ def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0
     nodes = method(scene.solver.method).c
     transients = _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
     return min(transients, max(rows_step(scene, extremes(scene, laws)), scene.run.end_time / _MOST_FIRST))
-
-
-def first_step(scene: Scene, laws: Sequence[Dispersion] = ()) -> float:
-    """Step, s, that is tried first: an eighth of the flight, or less where that would jump over rows of tables over height, or over
-    the transients of motors."""
-    end = scene.run.end_time
-    return min(end / _FIRST, max(longest_step(scene, laws), end / _MOST_FIRST))
 
 
 @dataclass
@@ -123,21 +104,9 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
     return Settled(steps, status, change, agreed >= _AGREEMENTS)
 
 
-def settle_case(scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
-    """Step, s, of the general kernel at which the outcomes of one case, as ``scene`` has it, have settled to its accuracy; and what is
-    to be told of that."""
-    none = np.empty(0, dtype=np.int64)
-
-    def flown(step: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block = fly_block(make_plan(scene, step=step), none, np.empty((len(which), 0)), 0, 0, NO_HISTORY)
-        return block.outcomes[:, : len(columns)], block.status
-
-    return settle_one(flown, first_step(scene), scene, columns, DEEP)
-
-
-def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column], deep: int = 1) -> tuple[float, list[str]]:
-    """The longest of ``step``, half of it, ... at which one case has settled, and also against one ``deep`` times as short; what is to be
-    told of that. ``fly`` takes a step and the case, number 0."""
+def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
+    """The longest of ``step``, half of it, ... at which one case has settled; what is to be told of that. ``fly`` takes a step and the
+    case, number 0."""
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
@@ -146,12 +115,9 @@ def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column], deep:
         found = settle(fly, 1, step, goal, scale, decides)
         step = float(found.step[0])
         change = np.where(decides, found.change[0], 0.0)
-        if deep > 1:
-            finer = changes(*fly(step, one), *fly(step / deep, one), scale, decides)[0]
-            change = np.where(decides, np.maximum(change, finer), 0.0)
         if found.settled[0] and change.max() <= goal:
             return step, []
-        step /= deep if found.settled[0] and deep > 1 else 2.0
+        step /= 2.0
         if step < least:
             break
     worst = int(change.argmax())
@@ -159,44 +125,3 @@ def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column], deep:
         f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
         "asked, however short the step: the error of this case is about as large"
     ]
-
-
-def settled_step(
-    fly: Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]],
-    draws: np.ndarray,
-    step: float,
-    least: float,
-    goal: float,
-    scale: Callable[[np.ndarray], np.ndarray],
-    decides: np.ndarray,
-) -> float:
-    """Longest step, s, of ``step``, half of it, ..., at which halving it changes no outcome of ``draws`` (n, d) by more than the goal.
-
-    None shorter than ``least`` is tried. If an outcome never comes so far, the step is no longer than the one at which it changes least.
-    """
-    steps: list[float] = []
-    table: list[np.ndarray] = []
-    before, since = fly(step, draws), 0
-    early = _too_early(fly, step, draws, before[1])
-    while step >= least:
-        now = fly(0.5 * step, draws)
-        steps.append(step)
-        found = changes(*before, *now, scale(now[0]), decides)
-        waiting = early & np.isin(now[1], DOUBTFUL)
-        found[waiting] = 1.0
-        since = len(table) + 1 if waiting.any() else since
-        table.append(found[:, decides].max(axis=0, initial=0.0))
-        if len(table) > since and ((table[-1] <= goal) | _stopped(np.array(table[since:]))).all():
-            break
-        before, step = now, 0.5 * step
-    errors_of = np.array(table)
-    met = errors_of <= goal
-    best = np.where(met.any(axis=0), met.argmax(axis=0), len(table) - 1 - errors_of[::-1].argmin(axis=0))
-    return steps[int(best.max(initial=0))]
-
-
-def _stopped(table: np.ndarray) -> np.ndarray:
-    """Which of the changes (halvings, o) have stopped falling, (o,)."""
-    if len(table) <= _PATIENCE:
-        return np.zeros(table.shape[1], dtype=bool)
-    return table[-_PATIENCE:].min(axis=0) > 0.5 * table[:-_PATIENCE].min(axis=0)

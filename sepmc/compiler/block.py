@@ -1,11 +1,11 @@
-"""Lines of a specialised kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
+"""Lines of a kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
 
 import functools
 import math
 from collections.abc import Iterator
 from typing import Any
 
-from sepmc.compiler.context import Context, height, lose, part
+from sepmc.compiler.context import Context, height, lose, part, went
 from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, Value, total, where
@@ -44,7 +44,7 @@ def emit_block(out: Text, c: Context) -> None:
         text("centre(w, 0.0)")
     if c.shape.switches:
         text("m = Model(scene, integers, numbers)")
-        text(f"p = np.zeros((LANES, {int(c.model.rows_w)}))  # as `sepmc.kernels.stretches` reads it")
+        text(f"p = np.zeros((LANES, {int(c.model.size_w)}))  # as `sepmc.kernels.stretches` reads it")
         text.lanes().block("for k in range(nominal.shape[0]):")("p[l, k] = w[P + k * LANES + l]")
     text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
     for number, stage in enumerate(c.shape.stages):
@@ -200,7 +200,7 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
     now = scope.load("T")
     if stage.after_late:  # its end came while a late joint held on
-        lose(scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), at.ANOTHER_KERNEL)
+        lose(scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), at.ANY_ORDER)
     until = scalar.larger(time, now)
     scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
     scope.write(text)
@@ -317,9 +317,20 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
         for change, due in _due(scope, c, stage, joint):
             kind = where((now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind)
         scope.store(f"KIND_{joint}", kind)
+        _note_change(scope, c, joint, before, kind)
         for free in stage.free(joint):
             _note_release(scope, c, stage, joint, (before < float(free)) & (kind >= float(free)))
     scope.write(text)
+
+
+def _note_change(scope: Scope, c: Context, joint: str, before: Value, kind: Value) -> None:
+    """For rows of a history on both sides of it: when a joint takes another of its kinds."""
+    for changing, number in c.shape.changing if c.sudden else []:
+        if changing == joint:
+            place = went(joint, number)
+            c.start(place, math.nan)
+            goes = (before < float(number)) & (kind >= float(number))
+            scope.store(place, where(goes, scope.load("T"), scope.load(place)))
 
 
 def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Value | None) -> None:
@@ -393,5 +404,7 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
             _note_release(scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None)
         if masked and to > min(stage.may[joint]):
             kind = _kind(scope, c, joint)
-            scope.store(f"KIND_{joint}", where(ended & (kind < float(to)), float(to), kind))
+            changed = where(ended & (kind < float(to)), float(to), kind)
+            scope.store(f"KIND_{joint}", changed)
+            _note_change(scope, c, joint, kind, changed)
     scope.write(text)

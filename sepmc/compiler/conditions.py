@@ -69,25 +69,6 @@ class Conditions:
             found += [list(itertools.chain(*choice)) for choice in itertools.product(*parts)]
         return found
 
-    def leaf_table(self, scene: Scene, bodies: list[str], starts: dict[str, int]) -> list[int]:
-        """Of every leaf: what, which, event, and the place of its threshold in the vector of parameters."""
-        joints, motors = list(scene.joint), [motor.name for motor in scene.motor]
-        springs = [spring.name for spring in scene.spring]
-        table: list[int] = []
-        for number, leaf in enumerate(self.leaves):
-            which, place = 0, starts["leaves_p"] + number
-            if leaf.what == at.AT_BURN_OUT:
-                which = motors.index(leaf.which)
-            elif leaf.what == at.AT_ALTITUDE:
-                which = bodies.index(leaf.which)
-            elif leaf.what == at.AT_SPRING_STROKE:
-                which = springs.index(leaf.which)
-                place = starts["springs_p"] + at.SPRING_SIZE * which + at.STROKE
-            elif leaf.what != at.AT_TIME:
-                which = joints.index(leaf.which)
-            table += [leaf.what, which, leaf.event, place]
-        return table
-
 
 def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Conditions:
     """Every condition of a scene some of whose parameters, by path, are dispersed: a stroke may come from there alone."""

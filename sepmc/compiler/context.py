@@ -29,6 +29,14 @@ class Context:
         self.case = Case(Scope(self.slabs), self.shape)
 
     @property
+    def sudden(self) -> list[str]:
+        """Slabs of the times within stages on both sides of which a full history has rows: joints take another of their kinds, springs end
+        their strokes."""
+        if self.history != FULL_HISTORY:
+            return []
+        return [went(*change) for change in self.shape.changing] + [spent(spring) for spring in self.shape.spent]
+
+    @property
     def followed(self) -> tuple[str, ...]:
         """Joints whose loads are computed between the ends of steps: those that are watched, then those that break."""
         return tuple(dict.fromkeys([*self.watched, *(load.which for stage in self.shape.stages for load in stage.loads)]))
@@ -136,6 +144,16 @@ class Context:
     def scope(self) -> Scope:
         """A new loop over lanes."""
         return Scope(self.slabs, self.case.scope)
+
+
+def went(joint: str, number: int) -> str:
+    """The slab of the time at which a joint took a kind, by number."""
+    return f"WENT_{joint}_{number}"
+
+
+def spent(spring: str) -> str:
+    """The slab of the time at which a spring ended its stroke."""
+    return f"WHEN_SPENT_{spring}"
 
 
 def among(joint: str, kinds: tuple[int, ...]) -> str:

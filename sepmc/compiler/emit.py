@@ -47,12 +47,12 @@ from sepmc.kernels.lanes import LANES, get3, get4, get6, get9, larger, largest3,
 from sepmc.kernels.layout import Model
 from sepmc.kernels.layout import FULL_HISTORY, NO_HISTORY
 from sepmc.kernels.methods import method
-from sepmc.kernels.observe import SINE_SINGULAR
-from sepmc.kernels.prepare import arm, flight_direction, inertia_tensor
 from sepmc.kernels.propulsion import building_up, tail_off, thrust_arm, thrust_direction
+from sepmc.kernels.quat import SINE_SINGULAR
 from sepmc.kernels.splines import hold_cell, is_held, put_cell
 from sepmc.kernels.stretches import next_break, set_stretch
 from sepmc.kernels.us1976_table import R0, TOP
+from sepmc.kernels.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.kernels.wind import wind
 '''
 
@@ -144,7 +144,7 @@ def _head(c: Context) -> Text:
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
-        f"SIZE_SHARED, GUARDS, STAGES = {shared_size(c)}, {len(c.guards)}, {len(c.shape.stages)}",
+        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, {len(c.shape.stages)}, {len(c.sudden)}",
         *_places(c.shape),
     )
     return head

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.compiler.context import Context, height, lose_if, part
+from sepmc.compiler.context import Context, height, lose_if, part, spent
 from sepmc.compiler.formulas import ZERO, scalar, square_root, vec3
 from sepmc.compiler.geometry import Line, State
 from sepmc.compiler.loads import add_all
@@ -92,7 +92,7 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
         met = (value * past <= 0.0) | _may_rise(past, slope, value, rate, length) | _may_rise(-past, -slope, -value, -rate, length)
     late = time >= scope.load(f"UNTIL_{stage.name}") - (s.case.number(stage.delay) if stage.delay is not None else math.inf)
     counts = scope.named("first").equals(0.0) & late & met
-    lose_if(scope, counts, at.ANOTHER_KERNEL)
+    lose_if(scope, counts, at.ANY_ORDER)
     for k, now in enumerate((value, rate, time)):
         scope.store(part(name, k), now)
     scope.write(text)
@@ -211,3 +211,7 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     guard = c.guard(name)
     scope.store(guard, scalar.larger(scope.load(guard), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
+    if event.what == at.AT_SPRING_STROKE and c.sudden:
+        place = spent(event.which)
+        c.start(place, math.nan)
+        scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))

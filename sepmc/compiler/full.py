@@ -136,7 +136,7 @@ class FullSystem:
             scope.store(part(f"SYSTEM_{name}", n * n + i), value)
         w, system, found, scratch = map(scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}"))
         pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
-        lose(scope, pivot > 0.0, at.ANOTHER_KERNEL)
+        lose(scope, pivot > 0.0, at.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
             return tuple(scope.load(part(f"FOUND_{name}", k + i)) for i in range(3))

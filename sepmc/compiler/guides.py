@@ -1,15 +1,16 @@
 """Pins of guides in a written kernel: friction in balance with the loads that it changes, and what each pin carries."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from sepmc.compiler.context import Context, among, lose, lost_unless, part
 from sepmc.compiler.formulas import ZERO, guides, scalar, vec3
 from sepmc.compiler.geometry import State
-from sepmc.compiler.motion import Motion, make_drive, make_motion
+from sepmc.compiler.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.compiler.recorder import Value, total, where
-from sepmc.compiler.rows import DEPENDENT
-from sepmc.compiler.shape import Stage
+from sepmc.compiler.rows import DEPENDENT, LeastSquares, Rows
+from sepmc.compiler.shape import Row, Stage
 from sepmc.compiler.text import Text
 from sepmc.compiler.wrenches import force_of, moment_of
 from sepmc.kernels import layout as at
@@ -79,18 +80,37 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry at both ends if friction balanced that,
     and what it does carry."""
+    if s.stage.least_squares:
+        return _watch_held(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
     pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
     faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
     mobility = apart * s.lengthening(pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False)
     alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone  # what else holds them along x would share the drive
-    lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives, at.ANOTHER_KERNEL)
+    lose(s.scope, drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives, at.LEAST_SQUARES)
     left = (faster / mobility).called("left")  # of the drive, by friction
-    friction = s.friction(joint)
-    drive = left if friction is None else left - friction
     forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)
     held = [(y - left * by_y, z - left * by_z) for (y, z), (by_y, by_z) in zip(forces, of_one, strict=True)]
+    return _numbers_of_guide(s, joint, left, held, forces)
+
+
+def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
+    """The same where all rows are solved for by least sum of squares: with one more, which holds the guide along x, and perhaps shares what
+    drives it with others that do."""
+    sliding = s.stage.sliding(joint)
+    along = Row(joint, 0, sliding if len(sliding) < len(s.stage.may[joint]) else ())
+    rows = Rows(s, [*s.stage.rows, along])
+    acceleration, spin_rate = without_joints(s, motion.force, motion.moment)
+    multipliers = LeastSquares(s, rows.coupling(), joint).solve(rows.without_joints(acceleration, spin_rate))
+    holding = replace(motion, multipliers=multipliers, system=rows)
+    left = -s.case.apart(joint) * multipliers[-1]
+    return _numbers_of_guide(s, joint, left, pin_forces(s, holding, joint), pin_forces(s, motion, joint))
+
+
+def _numbers_of_guide(s: State, joint: str, left: Any, held: Ends, forces: Ends) -> list[Any]:
+    friction = s.friction(joint)
+    drive = left if friction is None else left - friction
     return [(drive, 0.0, 0.0), *((0.0, y, z) for y, z in (*held, *forces))]
 
 

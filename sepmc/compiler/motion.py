@@ -3,14 +3,14 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.compiler.context import Context, part
+from sepmc.compiler.context import Context, lose, part
 from sepmc.compiler.energy import power
 from sepmc.compiler.formulas import ZERO, quat, vec3
 from sepmc.compiler.full import FullSystem, Wrench, before_full
 from sepmc.compiler.geometry import State
 from sepmc.compiler.loads import add_all, body_loads
 from sepmc.compiler.recorder import called
-from sepmc.compiler.rows import Factors, JointRow, Rows, Solver, check_pivots, make_solver
+from sepmc.compiler.rows import Factors, JointRow, Rows, Solver, check_pivots, is_finite, make_solver
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.tables import call_look_up, emit_look_up
 from sepmc.compiler.text import Text
@@ -82,8 +82,7 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     force, moment = body_loads(s, rubs)
     force, moment = ({name: called(vector, what) for name, vector in of.items()} for of, what in ((force, "force"), (moment, "moment")))
     s.scope.comment("motion without the joints")
-    acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
-    spin_rate = {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
+    acceleration, spin_rate = without_joints(s, force, moment)
     if not s.stage.rows:
         return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
@@ -96,6 +95,12 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
     return Motion(force, moment, _plus(acceleration, linear), _plus(spin_rate, angular), multipliers, rows, factors)
+
+
+def without_joints(s: State, force: dict[str, Any], moment: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Accelerations of bodies and angular accelerations of groups by loads alone."""
+    acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
+    return acceleration, {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
 
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
@@ -142,6 +147,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     s = State(c, c.scope(), stage, "Y")
     for k in range(4):
         s.scope.store(part("RESIDUAL_NOW", k), 0.0)
+    lose(s.scope, is_finite(s))
     rows = Rows(s)
     rows.note_residuals()
     coupling = rows.coupling()

@@ -66,9 +66,8 @@ def emit_results(text: Text, c: Context) -> None:
     shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
     text("# outcomes", "report(w)")
     text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
-    clear = " and w[UNCLEAR + l] == 0.0" if c.history == at.FULL_HISTORY else ""  # otherwise guards that are not known tell
     text("i, lost = first + l, w[ENERGY + l] / w[ENERGY + 2 * LANES + l]")
-    text(f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED}{clear}")
+    text(f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED}")
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
     inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
@@ -92,6 +91,8 @@ def emit_results(text: Text, c: Context) -> None:
     text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown")
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
+    for number, place in enumerate(c.sudden, len(shape.stages)):
+        text(f"ends[{number}, i] = w[{place} + l]")
     text(f"told = w[LOST + l] if w[LOST + l] != 0.0 else w[UNRELEASED + l] if sound else {float(at.FINER_STEPS)}", "status[i] = int(told)")
     inner = text.block(f"if told > {float(Status.NEVER_RELEASED)}:")
     inner.block(f"for k in range({o + 11}):")("outcomes[k, i] = math.nan")

@@ -9,19 +9,13 @@ from sepmc.compiler import packing
 from sepmc.compiler.conditions import Conditions, make_conditions
 from sepmc.compiler.packing import Pool
 from sepmc.kernels import layout as at
-from sepmc.kernels.methods import method
 from sepmc.scene.contents import contents
-from sepmc.scene.kinds import Kinds, joint_axes, make_kinds
+from sepmc.scene.kinds import joint_axes
 from sepmc.scene.model import GROUND, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
 
-_ATMOSPHERE = {"none": at.NO_ATMOSPHERE, "us1976": at.US1976, "table": at.AIR_TABLE}
-_GRAVITY = {"none": at.NO_GRAVITY, "constant": at.CONSTANT_GRAVITY, "inverse-square": at.INVERSE_SQUARE}
-_FORMULATION = {"reduced": at.REDUCED, "full": at.FULL}
-_DRIFT = {"none": at.NO_STABILISATION, "baumgarte": at.BAUMGARTE, "projection": at.PROJECTION}
 _LEVEL = 1e-12  # m, or of the coordinates
-_FRAME = {"body": at.BODY_FRAME, "ground": at.GROUND_FRAME}
 _XYZ = ("x", "y", "z")
 
 
@@ -105,7 +99,6 @@ class Plan:
 
     scene: Scene
     model: at.Model
-    tableau: at.Tableau
     nominal: np.ndarray
     slots: dict[str, int]
     bodies: list[str]
@@ -115,15 +108,11 @@ class Plan:
     extremes: tuple[Scene, ...] = ()
 
 
-_USUAL_STEP = 0.05  # s, where neither the scene nor its caller says
-
-
-def make_plan(scene: Scene, history_step: float | None = None, step: float | None = None, dispersed: frozenset[str] = frozenset()) -> Plan:
-    """Pack a scene. ``history_step`` (s) overrides the one of ``run``, ``step`` (s) that of ``solver``.
+def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
+    """Pack a scene.
 
     ``dispersed`` : paths of the parameters that vary from case to case. What only they make possible is in the plan too.
     """
-    kinds = make_kinds(scene)
     conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
     slots, nominal, starts = _parameters(scene, order, conditions)
@@ -134,12 +123,9 @@ def make_plan(scene: Scene, history_step: float | None = None, step: float | Non
     for i, motor in enumerate(scene.motor):
         if motor.profile is not None and math.isinf(motor.burn):
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
-    model = _model(scene, order, kinds, conditions, starts, len(nominal))
-    rk = method(scene.solver.method)
-    history = scene.run.history_step if history_step is None else history_step
-    tableau = at.Tableau(rk.a, rk.b, rk.c, rk.dense, rk.doubt, step or scene.solver.step or _USUAL_STEP, history)
+    model = _model(scene, order, starts, len(nominal))
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
-    return Plan(scene, model, tableau, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
+    return Plan(scene, model, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
 
 
 def body_order(scene: Scene) -> list[str]:
@@ -207,82 +193,30 @@ def _optional(path: str, point: tuple[float, float, float] | None, start: int, u
     return _vector(path, start)
 
 
-def _model(scene: Scene, order: list[str], kinds: Kinds, conditions: Conditions, starts: dict[str, int], size_p: int) -> at.Model:
-    """The scene's structure, and the layout of a case's array: parameters first, then scratch."""
+def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) -> at.Model:
+    """The scene's structure, and the layout of a case's array: parameters first, then what stretches of time know."""
     joints = list(scene.joint)
     pool = Pool()
     pool.add([x for j in joints for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))])
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
     air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene)
-    terms = packing.aero_terms(scene)
     tables = {
-        "motor_body_i": [order.index(motor.body) for motor in scene.motor],
         "profile_i": [x for motor in scene.motor for x in packing.add_profile(pool, motor)],
-        "joint_bodies_i": [order.index(b) for j in joints for b in scene.joint[j].bodies],
-        "kinds_i": kinds.table,
-        "held_along_i": kinds.held_along,
-        "phase_kinds_i": kinds.phases,
-        "spring_bodies_i": [order.index(b) for spring in scene.spring for b in spring.bodies],
-        "load_i": [x for load in scene.load for x in (order.index(load.body), _FRAME[load.frame])],
-        "leaves_i": conditions.leaf_table(scene, order, starts),
-        "events_i": conditions.events,
-        "clauses_i": conditions.clauses,
-        "clause_leaves_i": conditions.clause_leaves,
-        "releases_i": [x for release in scene.release for x in (joints.index(release.joint), kinds.index(release.joint, release.to))],
-        "terms_i": [x for term in terms for x in (order.index(term.body), term.coefficient, term.alpha, term.beta)],
         "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],
-        "proximity_i": [x for p in scene.proximity for x in (order.index(p.body), joints.index(p.joint), packing.add_proximity(pool, p))],
-        "load_outputs_i": [joints.index(j) for j in scene.output.loads],
-        "tip_off_i": [joints.index(j) for j in scene.output.tip_off],
-        "guides_i": [joints.index(j) for j in scene.output.guide],
-        "pins_i": [scene.joint[j].guide.pins if scene.joint[j].guide else 0 for j in joints],  # type: ignore[union-attr]
-        "clearances_i": [
-            x for c in scene.clearance for x in (*(order.index(b) for b in c.bodies), joints.index(c.after) if c.after else -1)
-        ],
+        "proximity_i": [packing.add_proximity(pool, entry) for entry in scene.proximity],
         "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
     }
     table_starts = dict(zip(tables, np.cumsum([0, *(len(table) for table in tables.values())]).tolist(), strict=False))
-    rows, unknowns = 6 * len(joints), 6 * len(order) + 12 * len(joints)
-    scratch = {
-        "work": at.WORK_HEAD + at.BODY_WORK * len(order),
-        "motors_w": at.MOTOR_WORK * len(scene.motor),
-        "joints_w": at.JOINT_WORK * len(joints),
-        "springs_w": at.SPRING_WORK * len(scene.spring),
-        "loads_w": at.LOAD_WORK * len(scene.load),
-        "leaves_w": at.LEAF_WORK * len(conditions.leaves),
-        "events_w": len(conditions.events) // 2,
-        "rows_w": at.ROW_WORK * rows,
-        "matrix_w": max(unknowns**2, 3 * rows**2),
-        "rhs_w": max(unknowns, 5 * rows),
-        "size_w": 0,
-    }
-    scratch_starts = dict(zip(scratch, np.cumsum([size_p, *scratch.values()]).tolist(), strict=False))
-    friction = any(joint.guide is not None and joint.guide.friction > 0.0 for joint in scene.joint.values())
+    behind = {"work": 0, "motors_w": at.MOTOR_WORK * len(scene.motor), "loads_w": at.LOAD_WORK * len(scene.load), "size_w": 0}
+    starts |= dict(zip(behind, np.cumsum([size_p, *behind.values()]).tolist(), strict=False))
     structure = dict(
-        n_bodies=len(order),
         ground=len(order) - 1 if order[-1] == GROUND else -1,
         n_motors=len(scene.motor),
-        n_joints=len(joints),
-        n_springs=len(scene.spring),
         n_loads=len(scene.load),
-        n_phases=len(scene.phase),
-        n_releases=len(scene.release),
-        n_leaves=len(conditions.leaves),
-        n_events=len(conditions.events) // 2,
-        n_terms=len(terms),
+        n_terms=len(packing.aero_terms(scene)),
         n_proximity=len(scene.proximity),
-        n_load_outputs=len(scene.output.loads),
-        n_tip_off=len(scene.output.tip_off),
-        n_guides=len(scene.output.guide),
-        n_clearances=len(scene.clearance),
-        friction=int(friction),
         pivot_joint=_pivot_joint(scene),
-        atmosphere=_ATMOSPHERE[scene.environment.atmosphere],
-        gravity=_GRAVITY[scene.environment.gravity],
-        formulation=_FORMULATION[scene.solver.formulation],
-        drift=_DRIFT[scene.solver.drift],
         **starts,
-        **scratch_starts,
         **table_starts,
         springs_x=springs_x,
         air_x=air_x,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sepmc.compiler.context import lose, part
+from sepmc.compiler.context import lose, lose_if, part
 from sepmc.compiler.formulas import ZERO, joints, linear, scalar, square_root, vec3
 from sepmc.compiler.geometry import Pair, State, relative_acceleration, translation, translation_rate
 from sepmc.compiler.loads import add_all
@@ -11,8 +11,9 @@ from sepmc.compiler.recorder import Value, called, total, where
 from sepmc.compiler.shape import Row
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
+from sepmc.schema import Status
 
-DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: the general kernel, which finds redundant rows, decides
+DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: rows are redundant, or nearly
 
 
 @dataclass
@@ -101,7 +102,7 @@ class Rows:
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        lose(self.s.scope, left <= DEPENDENT * own, at.ANOTHER_KERNEL)
+        lose(self.s.scope, left <= DEPENDENT * own, at.LEAST_SQUARES)
 
     def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True) -> list[Any]:
         """What accelerations without the joints leave of each row; by themselves, apart from what bodies do that are ``moving``."""
@@ -144,8 +145,9 @@ class Rows:
 class LeastSquares:
     """Solutions of least sum of squares of a symmetric system some of whose rows follow from others, given below and on its diagonal."""
 
-    def __init__(self, s: State, a: list[list[Any]]):
+    def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
+        self.name = f"{s.stage.name}_{name}" if name else s.stage.name
         self.rank: Any = None
         self.smallest: Any = None  # share of its diagonal that a pivot keeps
 
@@ -153,14 +155,15 @@ class LeastSquares:
         """The solution for a right-hand side."""
         scope, slabs, n = self.s.scope, self.s.c.slabs, len(side)
         self.solved += 1
-        system, found, rank = (f"{slab}_{self.s.stage.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK"))
+        system, found, rank = (f"{slab}_{self.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK"))
         slabs.add(system, len(self.matrix) + n), slabs.add(found, n), slabs.add(rank, 1)
-        slabs.add(f"SCRATCH_{self.s.stage.name}", 3 * n**2 + 5 * n)
+        slabs.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
         for k, value in enumerate((*self.matrix, *side)):
             scope.store(part(system, k), value)
-        w, here, there, scratch = map(scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.s.stage.name}"))
+        w, here, there, scratch = map(scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}"))
         self.rank, self.smallest = linear.share(w, here, n, scratch, there).called("solved")
         scope.store(rank, self.rank)  # what is stored is written
+        lose_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
         return [scope.load(part(found, k)) for k in range(n)]
 
 
@@ -197,6 +200,12 @@ class Factors:
 Solver = Factors | LeastSquares
 
 
+def is_finite(s: State) -> Value:
+    """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that it moves."""
+    found: Value = getattr(scalar, "math.isfinite")(total([x for body in s.shape.bodies for x in s.speed(body)]))
+    return found
+
+
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
     """What solves for the multipliers of a phase's rows."""
     return LeastSquares(s, coupling) if s.stage.least_squares else Factors(coupling)
@@ -215,6 +224,6 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Value):
             share = (pivot / row[-1]).called("share")
-            lose(s.scope, share > DEPENDENT, at.ANOTHER_KERNEL)
+            lose(s.scope, share > DEPENDENT, at.LEAST_SQUARES)
             least = where(share < least, share, least).called("least")
     s.scope.store("PIVOT", least)

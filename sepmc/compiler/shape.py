@@ -1,4 +1,4 @@
-"""What a specialised kernel has to know of a scene: groups of bodies that turn as one, constraint rows, events; and why it cannot fly some.
+"""What a kernel has to know of a scene: groups of bodies that turn as one, constraint rows, events.
 
 Only structure counts here, no numbers: scenes of the same shape share a kernel.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from sepmc.compiler.conditions import Leaf, make_conditions
-from sepmc.compiler.heights import may_pass_borders, rows_step
+from sepmc.compiler.heights import may_pass_borders
 from sepmc.compiler.naming import Names
 from sepmc.compiler.plan import Plan
 from sepmc.kernels import layout as at
@@ -20,7 +20,6 @@ from sepmc.scene.redundancy import dependent_rows
 
 _ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
-_MOST_ROWS = 256  # steps of such a length that a flight may have
 _UNTOLD = 2**17  # stretches of a phase that a load may end: each as long as the phase usually is, or a share of the time left
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 Kinds = dict[int, tuple[int, ...]]  # codes of the rows that a joint holds, by the number of its kind: the one that holds most first
@@ -196,7 +195,7 @@ class Stage:
 
 @dataclass
 class Shape:
-    """A scene as a specialised kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in ``dispersed`` too."""
+    """A scene as a kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in ``dispersed`` too."""
 
     plan: Plan
     dispersed: frozenset[str]
@@ -204,7 +203,7 @@ class Shape:
     stages: list[Stage]
     turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
     changes: list[Change]  # what events tell joints
-    any_order: bool  # whether joints that are late, fail or are released apart from phases may let go before or after any event
+    care: int  # USUAL, ANY_ORDER or LEAST_SQUARES of `sepmc.kernels.layout`
     failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
     borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
@@ -234,19 +233,35 @@ class Shape:
         return 6 * len(self.bodies) + 1 + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
 
     @property
-    def may_lose(self) -> bool:
-        """Whether a kernel of any order may fly cases that one of this shape loses: in which joints are late beyond the next event or fail,
-        rows cease to follow from others, or bodies leave their layer of air though that was not foreseen."""
-        if self.any_order:
-            return False
-        lost = any(stage.late or stage.delay is not None or stage.dropped for stage in self.stages)
-        return lost or bool(self.failing) or (not self.borders and any(map(self.in_layers, self.bodies)))
+    def any_order(self) -> bool:
+        """Whether joints that are late, fail or are released apart from phases may let go before or after any event."""
+        return self.care <= at.ANY_ORDER
+
+    @property
+    def spares(self) -> list[int]:
+        """With what care kernels may fly cases that one of this shape loses: in which joints are late beyond the next event or fail, or
+        bodies leave their layer of air though that was not foreseen; in which rows cease to follow from others, or come to."""
+        lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(self.failing)
+        lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
+        found = [at.ANY_ORDER] if lost and not self.any_order else []
+        return found + ([at.LEAST_SQUARES] if self.care != at.LEAST_SQUARES and any(stage.rows for stage in self.stages) else [])
 
     @cached_property
     def masked(self) -> dict[str, int]:
         """Joints that let go within a stage, and the numbers of the kinds as which they hold at the start."""
         names = dict.fromkeys(name for stage in self.stages for name in stage.masked)
         return {name: min(self.stages[0].may[name]) for name in names}
+
+    @property
+    def changing(self) -> list[tuple[str, int]]:
+        """Joints that let go within a stage, and the numbers of the kinds that they take."""
+        found = {(name, number) for stage in self.stages for name in stage.masked for number in stage.may[name]}
+        return sorted((name, number) for name, number in found if number > self.masked[name])
+
+    @property
+    def spent(self) -> list[str]:
+        """Springs whose strokes may end."""
+        return list(dict.fromkeys(e.which for stage in self.stages for e in stage.events if e.what == at.AT_SPRING_STROKE))
 
     def told(self, joint: str) -> list[Change]:
         """What events tell a joint."""
@@ -261,14 +276,6 @@ class Shape:
         """Whether a joint's axes are those of its first body."""
         j = self.scene.joint[joint]
         return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY
-
-
-def reasons(plan: Plan, dispersed: frozenset[str]) -> list[str]:
-    """Why the general kernel flies a scene some of whose parameters, by path, are dispersed; empty if a specialised one does."""
-    scene, found = plan.scene, []
-    if rows_step(scene, plan.extremes) < scene.run.end_time / _MOST_ROWS:  # steps would have to be as short all the way
-        found.append("a table over height whose rows are passed in a small part of the flight")
-    return found
 
 
 def _needs_any_order(shape: Shape) -> bool:
@@ -293,27 +300,27 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
-def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), any_order: bool = False) -> Shape:
-    """The shape of a scene that has no obstacles.
+def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL) -> Shape:
+    """The shape of a scene.
 
     A joint that is late lets go between two phases, in a stage of its own; a case in which the next phase ends meanwhile is lost. With
-    ``any_order``, and for scenes that need it, it may let go whenever it is due, in any phase: stages are the phases, and what such joints
-    hold is masked.
+    the ``care`` of ANY_ORDER, and for scenes that need it, it may let go whenever it is due, in any phase: stages are the phases, and what
+    such joints hold is masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any case.
     """
-    if not any_order:
-        shape = _shape(plan, dispersed, False)
+    if care == at.USUAL:
+        shape = _shape(plan, dispersed, at.USUAL)
         if not _needs_any_order(shape):
             return shape
-    return _shape(plan, dispersed, True)
+    return _shape(plan, dispersed, min(care, at.ANY_ORDER))
 
 
-def _shape(plan: Plan, dispersed: frozenset[str], any_order: bool) -> Shape:
+def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
     names = Names(plan.scene)
     plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
     scene = plan.scene
     spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
     switches, releases = _breaks(scene, dispersed), _releases(plan, dispersed)
-    stages = _stages(plan, dispersed, releases, any_order)
+    stages, any_order = _stages(plan, dispersed, releases, care), care <= at.ANY_ORDER
     in_layers = scene.environment.atmosphere == "us1976" and any(body.aerodynamics is not None for body in scene.body.values())
     borders = in_layers and (any_order or may_pass_borders(scene, plan.extremes))
     for stage in stages:
@@ -336,15 +343,15 @@ def _shape(plan: Plan, dispersed: frozenset[str], any_order: bool) -> Shape:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
-    return Shape(plan, dispersed, names, stages, turning, _changes(scene), any_order, failing, switches > 0, borders)
+    return Shape(plan, dispersed, names, stages, turning, _changes(scene), care, failing, switches > 0, borders)
 
 
-def _stages(plan: Plan, dispersed: frozenset[str], releases: list[Release], any_order: bool) -> list[Stage]:
+def _stages(plan: Plan, dispersed: frozenset[str], releases: list[Release], care: int) -> list[Stage]:
     """The stages of a flight, with what ends each by itself."""
-    scene, stages = plan.scene, list[Stage]()
+    scene, stages, any_order = plan.scene, list[Stage](), care <= at.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
-        stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, any_order)
+        stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, care)
         if phase.until is not None and _is_manifold(phase.until):
             _add_clauses(stage, number, plan, dispersed)
         else:
@@ -418,7 +425,7 @@ def _add_late(stages: list[Stage], stage: Stage, number: int, plan: Plan, disper
     for joint in late:
         before = _may_hold(scene, joint, number - 1, dispersed, False)
         may[joint] = before | stage.may[joint] if len(late) > 1 else before
-    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, False)
+    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.USUAL)
     between.late, between.awaited = late, awaited
     stages.append(between)
 
@@ -524,19 +531,18 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _stage(
-    scene: Scene, name: str, phase: str, may: dict[str, Kinds], bodies: list[str], releases: list[Release], any_order: bool
-) -> Stage:
+def _stage(scene: Scene, name: str, phase: str, may: dict[str, Kinds], bodies: list[str], releases: list[Release], care: int) -> Stage:
     """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. If rows are redundant, and joints
-    may let go in ``any_order``, all bodies turn by themselves, and all rows are left in."""
+    may let go in any order, or if rows may become so, all bodies turn by themselves, and all rows are left in."""
     numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
     made = Stage(name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])])
     named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, GROUND] if body != GROUND or GROUND in named]
     largest = [(row.joint, row.code) for row in made.every_row if min(may[row.joint]) in (row.kinds or may[row.joint])]
     made.redundant = len(dependent_rows(scene, largest, []))
-    made.groups, made.least_squares = alone, any_order and made.redundant > 0
-    made.full = scene.solver.formulation == "full" and not made.redundant and bool(made.every_row)
+    made.groups = alone
+    made.least_squares = bool(made.every_row) and (care == at.LEAST_SQUARES or (care == at.ANY_ORDER and made.redundant > 0))
+    made.full = scene.solver.formulation == "full" and bool(made.every_row) and not (made.redundant or made.least_squares)
     if made.least_squares or made.full:
         made.rows = made.every_row
         return made

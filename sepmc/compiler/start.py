@@ -38,7 +38,7 @@ def emit_prepare(out: Text, c: Context) -> None:
             slabs.add(f"UNTIL_{stage.name}", 1)
             scope.store(f"UNTIL_{stage.name}", total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]))
     for joint in [] if shape.any_order else shape.failing:
-        lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANOTHER_KERNEL)
+        lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANY_ORDER)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()
         inner(f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])", "put4(w, AIR + l, air)")
@@ -50,7 +50,11 @@ def _some(place: int | None) -> list[int]:
 
 
 def _start(c: Context) -> None:
-    """The initial state of the mated vehicle, as `sepmc.kernels.prepare.set_initial_state`, and what disqualifies a case."""
+    """The initial state of the mated vehicle, consistent with every joint, and what disqualifies a case.
+
+    It is seen from a frame that moves with the first velocity of the mass centre: places and speeds of separation are then small numbers,
+    and lose nothing to cancellation. A vehicle held to the ground turns about the joint that holds it.
+    """
     shape, slabs, case, scope = c.shape, c.slabs, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
     pivot = _pivot(c)

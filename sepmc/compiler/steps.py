@@ -1,4 +1,4 @@
-"""Lines of a specialised kernel for a step: its length, its stages, what follows its end; and the short step to an event."""
+"""Lines of a kernel for a step: its length, its stages, what follows its end; and the short step to an event."""
 
 import math
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from sepmc.compiler.formulas import air, quat, scalar, square_root, vec3
 from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.shape import Stage
 from sepmc.compiler.text import Text
-from sepmc.kernels.layout import ANOTHER_KERNEL, GRAIN
+from sepmc.kernels.layout import ANY_ORDER, GRAIN
 from sepmc.kernels.methods import Method, method
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
@@ -306,7 +306,7 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
     scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
     for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
-        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANOTHER_KERNEL)
+        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANY_ORDER)
 
 
 def emit_guard(out: Text, c: Context) -> None:

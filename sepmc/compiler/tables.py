@@ -70,7 +70,7 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _entries(c, bodies):
-        start, factor = int(c.shape.plan.model.table[int(c.model.proximity_i) + 3 * i + 2]), int(c.model.proximity_p) + i
+        start, factor = int(c.shape.plan.model.table[int(c.model.proximity_i) + i]), int(c.model.proximity_p) + i
         c.slabs.add(f"INCREMENTS_{i}", COEFFICIENTS)
         _within_ends(text, c, start, f"DISTANCE_{i}")
         _sum_cells(text, c, start, f"CELL_OF_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")

@@ -49,8 +49,8 @@ CACHE_FOLDER = cache_folder()
 
 @contextlib.contextmanager
 def one_at_a_time(what):
-    """Let one process at a time fill the cache with the general kernel or with pieces of others, which is ``what`` says: several at once
-    can spoil it (numba #4807), and would each take as long."""
+    """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it (numba #4807), and would each take as
+    long."""
     try:
         import fcntl  # noqa: PLC0415  (not on every system)
     except ImportError:
@@ -65,13 +65,6 @@ def compiling(program: str) -> dict[str, Any]:
     """Command and environment of a process that only fills the cache, by a program text; it imports nothing from the working folder."""
     path = os.pathsep.join(each for each in sys.path if each)
     return {"args": [sys.executable, "-P", "-c", program], "env": {**os.environ, BARE: "1", "PYTHONPATH": path}}
-
-
-def is_cached(function) -> bool:
-    """Whether a door of this version, installed where it is, was compiled before."""
-    if config.DISABLE_JIT:
-        return True
-    return any(Path(function.stats.cache_path).glob(f"{function.__module__.rpartition('.')[2]}.*.nbi"))
 
 
 def is_module_cached(name: str) -> bool:

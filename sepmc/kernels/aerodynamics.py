@@ -1,4 +1,4 @@
-"""Air-relative angles and the aerodynamic force and moment of one body."""
+"""Angles of the flow, and the aerodynamic force and moment of one body."""
 
 import math
 
@@ -7,15 +7,11 @@ from sepmc.kernels.elementary import arctan2
 
 
 @formula
-def air_angles(u):
-    """Airspeed (m/s), angle of attack and sideslip (rad) from the air-relative velocity in body axes; paper eqs (10), (11)."""
-    alpha, beta = flow_angles(u)
-    return math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), alpha, beta
-
-
-@formula
 def flow_angles(u):
-    """Angle of attack and sideslip, rad, of `air_angles`: sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V."""
+    """Angle of attack and sideslip, rad, from the air-relative velocity in body axes; paper eqs (10), (11).
+
+    sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
+    """
     return arctan2(-u[1], u[0]), arctan2(u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
 
 

@@ -1,4 +1,4 @@
-"""The door of specialised kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls their kernels by address.
+"""The door of kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls their kernels by address.
 
 A kernel compiled into a prange loop of its own would be optimised and turned into machine code three times, a third of its time to
 compile.
@@ -8,7 +8,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import carray, prange, types
+from numba import carray, get_num_threads, prange, set_num_threads, types
 from numba.extending import intrinsic
 
 from sepmc.kernels._jit import config, door, formula
@@ -164,4 +164,17 @@ def compile_blocks() -> None:
     _fly_blocks(0, 0, 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
 
-__all__ = ["Arrays", "block", "compile_blocks", "fly", "indices", "record", "table", "vector"]
+def max_threads() -> int:
+    """Largest number of threads a campaign can use."""
+    return int(config.NUMBA_NUM_THREADS)
+
+
+def use_threads(count: int | None) -> int:
+    """Fly the following blocks on ``count`` threads (all if None). Returns the number in use."""
+    if config.DISABLE_JIT:
+        return 1
+    set_num_threads(count or max_threads())
+    return int(get_num_threads())
+
+
+__all__ = ["Arrays", "block", "compile_blocks", "fly", "indices", "max_threads", "record", "table", "use_threads", "vector"]

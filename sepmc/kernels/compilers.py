@@ -17,7 +17,7 @@ from sepmc.kernels._jit import compiling
 
 Progress = Callable[[int, int], None]  # done, total
 IDLE_S = 60.0  # after which they end
-_SERVE = "from sepmc.kernels.specialised import serve; serve()"
+_SERVE = "from sepmc.kernels.cache import serve; serve()"
 _crew: list["Compiler"] = []
 _compiling = threading.Lock()
 _end: threading.Timer | None = None

@@ -49,16 +49,6 @@ def pin_loads(mouth, tip, torsion, pin, pins, circle, clock):
 
 
 @formula
-def total_load(mouth, tip, torsion, pins, circle, clock):
-    """Sum of the loads of all pins at mouth and tip, N: what friction acts on."""
-    total = 0.0
-    for pin in range(pins):
-        at_mouth, at_tip = pin_loads(mouth, tip, torsion, pin, pins, circle, clock)
-        total += at_mouth + at_tip
-    return total
-
-
-@formula
 def friction_force(coefficient, load, speed, slip_speed):
     """Friction on the second body along the direction of separation, N: Coulomb's law, smooth through rest."""
     return -coefficient * load * speed / math.sqrt(speed * speed + slip_speed * slip_speed)

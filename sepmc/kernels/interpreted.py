@@ -56,5 +56,5 @@ def load(text: str) -> Kernel:
             if getattr(plain, "math", None) is math:
                 plain.math = _MATH  # type: ignore[attr-defined]
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
-        _loaded[text] = Kernel(guards=module.GUARDS, stages=module.STAGES, plain=module)
+        _loaded[text] = Kernel(guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module)
     return _loaded[text]

@@ -68,10 +68,3 @@ def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
     turning = vec3.dot(vec3.sub(centripetal(omega_b, rho_b), centripetal(omega_a, rho_a)), e)
     gamma = -turning - (vec3.dot(d_rate, d_rate) - along * along) / length
     return e, vec3.cross(e, rho_a), vec3.cross(rho_b, e), gamma
-
-
-@formula
-def perpendicular_pair(i, k, ax, ay, az, bx, by):
-    """Vectors (a of B, b of A): axis i (x or y) of B and axis k of A; paper eqs (21)-(23) for (1, 2), (0, 2), (0, 1)."""
-    b = ax if k == 0 else (ay if k == 1 else az)
-    return (bx if i == 0 else by), b

@@ -9,11 +9,12 @@ import numpy as np
 @dataclass(frozen=True)
 class Kernel:
     """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last is entered, the size of its
-    workspace, how many guards and stages it has; or a module of plain Python."""
+    workspace, how many guards and stages it has, and sudden changes that it tells the times of; or a module of plain Python."""
 
     address: int = 0
     size: int = 0
     calls: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     guards: int = 0
     stages: int = 0
+    changes: int = 0
     plain: ModuleType | None = None

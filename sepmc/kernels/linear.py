@@ -153,20 +153,32 @@ def solve_semidefinite(w, a, b, n):
     return rank, smallest
 
 
-@stage
-def share(w, place, n, scratch, out):
-    """`solve_semidefinite` for one lane: from its matrix, the lower triangle by rows, and right-hand side at ``place`` the solution at
-    ``out``; not numbers if there is none. ``scratch`` is room for 3 n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
+@routine
+def _gather(w, place, n, a, b):
+    """Of one lane, at ``place``: the lower triangle of a matrix by rows, into w[a], and behind it the right-hand side, into w[b]."""
     keep_apart()
-    k, b = place, scratch + 3 * n * n
+    k = place
     for i in range(n):
         for j in range(i + 1):
-            w[scratch + i * n + j] = w[k]
+            w[a + i * n + j] = w[k]
             k += LANES
     for i in range(n):
         w[b + i] = w[k]
         k += LANES
-    rank, smallest = solve_semidefinite(w, scratch, b, n)
+
+
+@stage
+def share(w, place, n, scratch, out):
+    """For one lane, the solution at ``out`` of a system some of whose rows may follow from others, from the lower triangle of its matrix by
+    rows and its right-hand side at ``place``: the only one, or that of least sum of squares; not numbers if there is none. ``scratch`` is
+    room for 3 n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
+    keep_apart()
+    b = scratch + 3 * n * n
+    _gather(w, place, n, scratch, b)
+    rank, smallest = n, solve_ldlt(w, scratch, b, n)
+    if not smallest > 0.0:
+        _gather(w, place, n, scratch, b)
+        rank, smallest = solve_semidefinite(w, scratch, b, n)
     for i in range(n):
         w[out + i * LANES] = w[b + i] if rank > 0 else math.nan
     return rank, smallest

@@ -23,16 +23,8 @@ def thrust_arm(cg, station, radius, clock, offset_y, offset_z):
 
 
 @formula
-def thrust_level(thrust, build_up, since):
-    """Thrust, N, ``since`` seconds after ignition: first-order build-up to ``thrust`` with time constant ``build_up``."""
-    if build_up <= 0.0:
-        return thrust
-    return building_up(thrust, 1.0 / build_up, since)
-
-
-@formula
 def building_up(thrust, rate, since):
-    """`thrust_level` for a rate, 1/s, that is the inverse of the time constant."""
+    """Thrust, N, ``since`` seconds after ignition: first-order build-up at a rate, 1/s, one over its time constant."""
     return thrust * (1.0 - exponential(-since * rate))
 
 

@@ -2,9 +2,8 @@
 
 import math
 
-from sepmc.kernels._jit import formula, keep_apart, stage
+from sepmc.kernels._jit import formula
 from sepmc.kernels.elementary import arctan2, sine_cosine
-from sepmc.kernels.layout import QUATERNION, STATE
 
 
 @formula
@@ -44,20 +43,6 @@ def rate(q, omega):
     )
 
 
-@stage
-def normalise_all(y, bodies):
-    """Quaternions of a state back to unit length. Returns the largest drift, of the order of a step's error."""
-    keep_apart()
-    drift = 0.0
-    for b in range(bodies):
-        q = b * STATE + QUATERNION
-        norm = math.sqrt(y[q] ** 2 + y[q + 1] ** 2 + y[q + 2] ** 2 + y[q + 3] ** 2)
-        drift = max(drift, abs(norm - 1.0))
-        for i in range(4):
-            y[q + i] /= norm
-    return drift
-
-
 @formula
 def from_angles(pitch, yaw, roll):
     """Quaternion of Rz(pitch) Ry(yaw) Rx(roll), angles in rad."""
@@ -82,6 +67,9 @@ def angles(m):
 def pitch(m):
     """Pitch, rad, of an attitude matrix."""
     return arctan2(m[3], m[0])
+
+
+SINE_SINGULAR = math.sin(math.radians(89.0))  # of the yaw near which pitch and roll turn about at once
 
 
 @formula

@@ -3,9 +3,30 @@
 import math
 
 from sepmc.kernels import layout as at
-from sepmc.kernels._jit import keep_apart, stage
+from sepmc.kernels._jit import formula, keep_apart, stage
 from sepmc.kernels.layout import GRAIN
-from sepmc.kernels.places import load_params, load_work, motor_params, motor_work
+
+
+@formula
+def motor_params(i, m):
+    """Where the parameters of motor i start in ``w``."""
+    return m.scene.motors_p + at.MOTOR_SIZE * i
+
+
+@formula
+def load_params(i, m):
+    return m.scene.loads_p + at.LOAD_SIZE * i
+
+
+@formula
+def motor_work(i, m):
+    """Where what motor i does in a stretch stands in ``w``."""
+    return m.scene.motors_w + at.MOTOR_WORK * i
+
+
+@formula
+def load_work(i, m):
+    return m.scene.loads_w + at.LOAD_WORK * i
 
 
 @stage

@@ -106,10 +106,3 @@ def put(w, k, a):
 def get_matrix(w, k):
     """Matrix that starts at w[k]."""
     return (w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[k + 5], w[k + 6], w[k + 7], w[k + 8])
-
-
-@formula
-def put_matrix(w, k, m):
-    """Store a matrix at w[k]."""
-    for i in range(9):
-        w[k + i] = m[i]

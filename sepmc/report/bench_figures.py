@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7"
 METHODS = {"rk4": (VERMILION, "s"), "dopri5": (GREEN, "^"), "dop853": (BLUE, "o")}
-FORMULATIONS = {"specialised": ("-", 1.0), "reduced": ("--", 0.9), "full": (":", 0.9)}
+FORMULATIONS = {"reduced": ("-", 1.0), "full": (":", 0.9)}
 ENGINES = ((BLUE, "o"), (ORANGE, "v"), (GREEN, "^"), (VERMILION, "s"), (PURPLE, "D"), (SKY, "P"), (BLACK, "X"))
 
 STAR: dict[str, Any] = {"linestyle": "", "marker": "*", "color": BLACK, "markerfacecolor": "#F0E442", "markersize": 17, "zorder": 5}
@@ -83,15 +83,12 @@ def _legend(figure: Figure, ax: Axes, columns: int) -> None:
 
 def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     figure, (ax,) = _figure(7.6, 5.6)
-    names = {"specialised": "own kernel", "reduced": "general, reduced", "full": "general, full"}
     for (formulation, method), rows in ((map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)):
         rows = rows[np.isfinite(rows["error"])]
         colour, marker = METHODS.get(method, (BLACK, "o"))
         line, alpha = FORMULATIONS.get(formulation, ("-", 1.0))
-        words = f"{method}, {names.get(formulation, formulation)}" + (
-            f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
-        )
-        filled = colour if formulation == "specialised" else "white"
+        words = f"{method}, {formulation}" + (f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else "")
+        filled = colour if formulation == "reduced" else "white"
         style: dict[str, Any] = {"color": colour, "linestyle": line, "marker": marker, "markerfacecolor": filled, "alpha": alpha}
         ax.plot(rows["us_per_case"], _shown(rows["error"], floor), markersize=5, linewidth=1.3, label=words, **style)
     chosen = frame[frame["default"]]

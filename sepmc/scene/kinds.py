@@ -1,11 +1,9 @@
 """Joint kinds as the constraint rows they hold."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sepmc.kernels import layout as at
-from sepmc.scene.model import Joint, Scene
+from sepmc.scene.model import Joint
 
 
 def _rotation(of_second: int, of_first: int) -> int:
@@ -71,39 +69,3 @@ def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarr
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
     y /= np.linalg.norm(y)
     return np.concatenate([x, y, np.cross(x, y)])
-
-
-@dataclass(frozen=True)
-class Kinds:
-    """The kinds a scene uses: ``table`` of at.KIND_SIZE numbers each, ``phases`` the kind of every joint in every phase."""
-
-    scene: Scene
-    rows: list[tuple[int, ...]]
-
-    def index(self, joint: str, kind: str) -> int:
-        return self.rows.index(rows_of(self.scene.joint[joint], kind))
-
-    @property
-    def held_along(self) -> list[int]:
-        """Of every kind, the one that holds translation along x too; itself if there is none."""
-        return [self.rows.index(rows) if rows in self.rows else i for i, rows in enumerate(map(_with_x, self.rows))]
-
-    @property
-    def table(self) -> list[int]:
-        return [x for rows in self.rows for x in (len(rows), *rows, *([at.NO_ROW] * (at.KIND_SIZE - 1 - len(rows))))]
-
-    @property
-    def phases(self) -> list[int]:
-        return [self.index(j, phase.joints.get(j, "free")) for phase in self.scene.phase for j in self.scene.joint]
-
-
-def _with_x(rows: tuple[int, ...]) -> tuple[int, ...]:
-    return rows if 0 in rows else (0, *rows)
-
-
-def make_kinds(scene: Scene) -> Kinds:
-    """Kinds of a scene; free always comes first. Of guides that are watched also what they would hold if they jammed."""
-    used = [(j, rows_of(scene.joint[j], kind)) for phase in scene.phase for j, kind in phase.joints.items()]
-    used += [(release.joint, rows_of(scene.joint[release.joint], release.to)) for release in scene.release]
-    jammed = [_with_x(rows) for joint, rows in used if joint in scene.output.guide and rows]
-    return Kinds(scene, list(dict.fromkeys([KINDS["free"], *(rows for _, rows in used), *jammed])))

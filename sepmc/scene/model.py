@@ -296,7 +296,7 @@ class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["dop853", "dopri5", "rk4"] = "dop853"
     accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9  # of outcomes, as a share of size or spread; steps follow
-    step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: the general kernel at this step
+    step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: no step is longer
     drift: Literal["projection", "baumgarte", "none"] = "projection"
 
 

@@ -1,4 +1,4 @@
-"""Scenes of the checks, flown, and their histories as arrays in ground axes."""
+"""Scenes of the checks, flown as plain Python, and their histories as arrays in ground axes."""
 
 import tomllib
 from pathlib import Path
@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sepmc.campaign.campaign import Campaign
+from sepmc.campaign import pilot
+from sepmc.campaign.campaign import Campaign, Result
+from sepmc.door import interpreted
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 
@@ -15,7 +17,7 @@ Array = np.ndarray
 SCENES = Path(__file__).parent / "scenes"
 # What counts as large in scenes whose lengths are about 1 m and rates about 1 rad/s, by unit.
 SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
-GENERAL = "general"  # what is said of a flight by the general kernel
+_CORNERS, _SAMPLE = 3, 24  # trial cases of the pilot, in plain Python
 
 
 class Track(NamedTuple):
@@ -33,13 +35,11 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
 
 
 class Flight:
-    """The history of the nominal case of a campaign by the general kernel, a row every ``every`` seconds."""
-
-    kernel = GENERAL
+    """The nominal case of a campaign: its history, a row every ``every`` seconds, its outcomes and its status."""
 
     def __init__(self, flown: Campaign, every: float = 0.01):
         self.scene = flown.scene
-        self.history = flown.simulate(step_s=every, kernel=GENERAL)
+        self.history = flown.simulate(step_s=every)
         self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
         self.t, self.phase = self.history["time_s"].to_numpy(), self.history["phase"].to_numpy(dtype=str)
 
@@ -67,6 +67,17 @@ class Flight:
         r = self.body(self.scene.joint[joint].bodies[0]).r
         force, moment = self.columns(f"{joint}_force_on_{body}_*_N"), self.columns(f"{joint}_moment_on_{body}_*_N_m")
         return np.einsum("nij,nj->ni", r, force), np.einsum("nij,nj->ni", r, moment)
+
+
+def run_plainly(flown: Campaign, cases: int) -> Result:
+    """Run a campaign, its kernel as plain Python. The pilot then has few trial cases, for each takes as long as a case."""
+    usual = pilot.CORNERS, pilot.SAMPLE
+    pilot.CORNERS, pilot.SAMPLE = _CORNERS, _SAMPLE
+    try:
+        with interpreted():
+            return flown.run(cases=cases)
+    finally:
+        pilot.CORNERS, pilot.SAMPLE = usual
 
 
 def to_ground(r: Array, vectors: Array) -> Array:

@@ -14,7 +14,7 @@ _TEXT = (33, 36)  # widest case and quantity that are shown whole
 class Line:
     """What was compared: a case, a quantity with its unit, the reference, the engine's value, and the difference allowed between them.
 
-    ``at_least``: the reference is a lower bound, and a larger value no fault. ``kernel``: which of the engine's flew, if one did.
+    ``at_least``: the reference is a lower bound, and a larger value no fault.
     """
 
     case: str
@@ -23,7 +23,6 @@ class Line:
     measured: float
     tolerance: float
     at_least: bool = False
-    kernel: str = ""
 
     @property
     def passes(self) -> bool:
@@ -32,28 +31,26 @@ class Line:
         return bool(difference >= -self.tolerance if self.at_least else abs(difference) <= self.tolerance)
 
 
-def worst(
-    case: str, quantity: str, reference: ArrayLike, measured: ArrayLike, relative: float = CLOSE, size: float = 0.0, kernel: str = ""
-) -> Line:
+def worst(case: str, quantity: str, reference: ArrayLike, measured: ArrayLike, relative: float = CLOSE, size: float = 0.0) -> Line:
     """The line of that element of two arrays that differs most; the tolerance is relative to the largest reference, or to ``size``."""
     expected, found = np.broadcast_arrays(np.asarray(reference, float), np.asarray(measured, float))
     difference = np.abs(found - expected)
     at = np.unravel_index(np.argmax(np.where(np.isnan(difference), np.inf, difference)), difference.shape)
     tolerance = relative * max(float(np.max(np.abs(expected))), size)
-    return Line(case, quantity, float(expected[at]), float(found[at]), tolerance, kernel=kernel)
+    return Line(case, quantity, float(expected[at]), float(found[at]), tolerance)
 
 
 def table(lines: Sequence[Line]) -> str:
     """The lines as plain text of at most 140 columns, with a count below."""
-    rows = [("case", "kernel", "quantity", "reference", "measured", "difference", "allowed", "")]
+    rows = [("case", "quantity", "reference", "measured", "difference", "allowed", "")]
     for x in lines:
         numbers = (f"{x.reference:.8g}", f"{x.measured:.8g}", f"{x.measured - x.reference:.1e}", f"{x.tolerance:.1e}")
-        rows.append((x.case[: _TEXT[0]], x.kernel, x.quantity[: _TEXT[1]], *numbers, "pass" if x.passes else "FAIL"))
-    widths = [max(len(row[i]) for row in rows) for i in range(7)]
+        rows.append((x.case[: _TEXT[0]], x.quantity[: _TEXT[1]], *numbers, "pass" if x.passes else "FAIL"))
+    widths = [max(len(row[i]) for row in rows) for i in range(6)]
     text = []
     for row in rows:
-        cells = [cell.ljust(w) if i < 3 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))]
-        text.append("  ".join([*cells, row[7]]).rstrip())
+        cells = [cell.ljust(w) if i < 2 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))]
+        text.append("  ".join([*cells, row[6]]).rstrip())
     failed = sum(not x.passes for x in lines)
     return "\n".join([*text, "", f"{len(lines)} lines, " + (f"{failed} FAILED" if failed else "all pass")])
 
@@ -70,7 +67,7 @@ def brief(groups: Mapping[str, Sequence[Line]]) -> str:
         ]
         at = int(np.argmax(share))
         verdict = "pass" if all(x.passes for x in lines) else "FAIL"
-        told = f"{lines[at].case}{lines[at].kernel and f' ({lines[at].kernel})'}: {lines[at].quantity}"
+        told = f"{lines[at].case}: {lines[at].quantity}"
         text.append(f"{name:22s}{len(lines):6d}   {told:60.58s}{off[at]:11.1e}{lines[at].tolerance:10.1e}  {verdict}")
     count, failed = sum(map(len, groups.values())), sum(not x.passes for lines in groups.values() for x in lines)
     return "\n".join([*text, "", f"{count} lines, " + (f"{failed} FAILED" if failed else "all pass")])

@@ -52,7 +52,6 @@ STRESSES: dict[str, Callable[[], list[Stress]]] = {
         inputs.not_finite,
         inputs.not_physical,
         inputs.absurd,
-        inputs.vouched,
         inputs.rods_without_length,
         inputs.refused,
     )

@@ -1,7 +1,7 @@
 """`sepmc verify`: the engine held against closed forms, other formulations, an independent flight and conservation laws, in one table.
 
-A line is a case, the kernel that flew it, a quantity, what it should be, what the engine gives and the difference allowed, which was set
-before it was measured. The general kernel gives histories; a kernel written for the scene, flown as plain Python, gives the outcomes.
+A line is a case, a quantity, what it should be, what the engine gives and the difference allowed, which was set before it was measured.
+Kernels fly as plain Python, campaigns that come with the engine also compiled.
 """
 
 from collections.abc import Callable, Iterable

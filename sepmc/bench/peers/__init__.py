@@ -1,4 +1,4 @@
-"""Other engines fly whole campaigns, for speed: heyoka, MuJoCo, Exudyn, scipy, and our own kernel for any scene beside them.
+"""Other engines fly whole campaigns, for speed: heyoka, MuJoCo, Exudyn and scipy.
 
 Each has equations and loads of its own (`sepmc.trust.peers` lends the formulas of the air); what is timed, `race` says.
 """

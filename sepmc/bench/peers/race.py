@@ -17,8 +17,7 @@ from sepmc.bench.peers.inputs import Inputs, read
 from sepmc.bench.peers.worker import Workers
 
 Say = Callable[[str], None]
-CASES = {"numba per case": 4096, "heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
-OWN = (("dop853", 0.15), ("dop853", 0.1), ("dop853", 0.05), ("rk4", 0.025), ("rk4", 0.01))
+CASES = {"heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
 TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-15)
 # heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried the fastest at their error
 ORDERS = (
@@ -55,7 +54,7 @@ def race(campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = N
     """
     counts = {**CASES, **(cases or {})}
     inputs = read(campaign, max(counts.values()))
-    racers = {"numba per case": _numba, "heyoka": _heyoka, "mujoco": _mujoco, "scipy": _scipy, "exudyn": _exudyn}
+    racers = {"heyoka": _heyoka, "mujoco": _mujoco, "scipy": _scipy, "exudyn": _exudyn}
     entries = []
     for name, racer in racers.items():
         if counts[name] == 0 or not _installed(name, say):
@@ -77,19 +76,6 @@ def _installed(name: str, say: Say) -> bool:
     return True
 
 
-def _numba(campaign: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
-    """Our own kernel for any scene: one case after the other on each thread."""
-    for method, step in OWN:
-        bare = campaign.with_settings({"run.history_step_s": 0.0, "solver.method": method, "solver.step_s": step})
-        compiled = bare.run(cases=1, threads=threads).timing["compile"]
-        results = [bare.run(cases=inputs.count, threads=threads) for _ in range(repeats)]
-        seconds = median(r.timing["kernel"] for r in results) / inputs.count
-        table = {name: np.asarray(results[0].table[name]) for name in results[0].outcomes}
-        setting = f"{method}, step {step:g} s"
-        note = "the kernel for any scene; compiled before if it took no time"
-        yield Entry("numba per case", setting, inputs.count, threads, compiled, seconds, repeats, table, False, note)
-
-
 def _heyoka(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
     settings: list[tuple[str, tuple[Any, ...]]] = [(f"tol {tolerance:.0e}", (tolerance,)) for tolerance in TOLERANCES]
     for orders, steps in ORDERS:
@@ -103,7 +89,7 @@ def _heyoka(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
 
 def _scipy(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entry]:
     for tolerance in PLAIN:
-        note = "our right-hand side as plain Python"
+        note = "the independent flight, in plain Python"
         share = [(campaign.file.tree, campaign.name, inputs, tolerance)]
         yield _apart("scipy DOP853", f"rtol {tolerance:.0e}", "sepmc.bench.peers.plain:Flight", share, inputs, threads, 1, note)
 

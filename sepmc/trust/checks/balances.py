@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import simpson
 
 from sepmc.trust.checks.kinds import KINDS, flight_of
-from sepmc.trust.flights import GENERAL, Array, Flight, arm, campaign, tensor, to_ground
+from sepmc.trust.flights import Array, Flight, arm, campaign, tensor, to_ground
 from sepmc.trust.line import Line, worst
 
 ROUND_OFF = 1e-11  # relative to the largest of the terms that cancel
@@ -24,7 +24,7 @@ def no_work() -> list[Line]:
             terms += [np.sum(force * speed, axis=1), np.sum(moment * omega, axis=1)]
         power, largest = np.sum(terms, axis=0), float(np.max(np.abs(terms)))
         nothing = np.zeros_like(power)
-        lines.append(worst(f"work of {kind}", "power of the joint, W", nothing, power, ROUND_OFF, size=largest, kernel=GENERAL))
+        lines.append(worst(f"work of {kind}", "power of the joint, W", nothing, power, ROUND_OFF, size=largest))
     return lines
 
 
@@ -102,7 +102,7 @@ def balance() -> list[Line]:
         momentum, spin, energy = sums.momentum[0] + _gained(found, force), sums.spin[0] + _gained(found, moment), sums.energy + stored
         largest = max(float(np.abs(body.mass * found.body(name).v).max()) for name, body in found.scene.body.items())
         turning = float(np.abs(sums.spin).max())
-        lines.append(worst(case, "momentum at the end, kg m/s", momentum, sums.momentum[-1], size=largest, kernel=GENERAL))
-        lines.append(worst(case, "angular momentum at the end, kg m2/s", spin, sums.spin[-1], size=turning, kernel=GENERAL))
-        lines.append(worst(case, "energy at the end, J", energy[0] + _gained(found, power - lost), energy[-1], kernel=GENERAL))
+        lines.append(worst(case, "momentum at the end, kg m/s", momentum, sums.momentum[-1], size=largest))
+        lines.append(worst(case, "angular momentum at the end, kg m2/s", spin, sums.spin[-1], size=turning))
+        lines.append(worst(case, "energy at the end, J", energy[0] + _gained(found, power - lost), energy[-1]))
     return lines

@@ -5,53 +5,47 @@ import math
 import numpy as np
 
 from sepmc.trust import references as ref
-from sepmc.trust.flights import GENERAL, Flight, arm, campaign, tensor, to_ground
+from sepmc.trust.flights import Flight, arm, campaign, tensor, to_ground
 from sepmc.trust.line import Line, worst
-from sepmc.trust.written import both
 
 
 def pendulum() -> list[Line]:
     """A body without symmetry on a revolute joint: swinging, circling, its period, and what it asks of the hinge."""
     lines = []
     for case, rate in (("physical pendulum", 0.0), ("pendulum over the top", 9.0)):
-        flights = both(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
-        scene = flights[0].scene
+        found = Flight(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
+        scene, bob = found.scene, found.body("bob")
         mass, g, inertia = scene.body["bob"].mass, scene.environment.surface_gravity, tensor(scene, "bob")
         to_centre = -arm(scene, "bob", scene.joint["hinge"].point)
         length = math.hypot(to_centre[0], to_centre[1])
         frequency = math.sqrt(mass * g * length / (inertia[2, 2] + mass * length**2))
         hang = -0.5 * math.pi - math.atan2(to_centre[1], to_centre[0])  # pitch at which the mass centre hangs straight down
         start = math.remainder(scene.initial.pitch - hang, 2.0 * math.pi)
-        for found in flights:
-            angle, turning = ref.pendulum(found.t, frequency, start, rate)
-            bob = found.body("bob")
-            lines.append(worst(case, "attitude matrix", ref.turn(2, angle + hang), bob.r, kernel=found.kernel))
-            lines.append(worst(case, "rate, rad/s", turning, bob.w[:, 2], kernel=found.kernel))
-        found = flights[0]
         angle, turning = ref.pendulum(found.t, frequency, start, rate)
+        lines.append(worst(case, "attitude matrix", ref.turn(2, angle + hang), bob.r))
+        lines.append(worst(case, "rate, rad/s", turning, bob.w[:, 2]))
         wrench = [
             ref.hinge_wrench(mass, inertia, to_centre, w, -(frequency**2) * math.sin(a), -mass * g * r[1])
             for a, w, r in zip(angle, turning, ref.turn(2, angle + hang), strict=True)
         ]
         force, moment = (np.array(part) for part in zip(*wrench, strict=True))
-        lines.append(worst(case, "force of the hinge, N", force, found.columns("hinge_force_on_bob_*_N"), kernel=GENERAL))
-        lines.append(worst(case, "moment of the hinge, N m", moment, found.columns("hinge_moment_on_bob_*_N_m"), kernel=GENERAL))
+        lines.append(worst(case, "force of the hinge, N", force, found.columns("hinge_force_on_bob_*_N")))
+        lines.append(worst(case, "moment of the hinge, N m", moment, found.columns("hinge_moment_on_bob_*_N_m")))
         if rate == 0.0:
             period = ref.pendulum_period(frequency, start)
-            for found in both(campaign("pendulum", {"run.end_time_s": period}), period):
-                last = float(found.body("bob").w[-1, 2])
-                measured = period + last / (frequency**2 * math.sin(start))  # Newton's step to where the rate vanishes
-                lines.append(worst(case, "period, s", period, measured, kernel=found.kernel))
+            last = float(Flight(campaign("pendulum", {"run.end_time_s": period}), period).body("bob").w[-1, 2])
+            measured = period + last / (frequency**2 * math.sin(start))  # Newton's step to where the rate vanishes
+            lines.append(worst(case, "period, s", period, measured))
     return lines
 
 
-def _turned(pitch: float, spin: float, precession: float) -> list[Flight]:
+def _turned(pitch: float, spin: float, precession: float) -> Flight:
     """The top set out with this pitch (rad), rate about its axis and rate of the axis about the upward vertical (rad/s).
 
     The axis, from the ball to the mass centre, is body -x; the vertical is (sin, cos, 0) of pitch in body axes.
     """
     rates = [-spin, precession * math.cos(pitch), 0.0]
-    return both(campaign("top", {"initial.pitch_deg": math.degrees(pitch), "initial.omega_rad_s": rates}))
+    return Flight(campaign("top", {"initial.pitch_deg": math.degrees(pitch), "initial.omega_rad_s": rates}))
 
 
 def top() -> list[Line]:
@@ -63,11 +57,11 @@ def top() -> list[Line]:
     lines = []
     for case, degrees, spin, precession in (("spherical pendulum", 50.0, 0.0, 2.5), ("top, nutating", -40.0, 90.0, 1.0)):
         pitch = math.radians(degrees)
-        for found in _turned(pitch, spin, precession):
-            body = found.body("top")
-            tilt = ref.heavy_top(found.t, *law, 0.5 * math.pi + pitch, spin, precession)
-            lines.append(worst(case, "cosine of the tilt", tilt, -body.r[:, 1, 0], kernel=found.kernel))
-            lines.append(worst(case, "spin, rad/s", spin, -body.w[:, 0], size=precession, kernel=found.kernel))
+        found = _turned(pitch, spin, precession)
+        body = found.body("top")
+        tilt = ref.heavy_top(found.t, *law, 0.5 * math.pi + pitch, spin, precession)
+        lines.append(worst(case, "cosine of the tilt", tilt, -body.r[:, 1, 0]))
+        lines.append(worst(case, "spin, rad/s", spin, -body.w[:, 0], size=precession))
     for case, degrees, spin, which in (
         ("conical pendulum", 50.0, 0.0, 0),
         ("top, slow precession", -40.0, 90.0, 0),
@@ -75,11 +69,11 @@ def top() -> list[Line]:
     ):
         pitch = math.radians(degrees)
         precession = ref.steady_precession(*law, 0.5 * math.pi + pitch, spin)[which]
-        for found in _turned(pitch, spin, precession):
-            azimuth = precession * found.t  # about the upward vertical, from x toward -z
-            level = [np.cos(azimuth), np.zeros_like(azimuth), -np.sin(azimuth)]
-            axis = np.cos(pitch) * np.stack(level, axis=1) + np.sin(pitch) * np.array([0.0, 1.0, 0.0])
-            lines.append(worst(case, "direction of the axis", axis, found.body("top").r[:, :, 0], kernel=found.kernel))
+        found = _turned(pitch, spin, precession)
+        azimuth = precession * found.t  # about the upward vertical, from x toward -z
+        level = [np.cos(azimuth), np.zeros_like(azimuth), -np.sin(azimuth)]
+        axis = np.cos(pitch) * np.stack(level, axis=1) + np.sin(pitch) * np.array([0.0, 1.0, 0.0])
+        lines.append(worst(case, "direction of the axis", axis, found.body("top").r[:, :, 0]))
     return lines
 
 
@@ -92,43 +86,37 @@ def rod_pendulum() -> list[Line]:
     angle, rate = ref.pendulum(found.t, frequency, start)
     place = length * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1)
     moved = found.body("bob").x
-    lines = [worst(case, "place, m", place - place[0], moved - moved[0], kernel=GENERAL)]
+    lines = [worst(case, "place, m", place - place[0], moved - moved[0])]
     force, moment = found.wrench("rod", "bob")
     tension = mass * (length * rate**2 + g * np.cos(angle))
-    lines.append(worst(case, "tension, N", tension[:, None] * -place / length, force, kernel=GENERAL))
-    lines.append(worst(case, "moment of the rod, N m", np.zeros_like(moment), moment, size=length * float(tension.max()), kernel=GENERAL))
+    lines.append(worst(case, "tension, N", tension[:, None] * -place / length, force))
+    lines.append(worst(case, "moment of the rod, N m", np.zeros_like(moment), moment, size=length * float(tension.max())))
     pitch = math.radians(50.0)
     around = ref.conical_rate(length, g, 0.5 * math.pi - pitch)
     rates = np.array([math.sin(pitch), math.cos(pitch), 0.0]) * around
-    flights = both(campaign("rod_pendulum", {"initial.pitch_deg": 50.0, "initial.omega_rad_s": rates.tolist()}))
-    azimuth, bob = around * flights[0].t, flights[0].body("bob")
+    found = Flight(campaign("rod_pendulum", {"initial.pitch_deg": 50.0, "initial.omega_rad_s": rates.tolist()}))
+    azimuth, bob = around * found.t, found.body("bob")
     place = length * np.stack(
         [-np.cos(pitch) * np.cos(azimuth), np.full_like(azimuth, -np.sin(pitch)), np.cos(pitch) * np.sin(azimuth)], axis=1
     )
-    lines.append(worst("conical rod pendulum", "place, m", place - place[0], bob.x - bob.x[0], kernel=GENERAL))
-    for found in flights:
-        w, _ = ref.asymmetric_top(found.t, tensor(scene, "bob"), rates)
-        lines.append(worst("conical rod pendulum", "rate of the bob, rad/s", w, found.body("bob").w, kernel=found.kernel))
-    return lines
+    lines.append(worst("conical rod pendulum", "place, m", place - place[0], bob.x - bob.x[0]))
+    w, _ = ref.asymmetric_top(found.t, tensor(scene, "bob"), rates)
+    return [*lines, worst("conical rod pendulum", "rate of the bob, rad/s", w, bob.w)]
 
 
 def hooke() -> list[Line]:
-    """A universal joint between two shafts in bearings, a closed loop through the ground: angle and rate of the driven shaft."""
-    return [line for found in both(campaign("hooke")) for line in _driven(found)]
-
-
-def _driven(found: Flight) -> list[Line]:
-    """Attitude and rate of the driven shaft, and the energy of both, from the angle of the driving one."""
-    case, bend = "Hooke's joint", math.radians(40.0)
+    """A universal joint between two shafts in bearings, a closed loop through the ground: attitude and rate of the driven shaft, and the
+    energy of both, from the angle of the driving one."""
+    case, bend, found = "Hooke's joint", math.radians(40.0), Flight(campaign("hooke"))
     driving, driven = found.body("driving"), found.body("driven")
     angle = np.radians(found.history["driving_roll_deg"].to_numpy())
     shaft = np.array([math.cos(bend), math.sin(bend), 0.0])
     # The driving fork's pin, z, stands across the plane of the shafts at the start.
     expected = ref.rotation(shaft, ref.hooke_angle(angle, bend))
     rate = ref.hooke_ratio(angle, bend) * driving.w[:, 0]
-    lines = [worst(case, "attitude of the driven shaft", expected, driven.r, kernel=found.kernel)]
+    lines = [worst(case, "attitude of the driven shaft", expected, driven.r)]
     given = rate[:, None] * shaft
-    lines.append(worst(case, "rate of the driven shaft, rad/s", given, to_ground(driven.r, driven.w), kernel=found.kernel))
+    lines.append(worst(case, "rate of the driven shaft, rad/s", given, to_ground(driven.r, driven.w)))
     work = 0.2 * angle  # of the moment that turns the first shaft
     energy = 0.5 * np.einsum("ni,ij,nj->n", driven.w, tensor(found.scene, "driven"), driven.w) + 0.5 * 0.02 * driving.w[:, 0] ** 2
-    return [*lines, worst(case, "energy, J", work, energy, kernel=found.kernel)]
+    return [*lines, worst(case, "energy, J", work, energy)]

@@ -1,4 +1,4 @@
-"""Every outcome against the independent flight: of the scenes of this folder by both kernels, and of shipped campaigns as shipped."""
+"""Every outcome against the independent flight: of the scenes of this folder as plain Python, and of shipped campaigns as shipped."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -10,9 +10,8 @@ from sepmc.campaign.accuracy import errors
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.door import interpreted
 from sepmc.trust import independent
-from sepmc.trust.flights import GENERAL, SCENES, SIZES, campaign
+from sepmc.trust.flights import SCENES, SIZES, Flight, campaign
 from sepmc.trust.line import CLOSE, Line
-from sepmc.trust.written import WRITTEN, both
 
 # Cases of the shipped campaigns; the independent flight of a case of srb or hyper-x takes seconds.
 CAMPAIGNS = {
@@ -46,11 +45,11 @@ def scenes() -> list[Line]:
         size = dict(SIZES)
         for column, value in known.items():
             size[units[column]] = max(size[units[column]], abs(value))
-        for found in both(flown, flown.scene.run.end_time):
-            off = {c: abs(_difference(units[c], found.outcomes[c], value)) / size[units[c]] for c, value in known.items()}
-            column = max(off, key=lambda c: np.inf if np.isnan(off[c]) else off[c])
-            said = 0.0 if found.status == expected.status else np.inf
-            lines.append(Line(f"scene {name}", f"difference, {column}", 0.0, max(off[column], said), CLOSE, kernel=found.kernel))
+        found = Flight(flown, flown.scene.run.end_time)
+        off = {c: abs(_difference(units[c], found.outcomes[c], value)) / size[units[c]] for c, value in known.items()}
+        column = max(off, key=lambda c: np.inf if np.isnan(off[c]) else off[c])
+        said = 0.0 if found.status == expected.status else np.inf
+        lines.append(Line(f"scene {name}", f"difference, {column}", 0.0, max(off[column], said), CLOSE))
     return lines
 
 
@@ -67,10 +66,9 @@ def _campaign(name: str, cases: int) -> list[Line]:
     assert result.accuracy is not None
     scale = result.flight.scale  # what the error that is told is a share of
     assert scale is not None
-    kernel = WRITTEN if result.flight.kernel else GENERAL
     expected = [_fly(flown.case(number).to_dict()) for number in range(cases)]
     apart = sum(status != row.status for status, row in zip(result.table["status"], expected, strict=True))
-    lines = [Line(f"{name}, as shipped", f"status of {cases} cases, differing", 0.0, float(apart), 0.0, kernel=kernel)]
+    lines = [Line(f"{name}, as shipped", f"status of {cases} cases, differing", 0.0, float(apart), 0.0)]
     vague = {column for row in expected for column in row.vague}
     known = [c for c in flown.outcome_columns if c.name in expected[0].outcomes and c.name not in vague]
     columns = [c for c in known if not (name in CONSTANT and "_peak_" in c.name and c.unit == "s")]
@@ -85,5 +83,5 @@ def _campaign(name: str, cases: int) -> list[Line]:
             allowed = np.array([REPORTED * result.accuracy.errors[c.name] + CLOSE for c in chosen])
             at = int(np.argmax(np.where(np.isnan(off), np.inf, off) / allowed))
             said = f"{what or 'difference, '}{chosen[at].name}"
-            lines.append(Line(f"{name}, as shipped", said, 0.0, float(off[at]), float(allowed[at]), kernel=kernel))
+            lines.append(Line(f"{name}, as shipped", said, 0.0, float(off[at]), float(allowed[at])))
     return lines

@@ -13,7 +13,6 @@ import numpy as np
 from sepmc.campaign import cases
 from sepmc.campaign.accuracy import Achieved, deviation, scales, scene_scales
 from sepmc.campaign.campaign import Campaign, Result
-from sepmc.campaign.pilot import reasons
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
@@ -47,15 +46,13 @@ Fly = Callable[..., Any]
 class Verdict:
     """What became of one scene.
 
-    ``kernel`` is "written", "general" or "" (not flown). ``rows`` counts rows by verdict: same; told (wrong, and an audit column says
+    ``rows`` counts rows by verdict: same; told (wrong, and an audit column says
     so); tie (the case itself does not say); refused by the engine; and the faults silent, wrong (not ok, and other outcomes), status;
     door counts doors that differ, see `sepmc.trust.gate.doors`.
     ``said`` has a line for each fault, ``crash`` the last line of a traceback, ``not_flown`` why there is nothing to compare.
     """
 
     name: str
-    kernel: str = ""
-    why: str = ""
     features: list[str] = field(default_factory=list)
     rows: dict[str, int] = field(default_factory=dict)
     statuses: dict[str, int] = field(default_factory=dict)
@@ -93,8 +90,7 @@ def judge(tree: Tree, name: str, cases: int = 3, reference: Fly = fly) -> Verdic
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            why = reasons(campaign)
-            verdict.features, verdict.kernel, verdict.why = features(tree), "general" if why else "written", "; ".join(why)
+            verdict.features = features(tree)
             result = campaign.run(cases=cases)
             table = result.table
     except Exception:

@@ -1,6 +1,5 @@
 """The gate: so many random scenes, each flown and judged by a worker process, and one table of what was found."""
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -8,12 +7,8 @@ from typing import Any
 
 import tomli_w
 
-from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.pilot import reasons
-from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree
-from sepmc.trust.gate.scenes import scene
 from sepmc.trust.gate.workers import Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
@@ -28,7 +23,7 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     Parameters
     ----------
     count, seed : how many, and the first. A seed gives the same scene whatever the others are
-    compiled : of the scenes that a written kernel flies, how many fly it compiled as well, the first ones
+    compiled : how many of them, the first ones, fly compiled as well
     say : told a line for every scene that fails, and now and then how far it is
     cases : rows of a scene that are flown and compared
 
@@ -37,8 +32,7 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     verdicts : `sepmc.trust.gate.compare.Verdict` as dicts, in the order of seeds
     """
     jobs: list[Job] = [{"seed": number, "cases": cases, "doors": number % _DOORS == 0} for number in range(seed, seed + count)]
-    written = [number for number in range(seed, seed + count) if is_written(scene(number))] if compiled else []
-    jobs += [{"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"} for n in written[:compiled]]
+    jobs += [{"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"} for n in range(seed, seed + min(compiled, count))]
     found: list[Found] = []
     for verdict in judge_all(jobs):
         found.append(verdict)
@@ -49,25 +43,18 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     return sorted(found, key=lambda v: (v["seed"], v["name"]))
 
 
-def is_written(tree: Tree) -> bool:
-    """Whether a kernel written for it flies a scene; true if that cannot be told, and the worker will say why."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return not reasons(Campaign(parse_campaign(tree, "gate")))
-    except Exception:
-        return True
-
-
 def fails(verdict: Found) -> bool:
     return bool(verdict["crash"]) or any(verdict["rows"].get(fault) for fault in FAULTS)
 
 
 def sentences(verdict: Found) -> list[str]:
-    """What is wrong with a scene, and what flew it."""
-    how = f"{verdict.get('kernel') or 'no'} kernel{', interpreted' if verdict.get('interpreted') else ''}"
+    """What is wrong with a scene, and how it was flown."""
     lines = [f"  {line}" for line in verdict["said"]]
-    return [f"{verdict['name']}, {how}: {verdict['crash'] or 'rows differ'}", *lines]
+    return [f"{verdict['name']}, {_drive(verdict)}: {verdict['crash'] or 'rows differ'}", *lines]
+
+
+def _drive(verdict: Found) -> str:
+    return "compiled" if verdict.get("compiled") else "interpreted"
 
 
 def shrunk(tree: Tree, compiled: bool = False, cases: int = CASES, most: int = 150) -> Tree:
@@ -87,13 +74,12 @@ def keep(tree: Tree, path: Path, verdict: Found) -> None:
 
 
 def table(verdicts: Iterable[Found]) -> str:
-    """Rows and faults by what flew the scene and by what it has, the worst agreement, the seeds that fail."""
+    """Rows and faults by how the scene was flown and by what it has, the worst agreement, the seeds that fail."""
     verdicts = list(verdicts)
     flown = [v for v in verdicts if not v.get("not_flown")]
     groups: dict[str, list[Found]] = {"all": flown}
     for v in flown:
-        drive = "interpreted" if v.get("interpreted") else "compiled"
-        groups.setdefault(f"{v.get('kernel') or 'no'} kernel, {drive}", []).append(v)
+        groups.setdefault(_drive(v), []).append(v)
     for feature in sorted({f for v in flown for f in v.get("features", [])}):
         groups[feature] = [v for v in flown if feature in v.get("features", [])]
     text = [f"{'scenes with':30s}{'scenes':>8s}" + "".join(f"{c:>9s}" for c in _COLUMNS) + f"{'crashes':>9s}"]

@@ -1,4 +1,4 @@
-"""The pilot of plain Python: steps for the text that is flown as it stands, or for the general kernel, from the run's own first cases.
+"""The pilot of plain Python: steps for the text that is flown as it stands, from the run's own first cases.
 
 The campaign's pilot would take most of the time there. What steps it finds is not what the gate is about: whatever they are, the run
 reports the error it was flown with, and rows are held to that.
@@ -14,22 +14,21 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.pilot import Flight
-from sepmc.campaign.search import usual_lengths
+from sepmc.campaign.flight import Flight, usual_lengths
 from sepmc.campaign.settle import longest_step
 from sepmc.compiler.shape import brief_transient
-from sepmc.door import fly_specialised, interpreted, specialised_kernel, warm_up
+from sepmc.door import fly_cases, interpreted, load_kernel
 from sepmc.kernels.methods import method
 
 _MOST_STEPS = 64  # of a phase
-_HOPELESS = 16  # steps with which no case is sound: some other kernel has to fly it
+_HOPELESS = 16  # steps with which no case is sound: then each is flown again by itself
 _HIGH = 8  # order of a method whose halved steps tell its error
 _CASES = 3  # as many as the gate compares: what the others need in steps would not be seen
 
 
 @contextmanager
 def flown_plainly(wanted: bool = True) -> Iterator[None]:
-    """Let campaigns be flown so meanwhile: written kernels as plain Python, in steps found here."""
+    """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here."""
     usual = campaigns.plan_flight
     campaigns.plan_flight = _plan if wanted else usual
     try:
@@ -42,10 +41,7 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
 def _plan(campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
     scene = campaign.scene
     draws = campaign.in_si(cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES))
-    if why := pilot.reasons(campaign):
-        warm_up(announce)
-        return pilot.choose_step(campaign, why, draws, draws[:0])
-    kernel = specialised_kernel(pilot.kernel_text(campaign, history=history))
+    kernel = load_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
     usual = np.full(kernel.stages, np.inf)
@@ -54,7 +50,7 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     steps = np.full(kernel.stages, fewest, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
-        block, ends = fly_specialised(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == 0
         if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more
             usual[:] = usual_lengths(ends, sound)
@@ -66,7 +62,7 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
         if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
             flown = before if settled and before is not None else now
             if low_order:  # a step and its half can be off by the same
-                block, _ = fly_specialised(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
+                block, _ = fly_cases(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
                 both = flown[1] & (block.status == 0)
                 finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
                 errors = np.maximum(errors, finer) if both.any() else errors
@@ -74,6 +70,6 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
-            left = pilot.spare(campaign, history)
-            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told, spare=left)
+            left = pilot.spares(campaign, history)
+            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told, spares=left)
         before, steps = now, 2 * steps

@@ -10,7 +10,7 @@ loads              0 to 3 motors, springs and constant loads with any of their o
 dispersions        0 to 16, over any number of the scene, by any law, in any unit
 names              in 35 of 100 scenes such as a program that writes programs may trip over
 special structure  in 1 of 4 scenes, see `SPECIAL`
-later kinds        in 3 of 10 scenes, each of `LATE` as often as it says; the general kernel flies some
+later kinds        in 3 of 10 scenes, each of `LATE` as often as it says
 =================  =================================================================================================
 """
 

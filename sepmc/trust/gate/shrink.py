@@ -15,7 +15,7 @@ _LISTS = ("motor", "spring", "load", "proximity", "clearance", "release")
 def shrink(
     tree: Tree, cases: int = 3, most: int = 300, judged: Judge | None = None, say: Callable[[str], None] = lambda text: None
 ) -> Tree:
-    """The smallest tree found, in at most so many flights, that fails as ``tree`` does: by the same kernel, with the same fault."""
+    """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the same fault."""
     judged = judged or (lambda t: judge(t, "shrunk", cases))
     sign = _sign(judged(tree))
     if not sign:
@@ -40,7 +40,7 @@ def _sign(verdict: Verdict) -> tuple[str, ...]:
     if verdict.crash:
         return ("crash", verdict.crash.split(":")[0])
     faults = [key for key in FAULTS if verdict.rows.get(key)]
-    return (verdict.kernel, faults[0]) if faults else ()
+    return (faults[0],) if faults else ()
 
 
 def _edits(tree: Tree) -> Iterator[Tree]:

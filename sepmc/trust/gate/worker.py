@@ -21,7 +21,7 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
 
     ``seed`` or ``tree`` with ``name`` : the scene
     ``cases`` : rows that are flown
-    ``compiled`` : whether its written kernel flies compiled, and not as plain Python
+    ``compiled`` : whether its kernel flies compiled, and not as plain Python
     ``doors`` : whether to go through the other doors too
     ``shrink`` : instead of a verdict, the smaller tree found in so many flights
     """

@@ -97,6 +97,6 @@ def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]]
             worker = None
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {"name": name, "seed": job.get("seed"), "crash": why, "rows": {}, "said": [], "compiled": job.get("compiled", False)}
-        found.put({**verdict, "interpreted": not verdict["compiled"] and verdict.get("kernel") == "written"})
+        found.put(verdict)
     if worker:
         worker.close()

@@ -11,7 +11,7 @@ from sepmc.trust import references as ref
 from sepmc.trust.flights import Flight
 from sepmc.trust.stresses.drift import invariants
 from sepmc.trust.stresses.line import EPS, FORM, Bound, Stress, judge, relative
-from sepmc.trust.stresses.scenes import Tree, body, both, fly, held, joint, pushed, scene
+from sepmc.trust.stresses.scenes import Tree, body, fly, held, joint, pushed, scene
 from sepmc.trust.stresses.strokes import ROOT, located
 
 
@@ -86,11 +86,11 @@ def simultaneous() -> list[Stress]:
     """Two joints that let go at one instant; a stroke reached at a time given too; conditions met before their phase begins."""
     lines = []
     stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)  # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
-    both = [{"name": f"go_{j}", "joint": j, "when": {"joint": j, "stroke_m": stroke}} for j in ("left", "right")]
-    until = {"all": [release["when"] for release in both]}
+    own = [{"name": f"go_{j}", "joint": j, "when": {"joint": j, "stroke_m": stroke}} for j in ("left", "right")]
+    until = {"all": [release["when"] for release in own]}
     at_once: list[Tree] = [{"name": "on", "joints": {"left": "slider", "right": "slider"}, "until": until}, {"name": "off"}]
     for given, releases, phases in (
-        ("two joints, each on its own stroke", both, held(left="slider", right="slider")),
+        ("two joints, each on its own stroke", own, held(left="slider", right="slider")),
         ("two joints, one phase, both strokes", [], at_once),
     ):
         found = _boosters(releases, phases)
@@ -126,13 +126,12 @@ def _cascade() -> list[Stress]:
         {"name": "last"},
     ]
     tree["phase"][3]["until"] = at
-    found = fly(tree)  # joints let go on any of several conditions: no kernel is written for that
+    found = fly(tree)
     lines = [judge("three events at one instant", "release, s", abs(found.outcomes["release_time_s"] - 0.3), located(0.4), found, True)]
     late = pushed(0.04)
     late["joint"]["link"]["delay_s"] = 0.1
-    for found in both(late):
-        lines.append(judge("late by two steps", "release, s", abs(found.outcomes["release_time_s"] - 0.3), located(0.4), found, True))
-    return lines
+    found = fly(late)
+    return [*lines, judge("late by two steps", "release, s", abs(found.outcomes["release_time_s"] - 0.3), located(0.4), found, True)]
 
 
 def under_load() -> list[Stress]:
@@ -141,13 +140,11 @@ def under_load() -> list[Stress]:
     for rate in (1.0, 100.0, 1e4):
         bodies = {"fore": body(2e3, [1e3, 1e3, 1e3], [0.0, 0.0, 0.0]), "aft": body(1e3, [1e3, 1e3, 1e3], [3.0, 0.0, 0.0])}
         phases: list[Tree] = [{"name": "held", "joints": {"link": "fixed"}, "until": {"time_s": 0.5 / rate}}, {"name": "free"}]
-        flights = both(scene(bodies, {"link": joint("fore", "aft", [1.0, 0.0, 0.0])}, phases, 1.0 / rate, 0.05 / rate, [0.0, 0.0, rate]))
-        found = flights[0]
+        found = fly(scene(bodies, {"link": joint("fore", "aft", [1.0, 0.0, 0.0])}, phases, 1.0 / rate, 0.05 / rate, [0.0, 0.0, rate]))
         energy, spin = invariants(found)
         given = f"release under {1e3 * rate**2 * 2.0:.0e} N"
-        for one in flights:
-            error = relative([one.body(b).w[-1] for b in ("fore", "aft")], [0.0, 0.0, rate])
-            lines.append(judge(given, "rates", error, FORM, one, True))
+        error = relative([found.body(b).w[-1] for b in ("fore", "aft")], [0.0, 0.0, rate])
+        lines.append(judge(given, "rates", error, FORM, found, True))
         lines.append(judge(given, "energy", relative(energy, np.full_like(energy, energy[0])), FORM, found, True))
         lines.append(judge(given, "angular momentum", relative(spin, np.broadcast_to(spin[0], spin.shape)), FORM, found, True))
         angle = np.minimum(rate * found.t, 0.5)

@@ -1,26 +1,56 @@
 """Case rows that no dispersion should draw: not finite, not physical, absurdly large; and scenes that must be refused."""
 
+import copy
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.compiler.emit import emit
-from sepmc.compiler.plan import Plan, make_plan
-from sepmc.compiler.shape import make_shape
-from sepmc.door import Block, fly_block, fly_specialised, interpreted, specialised_kernel, warm_up
-from sepmc.kernels.layout import NO_HISTORY
+from sepmc.compiler.plan import make_plan
+from sepmc.door import Block, interpreted, load_kernel
+from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import SceneError
-from sepmc.schema import Status, result_columns
-from sepmc.trust.stresses.line import EXACT, NONE, Bound, Stress, beyond
+from sepmc.scene.parameters import Parameter
+from sepmc.scene.read import parse_campaign
+from sepmc.schema import Status
+from sepmc.trust.stresses.line import EXACT, FORM, NONE, Bound, Stress, beyond
 from sepmc.trust.stresses.scenes import Tree, make, pair, pushed
-from sepmc.trust.written import LEFT, WRITTEN, as_written
 
 HUGE, TINY = 1e300, 1e-300
 
 
-def _campaign() -> Campaign:
+class _Varied:
+    """A scene in which every number varies that a file may let vary, and its kernel as plain Python, in steps of the scene's own length."""
+
+    def __init__(self, tree: Tree):
+        file = parse_campaign(copy.deepcopy(tree), "stress", None)
+        plan = make_plan(file.scene)
+        self.nominal = {path: float(plan.nominal[slot]) for path, slot in plan.slots.items() if not path.startswith("run.")}
+        laws = [Dispersion(Parameter(path, path, "", 1.0, None), "constant", (value,)) for path, value in self.nominal.items()]
+        self.campaign = Campaign(replace(file, dispersions=tuple(laws)))
+        with interpreted():
+            kernel = load_kernel(pilot.kernel_text(self.campaign))
+        one, usual = np.ones(kernel.stages, dtype=np.int64), np.full(kernel.stages, math.inf)
+        self.flight = pilot.Flight(kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step)
+
+    def fly(self, changed: list[dict[str, float]]) -> Block:
+        """Cases that differ from the scene in some numbers, SI, each by its path."""
+        return pilot.fly(self.campaign, self.flight, np.array([list((self.nominal | values).values()) for values in changed]))
+
+    def row(self, block: Block, i: int) -> dict[str, float]:
+        """Outcomes and audit of a case."""
+        return {c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)}
+
+    def line(self, given: str, quantity: str, error: float, bound: Bound, block: Block, i: int, resolved: bool = False) -> Stress:
+        """The line of a case."""
+        status = Status(int(block.status[i])).label
+        return Stress(given, quantity, error, bound, status, beyond(self.row(block, i)) if status == Status.OK.label else (), resolved)
+
+
+def _varied() -> _Varied:
     """A scene with many parameters: two bodies with air, a motor, a spring with a stroke, a load, and a joint that is released."""
     tree = pushed(0.04, end=0.4, spring={"stroke_m": 0.1, "stiffness_N_per_m": 1.0})
     air = {"reference_area_m2": 0.1, "reference_length_m": 1.0, "axial": {"const": 0.3}, "normal": {"alpha": 1.0}}
@@ -31,100 +61,50 @@ def _campaign() -> Campaign:
         {"name": "retro", "body": "aft", "thrust_N": 5.0, "build_up_s": 0.1, "burn_s": 0.2, "tail_off_s": 0.1, "station_m": 3.5}
     ]
     tree["load"] = [{"name": "side", "body": "aft", "force_N": [0.0, 0.1, 0.0], "start_s": 0.1, "end_s": 0.3}]
-    return make(tree)
-
-
-def _block(plan: Plan, path: str, values: list[float]) -> Block:
-    """Cases that differ in one parameter, SI."""
-    warm_up()
-    return fly_block(plan, np.array([plan.slots[path]]), np.array(values)[:, None], 0, 0, NO_HISTORY)
-
-
-def _row(plan: Plan, block: Block, i: int) -> dict[str, float]:
-    return {c.name: x for c, x in zip(result_columns(plan.contents), block.outcomes[i], strict=True)}
-
-
-def _line(given: str, quantity: str, error: float, bound: Bound, plan: Plan, block: Block, i: int, resolved: bool = False) -> Stress:
-    status = Status(int(block.status[i])).label
-    return Stress(given, quantity, error, bound, status, beyond(_row(plan, block, i)) if status == Status.OK.label else (), resolved)
+    return _Varied(tree)
 
 
 def not_finite() -> list[Stress]:
-    """NaN and infinities in every parameter in turn, with a fair case before and after, which must not notice."""
-    plan, lines = _campaign().plan, []
+    """NaN and infinities in every parameter in turn, with a fair case before and after all of them, which must not notice."""
+    varied, lines = _varied(), []
+    count, alone = len(varied.nominal), varied.fly([{}])
     for value in (math.nan, math.inf, -math.inf):
-        fair: list[float] = []
-        for path in plan.slots:
-            at = float(plan.nominal[plan.slots[path]])
-            block = _block(plan, path, [at, value, at])
-            if int(block.status[1]) == Status.OK:
-                lines.append(_line(f"{path} = {value}", "any", math.nan, NONE, plan, block, 1))
-            if math.isfinite(at):
-                alone = _block(plan, path, [at])
-                fair += [float(np.nanmax(np.abs(block.outcomes[i] - alone.outcomes[0]))) for i in (0, 2)]
-        lines.append(_line(f"{value} in {len(plan.slots)} parameters in turn", "any", math.nan, NONE, plan, block, 1))
-        lines.append(_line(f"fair cases beside {value}", "all outcomes", max(fair), EXACT, plan, block, 0, True))
+        block = varied.fly([{}, *({path: value} for path in varied.nominal), {}])
+        for i, path in enumerate(varied.nominal, 1):
+            if int(block.status[i]) == Status.OK:
+                lines.append(varied.line(f"{path} = {value}", "any", math.nan, NONE, block, i))
+        lines.append(varied.line(f"{value} in {count} parameters in turn", "any", math.nan, NONE, block, count))
+        error = float(np.nanmax(np.abs(block.outcomes[[0, -1]] - alone.outcomes)))
+        lines.append(varied.line(f"fair cases beside {value}", "all outcomes", error, EXACT, block, 0, True))
     return lines
 
 
 def not_physical() -> list[Stress]:
     """Masses and inertias no body has: each is told."""
-    plan, lines = _campaign().plan, []
+    varied, lines = _varied(), []
     for path, values in (
         ("body.aft.mass", (0.0, -0.0, -1.0)),
         ("body.aft.inertia.xx", (0.0, -1.0)),
         ("body.aft.inertia_products.xy", (2.0, 1e6)),
         ("body.aft.inertia_factor", (0.0, -1.0)),
     ):
-        block = _block(plan, path, list(values))
-        lines += [_line(f"{path} = {value:g}", "any", math.nan, NONE, plan, block, i) for i, value in enumerate(values)]
+        block = varied.fly([{path: value} for value in values])
+        lines += [varied.line(f"{path} = {value:g}", "any", math.nan, NONE, block, i) for i, value in enumerate(values)]
     return lines
 
 
 def absurd() -> list[Stress]:
     """Every parameter in turn at +-1e300 and 1e-300: what is called ok has finite outcomes."""
-    plan, lines = _campaign().plan, []
-    columns = [c.name for c in result_columns(plan.contents)]
-    needed = np.array([not name.endswith("release_time_s") for name in columns])
+    varied, lines = _varied(), []
+    needed = [c.name for c in varied.campaign.result_columns if not c.name.endswith("release_time_s")]
     for value in (HUGE, -HUGE, TINY):
-        worst, shown, faults = None, "", 0
-        for path in plan.slots:
-            block = _block(plan, path, [value])
-            ok = int(block.status[0]) == Status.OK and not beyond(_row(plan, block, 0))
-            bad = ok and not np.all(np.isfinite(block.outcomes[0][needed]))
-            faults += bad
-            if bad or worst is None:
-                worst, shown = block, path
-        assert worst is not None
-        given = f"{value:.0e} in {len(plan.slots)} parameters" + (f", {shown}" if faults else "")
-        lines.append(Stress(given, "ok, not finite: cases", float(faults), EXACT, Status.OK.label))
-    return lines
-
-
-def vouched() -> list[Stress]:
-    """The same by a kernel written for that scene with every parameter dispersed: a row that it vouches for was given as a finite number,
-    and has finite outcomes. All others are left to the general kernel."""
-    campaign = as_written(_campaign())
-    dispersed = frozenset(campaign.plan.slots)
-    plan, lines = make_plan(campaign.scene, dispersed=dispersed), []
-    with interpreted():
-        kernel = specialised_kernel(emit(make_shape(plan, dispersed), campaign.scene.solver.method))
-    steps, usual = np.full(kernel.stages, 4), np.full(kernel.stages, math.inf)
-    names = [c.name for c in result_columns(plan.contents)]
-    needed = np.array([not name.endswith("release_time_s") for name in names])
-    nothing = np.empty(0, dtype=np.int64), np.empty((1, 0))
-    fair = LEFT if fly_specialised(kernel, plan, steps, usual, *nothing)[0].status[0] else Status.OK.label
-    lines.append(Stress("the same scene as it stands", "vouched for", 0.0, EXACT, fair, resolved=True, kernel=WRITTEN))
-    for value in (math.nan, math.inf, HUGE, -HUGE):
-        faults = []
-        for path, slot in plan.slots.items():
-            block, _ = fly_specialised(kernel, plan, steps, usual, np.array([slot]), np.array([[value]]))
-            row = block.outcomes[0]
-            ok = block.status[0] == Status.OK and not beyond(dict(zip(names, row, strict=True)))
-            if ok and not (math.isfinite(value) and np.isfinite(row[needed]).all()):
+        block, faults = varied.fly([{path: value} for path in varied.nominal]), []
+        for i, path in enumerate(varied.nominal):
+            row = varied.row(block, i)
+            if int(block.status[i]) == Status.OK and not beyond(row) and not all(math.isfinite(row[name]) for name in needed):
                 faults.append(path)
-        given = f"{value:.0e} in {len(plan.slots)} parameters" + (f", {faults[0]}" if faults else "")
-        lines.append(Stress(given, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label, kernel=WRITTEN))
+        given = f"{value:.0e} in {len(varied.nominal)} parameters" + (f", {faults[0]}" if faults else "")
+        lines.append(Stress(given, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label))
     return lines
 
 
@@ -132,16 +112,12 @@ def rods_without_length() -> list[Stress]:
     """A rod whose ends a dispersion brings together, or nearly: told in flight. By file it is refused."""
     tree = pair("rod", end=0.2, step=0.01)
     tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
-    plan, lines = make(tree).plan, []
+    varied, lines = _Varied(tree), []
     lengths = (0.5, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0)
-    block = _block(plan, "joint.link.point.x", [2.5 - length for length in lengths])
+    block = varied.fly([{"joint.link.point.x": 2.5 - length} for length in lengths])
     for i, length in enumerate(lengths):
-        error = _row(plan, block, i)["joint_gap_residual_m"]
-        lines.append(
-            _line(
-                f"rod dispersed to {length:g} m", "length, m", error, Bound(1e-10, "of every closed form"), plan, block, i, length >= 1e-3
-            )
-        )
+        error = varied.row(block, i)["joint_gap_residual_m"]
+        lines.append(varied.line(f"rod dispersed to {length:g} m", "length, m", error, FORM, block, i, length >= 1e-3))
     return lines
 
 
@@ -158,7 +134,7 @@ def refused() -> list[Stress]:
     """Scenes that can only be wrong are refused when they are read."""
 
     def with_(path: str, value: Any) -> Tree:
-        tree = pair("fixed")
+        tree = copy.deepcopy(pair("fixed"))  # its bodies are those of other stresses too
         *keys, last = path.split(".")
         node = tree
         for key in keys:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
-from sepmc.trust.flights import GENERAL, Flight
+from sepmc.trust.flights import Flight
 from sepmc.trust.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
@@ -26,6 +26,7 @@ class Bound:
 
 # What every comparison of the engine with a closed form is held to.
 FORM = Bound(CLOSE, "of every closed form")
+ASKED = Bound(1e-9, "the accuracy asked")
 EXACT = Bound(0.0, "must be exact")
 NONE = Bound(0.0, "no answer: must be told")
 
@@ -50,7 +51,6 @@ class Stress:
     status : label of the case's status, or "refused" if the scene cannot be read
     beyond : audit columns beyond their bounds
     resolved : a fair input, which must come out accurate: a flag is then a fault too
-    kernel : which of the engine's flew it
     """
 
     input: str
@@ -60,7 +60,6 @@ class Stress:
     status: str
     beyond: tuple[str, ...] = ()
     resolved: bool = False
-    kernel: str = GENERAL
 
     @property
     def verdict(self) -> str:
@@ -76,18 +75,21 @@ class Stress:
 
 
 def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
-    """Audit columns of a case that are beyond their bounds. A written kernel has fewer of them."""
+    """Audit columns of a case that are beyond their bounds."""
     return tuple(name for name, bound in AUDIT_BOUNDS.items() if name in outcomes and not outcomes[name] <= bound)
 
 
 def judge(given: str, quantity: str, error: float, bound: Bound, flown: Flight, resolved: bool = False) -> Stress:
     """The line of a flight."""
-    return Stress(given, quantity, float(error), bound, flown.status, beyond(flown.outcomes), resolved, flown.kernel)
+    return Stress(given, quantity, float(error), bound, flown.status, beyond(flown.outcomes), resolved)
 
 
 def relative(found: ArrayLike, expected: ArrayLike, size: float = 0.0) -> float:
-    """Largest difference of two arrays over the largest value expected, or over ``size`` if that is larger; NaN if there is one."""
+    """Largest difference of two arrays over the largest value expected, or over ``size`` if that is larger; NaN if there is one, or if a
+    flight has no rows."""
     ours, should = np.asarray(found, float), np.asarray(expected, float)
+    if not ours.size:
+        return math.nan
     return float(np.max(np.abs(ours - should)) / max(float(np.max(np.abs(should))), size))
 
 
@@ -99,24 +101,23 @@ def _told(line: Stress) -> str:
 
 
 def table(lines: Sequence[Stress]) -> str:
-    """The lines as plain text of at most 140 columns, with a count below; by G, the general kernel, or W, one written for the scene."""
-    rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict", "by")]
+    """The lines as plain text of at most 140 columns, with a count below."""
+    rows = [("input", "quantity", "why this bound", "told", "error", "bound", "verdict")]
     for x in lines:
         text = (x.input, x.quantity, x.bound.reason, _told(x))
         error = "-" if math.isnan(x.error) else f"{min(x.error, 9e99):.1e}"
         cells = [cell[:width] for cell, width in zip(text, _WIDTHS, strict=True)]
         verdict = x.verdict + ("" if x.holds else " !")
-        rows.append((cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", verdict, x.kernel[:1].upper()))
-    widths = [max(len(row[i]) for row in rows) for i in range(8)]
-    order = (0, 7, 1, 4, 5, 2, 3)
+        rows.append((cells[0], cells[1], cells[2], cells[3], error, f"{x.bound.value:.1e}", verdict))
+    widths = [max(len(row[i]) for row in rows) for i in range(7)]
+    order = (0, 1, 4, 5, 2, 3)
     out = [
         "  ".join([*(row[i].rjust(widths[i]) if i in (4, 5) else row[i].ljust(widths[i]) for i in order), row[6]]).rstrip() for row in rows
     ]
     count = {verdict: sum(x.verdict == verdict for x in lines) for verdict in (ACCURATE, FLAGGED, SILENT)}
     faults = sum(not x.holds for x in lines)
-    kernels = "by G: the general kernel; W: a kernel written for the scene, in plain Python"
     counted = f"{len(lines)} lines: " + ", ".join(f"{n} {v}" for v, n in count.items()) + f"; {faults} not as they should be"
-    return "\n".join([*out, "", kernels, counted])
+    return "\n".join([*out, "", counted])
 
 
 def brief(groups: Mapping[str, Sequence[Stress]]) -> str:

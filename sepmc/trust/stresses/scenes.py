@@ -10,7 +10,6 @@ from sepmc.scene.read import parse_campaign
 from sepmc.trust import references as ref
 from sepmc.trust.flights import Flight, arm, tensor
 from sepmc.trust.stresses.line import relative
-from sepmc.trust.written import both as by_both
 
 Tree = dict[str, Any]
 SPACE = {"atmosphere": "none", "gravity": "none"}
@@ -53,19 +52,15 @@ def make(tree: Tree) -> Campaign:
     return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
 
 
+def settled(tree: Tree) -> Tree:
+    """The same scene without a step that is given: it is flown in steps at which it has settled to an accuracy of 1e-9."""
+    return tree | {"solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}}
+
+
 def fly(tree: Tree, rows: int = 20) -> Flight:
     """The nominal case with about so many rows of history."""
     campaign = make(tree)
     return Flight(campaign, campaign.scene.run.end_time / rows)
-
-
-def both(tree: Tree, rows: int = 20) -> list[Flight]:
-    """The nominal case by the general kernel, and by one written for the scene if there can be one.
-
-    The latter halves its steps until its outcomes stay, as a campaign's pilot does; where they do not, it says so.
-    """
-    campaign = make(tree)
-    return by_both(campaign, campaign.scene.run.end_time / rows, settled=True)
 
 
 # Two bodies, no two numbers alike: what is varied below starts from these.

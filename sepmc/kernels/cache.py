@@ -46,7 +46,7 @@ def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
     compile_blocks()
     addresses = [getattr(module(name), function).address for function, name in pieces]
     entry = module(pieces[-1][1])
-    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES)
+    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES)
 
 
 def missing(names: Sequence[str]) -> list[str]:

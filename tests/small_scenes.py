@@ -1,4 +1,4 @@
-"""Scenes that exist only to have, between them, every kind of joint, load, end of a phase and air that a specialised kernel covers."""
+"""Scenes that exist only to have, between them, every kind of joint, load, end of a phase and air that there is."""
 
 import tomllib
 
