@@ -9,6 +9,7 @@ from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flight
 
 from sepmc.campaign import pilot
 from sepmc.compiler.shape import make_shape
+from sepmc.kernels.layout import ANY_ORDER
 from sepmc.schema import Status
 
 CASES, COMPARED = 60, 12
@@ -113,21 +114,23 @@ def test_as_the_independent_flight(pair, name):
     agrees(pair(TURNING | SCENES[name]))
 
 
-DISPERSED = {
-    "late": ({"joint.pins.delay_s": {"uniform": [0.0, 0.35]}, "joint.other.delay_s": {"uniform": [0.0, 0.2]}}, Status.NEVER_RELEASED),
-    "failing": ({"joint.pins.fails": {"discrete": [0, 1], "weights": [0.6, 0.4]}}, Status.NEVER_RELEASED),
+DISPERSED = {  # the second ones by the campaign's own kernel, which most corners ask of it
+    "failing": ({"joint.pins.fails": {"discrete": [0, 1], "weights": [0.6, 0.4]}}, True),
+    "late": ({"joint.pins.delay_s": {"uniform": [0.0, 0.35]}, "joint.other.delay_s": {"uniform": [0.0, 0.2]}}, False),
 }
 
 
 @pytest.mark.parametrize("name", DISPERSED)
-def test_cases_that_keep_no_order_are_flown_by_a_second_kernel(pair, name, tmp_path):
-    laws, expected = DISPERSED[name]
+def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(pair, name, tmp_path):
+    laws, by_spare = DISPERSED[name]
     campaign = pair(TURNING | TWO | {"dispersion": laws, "solver": {"accuracy": 1e-8}})
     assert not make_shape(campaign.plan, campaign.dispersed).any_order
+    assert (ANY_ORDER in [spare.care for spare in pilot.plan_flight(campaign).spares]) == by_spare
     result = campaign.run(cases=CASES, out=tmp_path / "run")
-    assert json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["accuracy"]["spare_cases"] > 5
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert (manifest["accuracy"].get("spare_cases", 0) > 5) == by_spare
     status = result.table["status"]
-    assert set(status) == {"ok", expected.label}
+    assert set(status) == {"ok", Status.NEVER_RELEASED.label}
     statuses, outcomes = by_independent_flights(campaign, COMPARED)
     assert_array_equal(status[:COMPARED], statuses)
     columns = campaign.outcome_columns

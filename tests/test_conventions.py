@@ -44,6 +44,13 @@ def test_attitude_matrix_and_its_angles():
     assert_allclose(np.array(quat.angles(m)) / DEG, [30.0, 45.0, 60.0], atol=1e-5)  # seven decimals of the sine, at 45 deg
 
 
+def test_attitude_is_a_rotation_whatever_the_length_of_the_quaternion():
+    """Within a step a quaternion is not quite of unit length: what joints hold along axes of unit length would be out of proportion."""
+    q = quat.from_angles(0.4, -0.7, 1.1)
+    for length in (1e-3, 1.0 - 1e-6, 1.0 + 1e-6, 1e3):
+        assert_allclose(quat.matrix(tuple(length * x for x in q)), quat.matrix(q), rtol=0, atol=1e-15)
+
+
 def test_quaternion_product_order():
     """q' = 1/2 q (0, omega), scalar first: pitched up 90 deg and rolling at 1 rad/s, q' = (i + k i) / (2 sqrt 2) = (i + j) / (2 sqrt 2)."""
     q = quat.from_angles(90 * DEG, 0.0, 0.0)
@@ -52,10 +59,10 @@ def test_quaternion_product_order():
 
 
 def test_matrix_rate_is_matrix_times_cross():
-    """R' = R S(omega), omega in body axes. R is quadratic in q, so the central difference is exact, up to round-off."""
+    """R' = R S(omega), omega in body axes. R |q|^2 is quadratic in q, so its central difference is exact, up to round-off."""
     q, (x, y, z) = np.array(quat.from_angles(0.4, -0.7, 1.1)), (0.3, -0.5, 0.7)
     half = 0.5 * np.array(quat.rate(tuple(q), (x, y, z)))
-    difference = np.array(quat.matrix(tuple(q + half))) - np.array(quat.matrix(tuple(q - half)))
+    difference = (1.0 + half @ half) * (np.array(quat.matrix(tuple(q + half))) - np.array(quat.matrix(tuple(q - half))))
     r = np.reshape(quat.matrix(tuple(q)), (3, 3))
     assert_allclose(difference.reshape(3, 3), r @ [[0, -z, y], [z, 0, -x], [-y, x, 0]], rtol=0, atol=1e-14)
 

@@ -36,6 +36,14 @@ def test_formulations_agree(name):
         assert_allclose(one[column], two[column], rtol=0.0, atol=1e-8 * max(size, 1e-6), err_msg=column)
 
 
+def test_a_given_step_as_long_as_the_guided_phase():
+    """How long the phases of a case last is learnt at finer steps, if the step that is given tells nothing."""
+    table1 = sepmc.load("table1.toml")
+    coarse, fine = (table1.with_settings({"solver.step_s": step}).simulate(step_s=0.5) for step in (0.25, 0.01))
+    assert coarse.attrs["status"] == fine.attrs["status"] == "ok"
+    assert_allclose(coarse.attrs["outcomes"]["release_time_s"], fine.attrs["outcomes"]["release_time_s"], rtol=1e-5)
+
+
 @pytest.mark.slow
 def test_a_late_joint_is_late_in_the_next_phase():
     """Its force goes on, in the phase that has begun, until it lets go."""

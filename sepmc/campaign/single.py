@@ -16,6 +16,7 @@ from sepmc.kernels.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
+_TO_LEARN = (1, 8, 64)  # times finer than a given step: the first with which a case comes to its end tells how long phases last
 _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 256  # with so many, a case that ends with no numbers will not have any
 _CLEARER = 1024  # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
@@ -97,12 +98,18 @@ class _Flight:
         else:
             steps = one
             self._compile_for(scene.run.end_time / scene.solver.step)
-            self._once(steps)  # to learn how long phases last
+            self._learn(steps)
         return self._with_rows(steps, notes)
 
     def lost(self, status: int) -> Single:
         """The case as it is though no kernel vouches for it."""
         return self._with_rows(self.steps, [], Status(int(final_status(np.array([status]), np.array([self.finite]))[0])))
+
+    def _learn(self, steps: np.ndarray) -> None:
+        """How long phases last, in so many steps (stages,) or more, so that later flights look for their ends where they are."""
+        for times in _TO_LEARN:
+            if self._once(times * steps)[1] != FINER_STEPS:
+                return
 
     def _once(self, steps: np.ndarray, instants: np.ndarray = _NONE) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.stages, steps

@@ -8,18 +8,19 @@ from sepmc.kernels.elementary import arctan2, sine_cosine
 
 @formula
 def matrix(q):
-    """Attitude matrix (9-tuple, body to ground) of a unit quaternion."""
+    """Attitude matrix (9-tuple, body to ground) of a quaternion, orthogonal whatever its length: within a step that is not quite 1."""
     w, x, y, z = q
+    two = 2.0 / (w * w + x * x + y * y + z * z)
     return (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - w * z),
-        2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y),
-        2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
+        1.0 - two * (y * y + z * z),
+        two * (x * y - w * z),
+        two * (x * z + w * y),
+        two * (x * y + w * z),
+        1.0 - two * (x * x + z * z),
+        two * (y * z - w * x),
+        two * (x * z - w * y),
+        two * (y * z + w * x),
+        1.0 - two * (x * x + y * y),
     )
 
 
