@@ -12,7 +12,6 @@ import pytest
 
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.door import interpreted
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate import compare, drive
@@ -116,8 +115,6 @@ def test_other_spellings_are_read(spelling):
 
 def test_faults_are_told_apart():
     """What rows are called beside a reference that is right, off by 1e-3, of another status, does not know the scene, or breaks."""
-    tree = SMALL | {"solver": {"step_s": 0.02}}
-
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
             status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=(), reached={}
@@ -129,16 +126,16 @@ def test_faults_are_told_apart():
 
         return reference
 
-    with interpreted():
-        assert compare.judge(tree, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
-        off = compare.judge(tree, "off", 2, reference("ok", 1e-3))
+    with flown_plainly():
+        assert compare.judge(SMALL, "right", 2, reference("ok", 0.0)).rows == {"same": 2}
+        off = compare.judge(SMALL, "off", 2, reference("ok", 1e-3))
         assert off.rows == {"silent": 2}
         assert off.fails
-        assert compare.judge(tree, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
-        unknown = compare.judge(tree, "unknown", 2, broken(ValueError("motor.x")))
+        assert compare.judge(SMALL, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
+        unknown = compare.judge(SMALL, "unknown", 2, broken(ValueError("motor.x")))
         assert "motor.x" in unknown.not_flown
         assert not unknown.fails
-        assert "KeyError" in compare.judge(tree, "broken", 2, broken(KeyError("y"))).crash
+        assert "KeyError" in compare.judge(SMALL, "broken", 2, broken(KeyError("y"))).crash
 
 
 def test_a_flat_peak_may_be_told_anywhere_on_it():
