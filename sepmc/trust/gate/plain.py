@@ -19,6 +19,7 @@ from sepmc.campaign.settle import longest_step
 from sepmc.compiler.shape import brief_transient
 from sepmc.door import fly_cases, interpreted, load_kernel
 from sepmc.kernels.methods import method
+from sepmc.schema import Status
 
 _MOST_STEPS = 64  # of a phase
 _HOPELESS = 16  # steps with which no case is sound: then each is flown again by itself
@@ -51,7 +52,7 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
-        sound = block.status == 0
+        sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more
             usual[:] = usual_lengths(ends, sound)
             continue
@@ -63,7 +64,7 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
             flown = before if settled and before is not None else now
             if low_order:  # a step and its half can be off by the same
                 block, _ = fly_cases(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
-                both = flown[1] & (block.status == 0)
+                both = flown[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
                 finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
                 errors = np.maximum(errors, finer) if both.any() else errors
             # the rows are the trial cases: those that no step suits tell their error when they are flown again
