@@ -115,6 +115,7 @@ def test_other_spellings_are_read(spelling):
 
 def test_faults_are_told_apart():
     """What rows are called beside a reference that is right, off by 1e-3, of another status, does not know the scene, or breaks."""
+
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
             status=status, outcomes=_times(fly(case).outcomes, 1.0 + share), vague=(), reached={}
