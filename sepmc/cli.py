@@ -167,6 +167,7 @@ def run(
             "status": history.attrs["status"],
             "compiled": history.attrs["compiled"],
             "outcomes": history.attrs["outcomes"],
+            "errors": history.attrs["errors"],
             "notes": history.attrs["notes"],
             "bodies": loaded.plan.bodies,
             "joints": list(loaded.plan.joints),
@@ -181,6 +182,8 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for note in history.attrs["notes"]:
             click.echo(f"warning: {note}", err=True)
+        if history.attrs["errors"]:
+            say(_single_error_text(history.attrs["errors"], loaded))
         how = "compiled" if history.attrs["compiled"] else "in plain Python"
         say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
         if not no_plots:
@@ -546,6 +549,17 @@ def _error(number: float | None) -> str:
     return "inf" if number is None else f"{number:.1e}"
 
 
+def _single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:
+    """How exact one case is, in a sentence."""
+    from sepmc.campaign.accuracy import decisive
+
+    columns, step = loaded.outcome_columns, loaded.scene.solver.step
+    settled = {c.name: errors[c.name] for c, decides in zip(columns, decisive(columns), strict=True) if decides}
+    worst = max(settled, key=lambda name: settled[name])
+    how = f", asked {loaded.scene.solver.accuracy:g}" if step is None else f": twice the change at half the step of {step:g} s"
+    return f"numerical error at most {settled[worst]:.1e} ({worst}) of size{how}"
+
+
 def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
     steps = ", ".join(f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False))
@@ -559,7 +573,7 @@ def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
     finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
-    others = f", {finer} cases harder than trial cases at finer steps of their own" if finer else ""
+    others = f", {finer} cases flown again at finer steps of their own" if finer else ""
     others += f", {spare} cases by a second kernel" if spare else ""
     trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
 import sepmc
-from sepmc.campaign.remarks import overshooting
+from sepmc.campaign.overshoot import overshooting
 from sepmc.kernels.atmosphere import sound_speed, us1976
 
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
@@ -286,6 +286,25 @@ def test_a_wind_profile_that_overshoots_is_said():
     gust = [0.0, 0.0, 5.0, 20.0, 40.0, 20.0, 5.0, 0.0, 0.0]
     assert overshooting(sepmc.load("table2.toml", {"environment.wind.profile": wind(list(np.arange(9.0)), gust)}).scene) == []
     assert overshooting(sepmc.load("table2.toml").scene) == []
+
+
+def test_a_table_that_overshoots_is_said(pair):
+    """Two rows of Mach 1e-6 apart whose values differ make the function between all others wild; even rows do not."""
+    drag = {"reference_area_m2": 1.0, "reference_length_m": 0.5}
+
+    def said(mach, axial):
+        table = {"table": {"mach": mach, "axial": axial}}
+        return overshooting(pair({"environment.atmosphere": "us1976", "body.aft.aerodynamics": drag | table}).scene)
+
+    (sentence,) = said([0.1, 0.3, 0.300001, 0.6, 0.9], [0.2, 0.3, 0.301, 0.4, 0.5])
+    assert "body.aft.aerodynamics.table.axial" in sentence
+    assert "the rows only 0.2 to 0.5" in sentence
+    assert said([0.1, 0.3, 0.5, 0.7, 0.9], [0.2, 0.3, 0.6, 0.5, 0.4]) == []
+    assert said([0.1, 0.3, 0.5], [0.2, 0.2, 0.2]) == []
+    thin = {"altitude_m": [0.0, 500.0, 500.001, 1000.0, 2000.0], "density_kg_per_m3": [1.2, 1.0, 0.9, 0.8, 0.7]}
+    thin["speed_of_sound_m_s"] = [340.0] * 5
+    (sentence,) = overshooting(pair(TUNNEL | {"environment": {"atmosphere": "table", "gravity": "none", "air": thin}}).scene)
+    assert "environment.air.density" in sentence
 
 
 def wind(altitudes, speeds):

@@ -146,7 +146,8 @@ class Campaign(Definition):
         -------
         history : DataFrame
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
-            the case, its ``status``, whether its kernel was ``compiled``, and ``notes``, sentences on what deserves a look.
+            the case, their ``errors`` (relative, see `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it,
+            else the last change), its ``status``, whether its kernel was ``compiled``, and ``notes``, sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
@@ -165,6 +166,7 @@ class Campaign(Definition):
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": outcomes,
+            "errors": {} if found.error is None else {c.name: float(x) for c, x in zip(self.outcome_columns, found.error, strict=True)},
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": unfit + found.notes + together(scene, outcomes, which),

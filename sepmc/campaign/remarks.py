@@ -1,14 +1,11 @@
 """What a person should know of a campaign that is flown: an accuracy that is not met, a nominal case that goes together, not apart."""
 
-import numpy as np
-
 from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
-from sepmc.compiler.packing import along_ground
+from sepmc.campaign.overshoot import overshooting
 from sepmc.scene.model import Scene
 
-_BETWEEN, _OVERSHOOT = 17, 1.25  # points between two rows of a wind profile; times the rows' largest speed that these may have
 _NAMED = 3  # outcomes that a sentence names
 _TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each other than that did not separate
 
@@ -20,26 +17,6 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
         return found
     outcomes = {c.name: float(x * c.scale) for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)}
     return found + together(campaign.scene, outcomes, "the nominal case")
-
-
-def overshooting(scene: Scene) -> list[str]:
-    """A sentence if the smooth curve through the rows of a wind profile is much faster between them."""
-    profile = scene.environment.wind.profile
-    if profile is None:
-        return []
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415  (that other scenes do not need)
-
-    heights = np.array(profile.altitude)
-    curve = CubicSpline(heights, along_ground(profile).T, bc_type="clamped")
-    between = np.unique(np.linspace(heights[:-1], heights[1:], _BETWEEN))
-    found = np.hypot(*curve(between).T)
-    worst, most = int(np.argmax(found)), max(map(abs, profile.speed))
-    if found[worst] <= _OVERSHOOT * most:
-        return []
-    return [
-        f"environment.wind.profile: the smooth curve through the rows reaches {found[worst]:.3g} m/s at {between[worst]:.5g} m, "
-        f"the rows {most:.3g} m/s at most: give more rows where the wind changes, at even distances"
-    ]
 
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:

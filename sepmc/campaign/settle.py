@@ -104,9 +104,9 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
     return Settled(steps, status, change, agreed >= _AGREEMENTS)
 
 
-def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tuple[float, list[str]]:
-    """The longest of ``step``, half of it, ... at which one case has settled; what is to be told of that. ``fly`` takes a step and the
-    case, number 0."""
+def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tuple[float, np.ndarray, list[str]]:
+    """The longest of ``step``, half of it, ... at which one case has settled; by how much its outcomes (o,) still changed; what is to be
+    told of that. ``fly`` takes a step and the case, number 0."""
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
@@ -116,12 +116,16 @@ def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tu
         step = float(found.step[0])
         change = np.where(decides, found.change[0], 0.0)
         if found.settled[0] and change.max() <= goal:
-            return step, []
+            return step, found.change[0], []
         step /= 2.0
         if step < least:
             break
     worst = int(change.argmax())
-    return 2.0 * step, [
-        f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
-        "asked, however short the step: the error of this case is about as large"
-    ]
+    return (
+        2.0 * step,
+        found.change[0],
+        [
+            f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
+            "asked, however short the step: the error of this case is about as large"
+        ],
+    )

@@ -1,11 +1,12 @@
 """One case by itself, with all there is to know of it over time: by the kernel written for its scene, as plain Python if that does."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sepmc import schema
+from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
 from sepmc.campaign.flight import Say, final_status, usual_lengths
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.compiler.emit import emit
@@ -16,7 +17,7 @@ from sepmc.kernels.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
-_TO_LEARN = (1, 8, 64)  # times finer than a given step: the first with which a case comes to its end tells how long phases last
+_TO_LEARN = (2, 16, 128)  # times finer than a given step: the first with which a case comes to its end tells how long phases last
 _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 256  # with so many, a case that ends with no numbers will not have any
 _CLEARER = 1024  # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
@@ -29,7 +30,7 @@ _NONE = np.empty((0, 3))  # instants of which rows are wanted
 @dataclass
 class Single:
     """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times`` (n,) and in ``phases`` (n,), by
-    number, and what is to be told of it; whether its kernel was ``compiled``."""
+    number, and what is to be told of it; the numerical error of its outcomes, if it has any; whether its kernel was ``compiled``."""
 
     plan: Plan
     status: Status
@@ -38,6 +39,7 @@ class Single:
     phases: np.ndarray
     rows: np.ndarray
     notes: list[str]
+    error: np.ndarray | None = None
     compiled: bool = False
 
 
@@ -92,24 +94,31 @@ class _Flight:
 
     def fly(self) -> Single:
         """The case. Raises _LostError if the kernel does not vouch for it."""
-        scene, one, notes = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64), list[str]()
+        scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
         if scene.solver.step is None:
-            steps, notes = self._settled(one)
-        else:
-            steps = one
-            self._compile_for(scene.run.end_time / scene.solver.step)
-            self._learn(steps)
-        return self._with_rows(steps, notes)
+            steps, error, notes = self._settled(steps)
+            return replace(self._with_rows(steps, notes), error=error)
+        self._compile_for(scene.run.end_time / scene.solver.step)
+        finer = self._learn(steps)
+        found = self._with_rows(steps, [])
+        if finer is None or found.status > Status.NEVER_RELEASED:
+            return found
+        units, count = [c.unit for c in self.columns], len(self.columns)
+        scale = scales(finer[None, :count], units, scene_scales(scene, units))
+        return replace(found, error=SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0])
 
     def lost(self, status: int) -> Single:
         """The case as it is though no kernel vouches for it."""
         return self._with_rows(self.steps, [], Status(int(final_status(np.array([status]), np.array([self.finite]))[0])))
 
-    def _learn(self, steps: np.ndarray) -> None:
-        """How long phases last, in so many steps (stages,) or more, so that later flights look for their ends where they are."""
+    def _learn(self, steps: np.ndarray) -> np.ndarray | None:
+        """How long phases last, so that later flights look for their ends where they are, from one in finer steps than so many (stages,).
+        Returns its outcomes, if it came to its end."""
         for times in _TO_LEARN:
-            if self._once(times * steps)[1] != FINER_STEPS:
-                return
+            found, status, _ = self._once(times * steps)
+            if status != FINER_STEPS:
+                return found.copy() if 0 <= status <= Status.NEVER_RELEASED else None
+        return None
 
     def _once(self, steps: np.ndarray, instants: np.ndarray = _NONE) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.stages, steps
@@ -135,10 +144,11 @@ class _Flight:
         if told is not None:
             status, found[: len(self.columns)] = told, np.nan  # the audit stays
         there = ~np.isnan(rows).all(axis=1)
-        return Single(self.plan, Status(status), found, instants[there, 0], phases[there], rows[there], notes, self.compiled)
+        return Single(self.plan, Status(status), found, instants[there, 0], phases[there], rows[there], notes, None, self.compiled)
 
-    def _settled(self, one: np.ndarray) -> tuple[np.ndarray, list[str]]:
-        """Steps (stages,) at which the case has settled, and what is to be told of that; ``one`` step of every stage is (stages,) ones."""
+    def _settled(self, one: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Steps (stages,) at which the case has settled, its error (o,) there, and what is to be told of that; ``one`` step of every stage
+        is (stages,) ones."""
         scene = self.plan.scene
         fewest = max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
 
@@ -151,8 +161,8 @@ class _Flight:
             if fewest >= most and not self.finite:
                 raise _LostError(FINER_STEPS)
             fewest *= 2
-        share, notes = settle_one(tried, 1.0, scene, self.columns)
-        return round(fewest / share) * one, notes
+        share, error, notes = settle_one(tried, 1.0, scene, self.columns)
+        return round(fewest / share) * one, error, notes
 
     def _tried(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
         """Outcomes (o,) and status in so many steps (stages,), compiled if these are many. Raises _LostError if they are too many, or if
