@@ -228,3 +228,11 @@ def test_a_tail_that_may_not_be(key):
     history = campaign.simulate(campaign.case(int(np.flatnonzero(bad)[0])))
     assert history.attrs["status"] == "invalid-input"
     assert f"{key} = -" in history.attrs["notes"][0]
+
+
+def test_a_value_that_only_the_nominal_case_would_have_is_said(pair):
+    """A law with ends of its own goes on wherever the nominal is put; a half-width goes with it."""
+    tree = pair({"dispersion": {"body.aft.mass_kg": {"uniform": [0.9, 1.1]}, "body.fore.mass_kg": {"uniform": 0.1}}}).file.tree
+    parse_campaign(tree, "pair", {"body.fore.mass_kg": 3.5})
+    with pytest.warns(SceneWarning, match=r"body\.aft\.mass_t = 0\.001 .*nominal.*uniform \(0\.9, 1\.1\).*constant = 1 }"):
+        parse_campaign(tree, "pair", {"body.aft.mass_t": 0.001})

@@ -17,7 +17,7 @@ from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
 from sepmc.scene.model import Law, Reference, Scene
-from sepmc.scene.parameters import replace
+from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.tables import read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import outcome_columns
@@ -102,8 +102,8 @@ def parse_campaign(
         raise SceneError([f'{source}: settings = {settings!r}: must be a dict by TOML path, as {{"run.cases": 100}}'])
     problems = Problems()
     tree = copy.deepcopy(tree)
-    for key, value in (settings or {}).items():
-        _put(tree, key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]], _builtin(value), problems, key)
+    for key, given in (settings or {}).items():
+        _put(tree, key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]], _builtin(given), problems, key)
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
         problems.add("name", "must be text that can name a folder: letters, digits, . - and _, beginning with a letter or digit", name)
@@ -125,6 +125,7 @@ def parse_campaign(
         _check_reference(reference, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
+    _warn_of_no_effect(scene, settings or {}, dispersions, laws, source)
     return CampaignFile(str(name), tree.get("title", ""), scene, dispersions, reference, tree)
 
 
@@ -166,6 +167,32 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
             if fault:
                 warnings.warn(f"{source}: dispersion of body.{name}.inertia can give a case that {fault}", SceneWarning, stacklevel=4)
                 break
+
+
+def _warn_of_no_effect(
+    scene: Scene, settings: dict[str, Any], dispersions: tuple[Dispersion, ...], laws: dict[str, Law], source: str
+) -> None:
+    """Warn if a value is set that only the nominal case has, because a law gives all others theirs whatever the nominal is."""
+    absolute = {d.parameter.path: d for d, law in zip(dispersions, laws.values(), strict=True) if not law.relative and _has_ends(law)}
+    for key, given in settings.items():
+        try:
+            dispersion = absolute.get(find(scene, key).path)
+        except UnknownPath:  # a table, or a number that no law can be about
+            continue
+        if dispersion is not None:
+            law, number = dispersion.parameter, value(scene, dispersion.parameter.path) / dispersion.parameter.factor
+            text = (
+                f"{source}: {key} = {given} is what the nominal case flies with, and all others draw {dispersion.sentence}: "
+                f"to set it in all, put dispersion.{law.key} = {{ constant = {number:g} }}"
+            )
+            warnings.warn(text, SceneWarning, stacklevel=4)
+
+
+def _has_ends(law: Law) -> bool:
+    """Whether a law says where its values lie, not how far from the nominal."""
+    return (
+        law.discrete is not None or law.constant is not None or any(isinstance(x, tuple) for x in (law.uniform, law.normal, law.triangular))
+    )
 
 
 _NAMES = ("body", "joint", "joints", "kind", "outcome")  # tables whose keys are names, in which nothing is a unit
