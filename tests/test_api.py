@@ -239,6 +239,15 @@ def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
     assert "case 2" in campaign.simulate(campaign.case(2)).attrs["notes"][0]
 
 
+@pytest.mark.parametrize(("kind", "notes"), [("fixed", 1), ("slider", 1), ("revolute", 0), ("spherical", 0)])
+def test_a_hinge_does_not_separate_along_its_axis(pair, kind, notes):
+    """Bodies that part from a joint at which they turned may end on either side of its x axis: nothing is said."""
+    phases = [{"name": "held", "joints": {"pins": kind}, "until": {"time_s": 0.1}}, {"name": "free"}]
+    found = pair(PUSHED | {"phase": phases, "solver": {"accuracy": 1e-6}}).simulate(step_s=0.5).attrs
+    assert found["outcomes"]["separation_distance_mm"] < -100.0
+    assert len(found["notes"]) == notes
+
+
 @pytest.mark.parametrize("law", [{"normal": 0.3}, {"uniform": [0.5, 0.9]}])
 def test_a_coefficient_of_a_polynomial_varies(law):
     """What bounds a polynomial bounds none of its coefficients: a case replays, and a law with ends is taken."""

@@ -4,9 +4,12 @@ from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.overshoot import overshooting
+from sepmc.kernels.layout import ROD, ROTATION
+from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import Scene
 
 _NAMED = 3  # outcomes that a sentence names
+_X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
 _TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each other than that did not separate
 
 
@@ -45,13 +48,13 @@ def unsettled(count: int, again: int) -> list[str]:
 
 
 def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
-    """A sentence for each joint whose separation ends negative in a case with these outcomes, by column."""
+    """A sentence for each joint whose separation ends negative in a case with these outcomes, by column; but for those that turn."""
     least = -_TOGETHER * float(scene_scales(scene, ["m"])[0])
     found = []
     for name in scene.joint:
         prefix = "" if len(scene.joint) == 1 else f"{name}_"
         distance = 1e-3 * outcomes[f"{prefix}separation_distance_mm"]
-        if distance < least:
+        if distance < least and not _turns(scene, name):
             first, second = scene.joint[name].bodies
             found.append(
                 f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of {first} from which it should separate "
@@ -59,3 +62,10 @@ def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
                 f"joint.{name}.apart?"
             )
     return found
+
+
+def _turns(scene: Scene, name: str) -> bool:
+    """Whether a joint lets its bodies turn in some phase, as a hinge does, but not slide: its x axis is not where they separate to."""
+    kinds = [rows_of(scene.joint[name], phase.joints.get(name, "free")) for phase in scene.phase]
+    turning = [rows for rows in kinds if rows and sum(ROTATION <= row < ROD for row in rows) < _ALL]
+    return any(_X in rows or ROD in rows for rows in turning)
