@@ -4,6 +4,7 @@ A kernel compiled into a prange loop of its own would be optimised and turned in
 compile.
 """
 
+import math
 from typing import Any
 
 import numba
@@ -148,9 +149,12 @@ def fly(
         np.array([times], dtype=np.int64),
     )
     if kernel.plain is not None:
-        with np.errstate(all="ignore"):  # as compiled code is
-            for first in range(0, draws.shape[1], kernel.plain.LANES):
-                kernel.plain.fly_block(np.empty(kernel.plain.SIZE_W), first, arrays)
+        from sepmc.kernels.interpreted import in_numbers  # noqa: PLC0415
+
+        results = (outcomes, ends, history, status)
+        given = [in_numbers(array, any(array is one for one in results)) for array in arrays]
+        for first in range(0, draws.shape[1], kernel.plain.LANES):
+            kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
         return
     for array in arrays:
         assert array.flags.c_contiguous

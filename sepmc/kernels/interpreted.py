@@ -1,13 +1,19 @@
 """Written kernels as plain Python: the same text, one lane, nothing compiled. For a few cases of a new scene, and for a debugger.
 
-The formulas that a text calls are imported a second time with the compiler off; the compiled ones stay as they are.
+The formulas that a text calls are imported a second time with the compiler off; the compiled ones stay as they are. Numbers are Python's
+own, with which plain Python is three times as fast as with numpy's. What these would do and Python's would not is put in on the way:
+division by zero, roots and powers without an answer.
 """
 
+import ast
 import contextlib
+import importlib.abc
+import importlib.machinery
 import math
 import sys
 from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +24,121 @@ from sepmc.kernels.kernel import Kernel
 _PACKAGE = "sepmc.kernels"
 _plain: dict[str, ModuleType] = {}  # second copies, by name
 _loaded: dict[str, Kernel] = {}  # kernels, by their text
-# Compiled code divides by zero as numpy does, so a root must be one of numpy's numbers.
-_MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: np.float64(math.sqrt(x) if x >= 0.0 else math.nan)})
+
+
+class Numbers(list[Any]):
+    """Numbers of an array of one axis."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return (len(self),)
+
+
+class Table:
+    """An array of several axes that gives and takes Python's numbers."""
+
+    def __init__(self, array: np.ndarray):
+        self.array, self.shape, self.item = array, array.shape, array.item
+
+    def __getitem__(self, key: tuple[int, ...]) -> Any:
+        return self.item(key)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self.array[key] = value
+
+
+def in_numbers(array: np.ndarray, kept: bool = False) -> Any:
+    """What a kernel is given for an array: a list that reads fast, or what is written to the array if it is to be ``kept``."""
+    if array.dtype.names is not None:
+        return [SimpleNamespace(**{name: row[name].item() for name in array.dtype.names}) for row in array]
+    return Numbers(array.tolist()) if array.ndim == 1 and not kept else Table(array)
+
+
+def _over(a: float, b: float) -> float:
+    """A number over zero."""
+    return math.nan if a == 0.0 or math.isnan(a) else math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+
+def _power(a: float, b: float) -> float:
+    try:
+        found = a**b
+    except ArithmeticError:
+        found = math.nan
+    if isinstance(found, complex) or math.isnan(found):
+        with np.errstate(all="ignore"):
+            return float(np.float64(a) ** b)
+    return found
+
+
+def _rounded(to: Any) -> Any:
+    return lambda x: math.copysign(to(x), x) if math.isfinite(x) else x
+
+
+_MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan})
+_NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _rounded(math.ceil)})
+_ON_ARRAYS = {"search_clearance"}  # stages that take parts of the workspace for arrays, and have one of their own
+
+
+class _Divisions(ast.NodeTransformer):
+    """``a / b`` as ``a / d if (d := b) else _over(a, d)``, and ``a ** b`` as ``_power(a, b)``."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        self.generic_visit(node)
+        return self._safe(node, node.left, node.op, node.right)
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        self.generic_visit(node)
+        left = ast.parse(ast.unparse(node.target), mode="eval").body
+        safe = self._safe(node, left, node.op, node.value)
+        return node if safe is node else ast.copy_location(ast.Assign([node.target], safe), node)
+
+    def _safe(self, node: Any, left: ast.expr, op: ast.operator, right: ast.expr) -> Any:
+        def new(made: Any) -> Any:
+            return ast.copy_location(made, node)
+
+        if isinstance(op, ast.Pow):
+            return new(ast.Call(new(ast.Name("_power", ast.Load())), [left, right], []))
+        if not isinstance(op, ast.Div) or (isinstance(right, ast.Constant) and right.value):
+            return node
+        self.count += 1
+        name = f"_divisor_{self.count}"
+        divisor, there = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
+        other = new(ast.Call(new(ast.Name("_over", ast.Load())), [left, there], []))
+        return new(ast.IfExp(new(ast.NamedExpr(divisor, right)), new(ast.BinOp(left, ast.Div(), there)), other))
+
+
+def _compiled(text: str, name: str) -> Any:
+    """Python's code of a text whose functions divide safely."""
+    tree, divisions, lines = ast.parse(text), _Divisions(), text.splitlines()
+    for k, node in enumerate(tree.body):
+        if isinstance(node, ast.FunctionDef) and any("/" in line or "**" in line for line in lines[node.lineno - 1 : node.end_lineno]):
+            tree.body[k] = divisions.visit(node)
+    return compile(tree, name, "exec")
+
+
+class _Loader(importlib.machinery.SourceFileLoader):
+    """A module of the package of kernels with divisions made safe; none of that is kept on disk."""
+
+    def get_code(self, fullname: str) -> Any:
+        path = self.get_filename(fullname)
+        return _compiled(self.get_data(path).decode(), path)
+
+    def exec_module(self, module: ModuleType) -> None:
+        vars(module).update(_over=_over, _power=_power)
+        super().exec_module(module)
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> importlib.machinery.ModuleSpec | None:
+        if not fullname.startswith(_PACKAGE + "."):
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.origin is not None:
+            spec.loader = _Loader(fullname, spec.origin)
+        return spec
 
 
 def _ours() -> dict[str, ModuleType]:
@@ -29,15 +148,17 @@ def _ours() -> dict[str, ModuleType]:
 @contextlib.contextmanager
 def _without_compiler() -> Iterator[None]:
     """Let the package of kernels, imported meanwhile, be its second copy."""
-    compiled, switch = _ours(), config.DISABLE_JIT
+    compiled, switch, finder = _ours(), config.DISABLE_JIT, _Finder()
     package = sys.modules["sepmc"]
     for name in compiled:
         del sys.modules[name]
     sys.modules.update(_plain)
     config.DISABLE_JIT = 1
+    sys.meta_path.insert(0, finder)
     try:
         yield
     finally:
+        sys.meta_path.remove(finder)
         config.DISABLE_JIT = switch
         _plain.update(_ours())
         for name in _ours():
@@ -50,11 +171,37 @@ def load(text: str) -> Kernel:
     """The kernel with this text, to be flown by `sepmc.kernels.blocks.fly` in plain Python."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
+        vars(module).update(_over=_over, _power=_power)
         with _without_compiler():
-            exec(compile(text, "<kernel>", "exec"), module.__dict__)
+            exec(_compiled(text, "<kernel>"), module.__dict__)
         for plain in (module, *_plain.values()):
-            if getattr(plain, "math", None) is math:
-                plain.math = _MATH  # type: ignore[attr-defined]
+            _in_python(plain)
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module)
     return _loaded[text]
+
+
+def _in_python(module: ModuleType) -> None:
+    """Let a module calculate with Python's numbers."""
+    for name, value in vars(module).items():
+        if value is math:
+            setattr(module, name, _MATH)
+        elif value is np:
+            setattr(module, name, _NUMPY)
+        elif isinstance(value, np.ndarray):
+            setattr(module, name, in_numbers(value))
+        elif name in _ON_ARRAYS and not hasattr(value, "on_array"):
+            setattr(module, name, _on_array(value))
+
+
+def _on_array(stage: Any) -> Any:
+    """A stage, for a workspace that is a list."""
+
+    def on_array(w: list[float], job: int) -> None:
+        array = np.array(w)
+        with np.errstate(all="ignore"):
+            stage(array, job)
+        w[:] = array.tolist()
+
+    on_array.on_array = True  # type: ignore[attr-defined]
+    return on_array

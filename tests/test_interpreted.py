@@ -1,0 +1,78 @@
+"""Kernels as plain Python: Python's numbers, which do where they divide, round and take roots what compiled code does."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import sepmc
+from sepmc.campaign import pilot
+from sepmc.door import fly_cases
+from sepmc.kernels import interpreted, vec3
+
+TEXT = """
+import math
+import numpy as np
+from sepmc.kernels import elementary, vec3
+from sepmc.kernels.clearances import search_clearance
+GUARDS, STAGES, CHANGES = 0, 0, 0
+
+def over(a, b):
+    return a / b
+
+def within(a, b):
+    a /= (b / 3.0) / (a / b)
+    return a
+
+def power(a, b):
+    return a**b
+
+def root(a, b):
+    return math.sqrt(a) + np.floor(b)
+"""
+NUMBERS = (0.0, -0.0, 1.5, -2.5, math.inf, -math.inf, math.nan, 1e-300, 1e300)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return interpreted.load(TEXT).plain
+
+
+@pytest.mark.parametrize("name", ["over", "within", "power", "root"])
+def test_numbers_without_an_answer(plain, name):
+    """As numpy's, bit for bit, signs of zeros and infinities among them; and Python's own numbers."""
+    numpy_s = {}
+    exec(compile(TEXT.replace("math.sqrt", "np.sqrt"), "numpy's", "exec"), numpy_s)
+    with np.errstate(all="ignore"):
+        for a, b in itertools.product(NUMBERS, NUMBERS):
+            found, expected = getattr(plain, name)(a, b), numpy_s[name](np.float64(a), np.float64(b))
+            assert type(found) is float
+            assert_array_equal(found, expected, err_msg=f"{name}({a}, {b})")
+            assert math.copysign(1.0, found) == math.copysign(1.0, expected) or math.isnan(found)
+
+
+def test_the_compiled_formulas_stay_as_they_are(plain):
+    """The second copies are modules of their own, with lines where the files have them."""
+    assert plain.vec3 is not vec3
+    assert plain.vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == 32.0
+    assert plain.vec3.dot.__code__.co_firstlineno == vec3.dot.py_func.__code__.co_firstlineno
+    assert plain.elementary.sine_cosine(0.3) == pytest.approx((math.sin(0.3), math.cos(0.3)), abs=1e-15)
+    assert type(plain.elementary.sine_cosine(0.3)[0]) is float
+
+
+def test_a_flight_is_in_pythons_numbers():
+    """No number of the workspace is one of numpy's, which would make all that follows from it slow."""
+    campaign = sepmc.load("table2.toml")
+    kernel = interpreted.load(pilot.kernel_text(campaign))
+    kept, one = [], kernel.plain.fly_block
+
+    def fly_block(w, first, arrays):
+        one(w, first, arrays)
+        kept.extend(w)
+
+    kernel.plain.fly_block = fly_block
+    fly_cases(kernel, campaign.plan, np.array([1, 2, 2]), np.array([0.05, 0.2, 0.25]), campaign.slots, pilot.sample(campaign, 1))
+    kernel.plain.fly_block = one
+    assert {type(x) for x in kept} == {float}
