@@ -55,6 +55,14 @@ def copied(campaign, tmp_path):
     return shutil.copytree(campaign, tmp_path / "copy")
 
 
+def test_compile_fills_the_cache(tmp_path):
+    """A campaign then compiles nothing."""
+    cold = ("--set", "run.history_step_s=0.0")
+    assert "table2: its kernel is in the cache" in call("compile", "table2.toml", *cold).stdout
+    said = call("campaign", "table2.toml", *cold, "--cases", 10, "--no-plots", "--out", tmp_path / "run").stdout
+    assert "compiling" not in said
+
+
 def test_run_folder(campaign):
     files = ["campaign.toml", "cases", "histories", "manifest.json", "statistics.csv", "statistics.json"]
     assert sorted(p.name for p in campaign.iterdir()) == files

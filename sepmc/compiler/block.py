@@ -10,12 +10,14 @@ from sepmc.compiler.formulas import ZERO, scalar, vec3
 from sepmc.compiler.outcomes import emit_results
 from sepmc.compiler.recorder import Scope, Value, total, where
 from sepmc.compiler.shape import APART, Change, Stage, met, numbers_of
+from sepmc.compiler.tables import has_tables
 from sepmc.compiler.text import Text
 from sepmc.kernels import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
 _SAME_TIME = 1e-12  # s
+_GOES_ON = "w[LOST + l] <= 0.0"  # of a lane: no status has ended its case (what only needs more care goes on)
 _LEAST_SHARE = 2.0**-16  # of the time left: a stretch where a load usually ends a phase at once, for the cases in which it does not
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _ARGUMENTS = (
@@ -276,6 +278,10 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
     size, awaited, noted = f"{c.shape.active(stage)} * LANES", _awaited(stage), _noted(c, number)
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])", *awaited)
+    if has_tables(c.shape) or any(joint.guide is not None for joint in c.shape.scene.joint.values()):
+        inner("going = False")
+        inner.lanes()(f"going = going or {_GOES_ON}")
+        inner.block("if not going:")("break")
     if not stage.events:
         inner(*noted)
         return
@@ -300,7 +306,7 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
         inner.block("if arrive:")(f"approach(w, {number}, {size})", *awaited)
     inner(*_noted(c, number), "going = False")
-    inner.lanes()("going = going or w[WAY + l] < 1.0")
+    inner.lanes()(f"going = going or (w[WAY + l] < 1.0 and {_GOES_ON})")
 
 
 def _awaited(stage: Stage) -> list[str]:

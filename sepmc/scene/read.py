@@ -173,7 +173,13 @@ def _warn_of_no_effect(
     scene: Scene, settings: dict[str, Any], dispersions: tuple[Dispersion, ...], laws: dict[str, Law], source: str
 ) -> None:
     """Warn if a value is set that only the nominal case has, because a law gives all others theirs whatever the nominal is."""
-    absolute = {d.parameter.path: d for d, law in zip(dispersions, laws.values(), strict=True) if not law.relative and _has_ends(law)}
+    if "dispersion" in settings:  # laws that are set too are known
+        return
+    absolute = {
+        d.parameter.path: d
+        for d, (key, law) in zip(dispersions, laws.items(), strict=True)
+        if not law.relative and _has_ends(law) and f"dispersion.{key}" not in settings
+    }
     for key, given in settings.items():
         try:
             dispersion = absolute.get(find(scene, key).path)
