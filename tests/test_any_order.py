@@ -99,6 +99,12 @@ SCENES = {
         "release": [cut("again", {"joint": "again", "force_N": 1.5})],
         "output": {"loads": ["pins", "again"]},
     },
+    "two joints break at the start, each by the load of the other": TWO
+    | {
+        "motor": [PULL | {"build_up_s": 0.0}],
+        "phase": [{"name": "held", "joints": FIXED}],
+        "release": [cut("pins", {"joint": "other", "force_N": 0.5}), cut("other", {"joint": "pins", "force_N": 0.5})],
+    },
     "redundant guides": {
         "joint.pins.guide": GUIDE,
         "joint.again": AGAIN,

@@ -73,26 +73,27 @@ def _other(k: int) -> int:
 def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     """A function that ends the step just made where the first load is reached that a phase waits for: by the continuous extension."""
     c.slabs.add("MET", c.size)
-    says = f"End the step just made in phase {stage.name} where a load that is waited for is reached."
+    says = f"End the step just made in phase {stage.name} where a load that is waited for is reached, or several are at once."
     text = out.function(f"break_{stage.name}(w)", says)
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
-    inner("first, slope, which = 2.0, 0.0, 0")
+    inner("first, slope = 2.0, 0.0")
     for i, load in enumerate(stage.loads):
         place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
         threshold, nodes = f"w[P + {load.threshold} * LANES + l]", f"{part('WRENCHES', place)} + l, {c.node_size} * LANES"
+        inner(f"theta_{i} = math.inf")
         waits = inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
-        waits(f"theta, rate = peaks.first_reached(w, {nodes}, SCRATCH, {threshold})")
-        waits.block("if theta < first:")(f"first, slope, which = theta, rate, {i}")
+        waits(f"theta_{i}, rate = peaks.first_reached(w, {nodes}, SCRATCH, {threshold})")
+        waits.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     met = inner.block("if first <= 1.0:")
     met("found, w[MET + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
     met("w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]", "w[END + l], w[WAY + l] = w[T + l], 2.0")
     met("slow = w[LENGTH + l] / slope if slope > 0.0 else math.inf")
     for i, load in enumerate(stage.loads):
         guard = f"{c.guard(f'{stage.name}_{load.name}')} + l"
-        at_it = met.block(f"if which == {i}:")
+        at_it = met.block(f"if (theta_{i} - first) * w[LENGTH + l] <= {at.GRAIN}:")
         at_it(f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > 0.0 else 0.0)")
     inner = text.block("if found > 0.0:")
     emit_spread(inner, c, "THETA")
