@@ -145,8 +145,8 @@ def two_balls() -> list[Stress]:
             lines.append(Stress(given, "any", math.nan, NONE, "refused", resolved=apart >= 1e-2))
             continue
         error = relative([found.body(b).w for b in ("fore", "aft")], [once.body(b).w for b in ("fore", "aft")][: len(found.t)])
-        lines.append(judge(given, "rates", error, bound, found, apart >= 1e-3))
-        lines.append(judge(given, "redundant_rows", abs(found.outcomes["redundant_rows"] - 1), EXACT, found, apart >= 1e-3))
+        lines.append(judge(given, "rates", error, bound, found, apart >= 1e-5))
+        lines.append(judge(given, "redundant_rows", abs(found.outcomes["redundant_rows"] - 1), EXACT, found, apart >= 1e-5))
     return lines
 
 
