@@ -232,7 +232,11 @@ def test_a_tail_that_may_not_be(key):
 
 def test_a_value_that_only_the_nominal_case_would_have_is_said(pair):
     """A law with ends of its own goes on wherever the nominal is put; a half-width goes with it."""
-    tree = pair({"dispersion": {"body.aft.mass_kg": {"uniform": [0.9, 1.1]}, "body.fore.mass_kg": {"uniform": 0.1}}}).file.tree
-    parse_campaign(tree, "pair", {"body.fore.mass_kg": 3.5})
-    with pytest.warns(SceneWarning, match=r"body\.aft\.mass_t = 0\.001 .*nominal.*uniform \(0\.9, 1\.1\).*constant = 1 }"):
-        parse_campaign(tree, "pair", {"body.aft.mass_t": 0.001})
+    laws = {"dispersion": {"body.aft.mass_kg": {"uniform": [0.9, 1.1]}, "body.fore.mass_kg": {"uniform": 0.1}}}
+    campaign = pair(laws | {"run.end_time_s": 0.1})
+    assert campaign.with_settings({"body.fore.mass_kg": 3.5}).file.no_effect == ()
+    assert campaign.with_settings(laws | {"body.aft.mass_kg": 1.05}).file.no_effect == ()
+    with interpreted():
+        (note,) = campaign.with_settings({"body.aft.mass_t": 0.001}).run(cases=2).notes
+    for part in ("body.aft.mass_t = 0.001 ", "nominal", "uniform (0.9, 1.1)", "dispersion.body.aft.mass_kg = { constant = 1 }"):
+        assert part in note

@@ -307,4 +307,5 @@ def test_sign_of_apart_is_that_of_the_nominal():
     assert set(result.table["status"]) == {"ok"}
     assert np.ptp(np.sign(result.table["in_body_box_cg_y_m"])) > 0
     for i in range(5):
-        assert campaign.simulate(result.case(i)).attrs["outcomes"]["release_time_s"] == result.table["release_time_s"][i]
+        alone = campaign.simulate(result.case(i)).attrs["outcomes"]["release_time_s"]
+        assert_allclose(alone, result.table["release_time_s"][i], rtol=1e-14)

@@ -15,7 +15,7 @@ _TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each oth
 
 def remarks(campaign: Definition, flight: Flight) -> list[str]:
     """Sentences on the scene of a campaign, from the flight of its nominal case."""
-    found = overshooting(campaign.scene)
+    found = [*campaign.file.no_effect, *overshooting(campaign.scene)]
     if flight.nominal is None:
         return found
     outcomes = {c.name: float(x * c.scale) for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)}

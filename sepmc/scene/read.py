@@ -4,6 +4,7 @@ import copy
 import re
 import tomllib
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,8 @@ _OWN_TABLES = ("name", "title", "dispersion", "reference")
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """A campaign as read: the scene, what varies, what to compare with, and the TOML tree it came from."""
+    """A campaign as read: the scene, what varies, what to compare with, the TOML tree it came from, and sentences on values that were set
+    to no effect on its cases."""
 
     name: str
     title: str
@@ -36,6 +38,7 @@ class CampaignFile:
     dispersions: tuple[Dispersion, ...]
     reference: Reference | None
     tree: dict[str, Any]
+    no_effect: tuple[str, ...] = ()
 
     @property
     def toml(self) -> str:
@@ -125,8 +128,8 @@ def parse_campaign(
         _check_reference(reference, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
-    _warn_of_no_effect(scene, settings or {}, dispersions, laws, source)
-    return CampaignFile(str(name), tree.get("title", ""), scene, dispersions, reference, tree)
+    no_effect = tuple(_of_no_effect(scene, settings or {}, dispersions, laws))
+    return CampaignFile(str(name), tree.get("title", ""), scene, dispersions, reference, tree, no_effect)
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
@@ -169,10 +172,8 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 break
 
 
-def _warn_of_no_effect(
-    scene: Scene, settings: dict[str, Any], dispersions: tuple[Dispersion, ...], laws: dict[str, Law], source: str
-) -> None:
-    """Warn if a value is set that only the nominal case has, because a law gives all others theirs whatever the nominal is."""
+def _of_no_effect(scene: Scene, settings: dict[str, Any], dispersions: tuple[Dispersion, ...], laws: dict[str, Law]) -> Iterator[str]:
+    """A sentence for each value that is set and that only the nominal case has, because a law gives all others theirs whatever it is."""
     if "dispersion" in settings:  # laws that are set too are known
         return
     absolute = {
@@ -187,11 +188,10 @@ def _warn_of_no_effect(
             continue
         if dispersion is not None:
             law, number = dispersion.parameter, value(scene, dispersion.parameter.path) / dispersion.parameter.factor
-            text = (
-                f"{source}: {key} = {given} is what the nominal case flies with, and all others draw {dispersion.sentence}: "
+            yield (
+                f"{key} = {given} is what the nominal case flies with, and all others draw {dispersion.sentence}: "
                 f"to set it in all, put dispersion.{law.key} = {{ constant = {number:g} }}"
             )
-            warnings.warn(text, SceneWarning, stacklevel=4)
 
 
 def _has_ends(law: Law) -> bool:
