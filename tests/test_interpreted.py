@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,9 +63,10 @@ def test_the_compiled_formulas_stay_as_they_are(plain):
     assert type(plain.elementary.sine_cosine(0.3)[0]) is float
 
 
-def test_a_flight_is_in_pythons_numbers():
+@pytest.mark.parametrize("name", ["table2.toml", str(Path(__file__).parent / "everything.toml"), "hyper-x.toml"])
+def test_a_flight_is_in_pythons_numbers(name):
     """No number of the workspace is one of numpy's, which would make all that follows from it slow."""
-    campaign = sepmc.load("table2.toml")
+    campaign = sepmc.load(name)
     kernel = interpreted.load(pilot.kernel_text(campaign))
     kept, one = [], kernel.plain.fly_block
 
@@ -73,6 +75,7 @@ def test_a_flight_is_in_pythons_numbers():
         kept.extend(w)
 
     kernel.plain.fly_block = fly_block
-    fly_cases(kernel, campaign.plan, np.array([1, 2, 2]), np.array([0.05, 0.2, 0.25]), campaign.slots, pilot.sample(campaign, 1))
+    steps, usual = np.full(kernel.stages, 2), np.full(kernel.stages, campaign.scene.run.end_time / 3.0)
+    fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, pilot.sample(campaign, 1))
     kernel.plain.fly_block = one
     assert {type(x) for x in kept} == {float}

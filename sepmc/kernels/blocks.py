@@ -153,8 +153,9 @@ def fly(
 
         results = (outcomes, ends, history, status)
         given = [in_numbers(array, any(array is one for one in results)) for array in arrays]
-        for first in range(0, draws.shape[1], kernel.plain.LANES):
-            kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
+        with np.errstate(all="ignore"):  # as compiled code is
+            for first in range(0, draws.shape[1], kernel.plain.LANES):
+                kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
         return
     for array in arrays:
         assert array.flags.c_contiguous

@@ -47,6 +47,19 @@ class Table:
         self.array[key] = value
 
 
+class Rows:
+    """An array of zeros of two axes, whose rows are what a list is."""
+
+    def __init__(self, shape: tuple[int, int]):
+        self.rows = [Numbers([0.0] * shape[1]) for _ in range(shape[0])]
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.rows[key[0]][key[1]] if isinstance(key, tuple) else self.rows[key]
+
+    def __setitem__(self, key: tuple[int, int], value: Any) -> None:
+        self.rows[key[0]][key[1]] = value
+
+
 def in_numbers(array: np.ndarray, kept: bool = False) -> Any:
     """What a kernel is given for an array: a list that reads fast, or what is written to the array if it is to be ``kept``."""
     if array.dtype.names is not None:
@@ -176,6 +189,7 @@ def load(text: str) -> Kernel:
             exec(_compiled(text, "<kernel>"), module.__dict__)
         for plain in (module, *_plain.values()):
             _in_python(plain)
+        vars(module).update(np=SimpleNamespace(**vars(_NUMPY) | {"zeros": Rows}))
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module)
     return _loaded[text]
