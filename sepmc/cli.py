@@ -548,7 +548,7 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = store.read_manifest(folder).get("accuracy") or {}
     if "errors" in accuracy:
-        table["error"] = [accuracy["errors"].get(str(name), math.nan) for name in table.index]
+        table["error"] = [_number(accuracy["errors"].get(str(name), math.nan)) for name in table.index]
     store.write_statistics(folder, table, counts, units, audited, summary.failed)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     say(summary_text(table, counts, units, source))
@@ -571,7 +571,12 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
 
 def _error(number: float | None) -> str:
     """An error of the manifest, in which what is infinite is null."""
-    return "inf" if number is None else f"{number:.1e}"
+    return f"{_number(number):.1e}"
+
+
+def _number(error: float | None) -> float:
+    """The same as a number."""
+    return math.inf if error is None else error
 
 
 def _single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:

@@ -230,6 +230,22 @@ def test_a_tail_that_may_not_be(key):
     assert f"{key} = -" in history.attrs["notes"][0]
 
 
+def test_a_load_that_ends_before_it_starts():
+    """Refused as a value; drawn by laws it is a status, of the row and of its replay, and not a flight without the load."""
+    load = {"name": "gust", "body": "lower", "force_N": [0.0, 50.0, 0.0], "start_s": 0.15, "end_s": 0.2}
+    laws = {"load.gust.start_s": {"uniform": 0.1}, "load.gust.end_s": {"uniform": 0.05}}
+    campaign = Campaign(parse_campaign(TAIL | {"load": [load]}, "early.toml", {"dispersion": laws}))
+    with interpreted():
+        table = campaign.run(cases=40).to_pandas()
+    early = (table["in_load_gust_end_s"] <= table["in_load_gust_start_s"]).to_numpy()
+    assert 1 <= early.sum() <= 20
+    assert list(table["status"][early].unique()) == ["invalid-input"]
+    assert list(table["status"][~early].unique()) == ["ok"]
+    history = campaign.simulate(campaign.case(int(np.flatnonzero(early)[0])))
+    assert history.attrs["status"] == "invalid-input"
+    assert "load.gust.end_s = " in history.attrs["notes"][0]
+
+
 def test_a_value_that_only_the_nominal_case_would_have_is_said(pair):
     """A law with ends of its own goes on wherever the nominal is put; a half-width goes with it."""
     laws = {"dispersion": {"body.aft.mass_kg": {"uniform": [0.9, 1.1]}, "body.fore.mass_kg": {"uniform": 0.1}}}

@@ -11,12 +11,12 @@ from numpy.testing import assert_array_equal
 import sepmc
 from sepmc.campaign import pilot
 from sepmc.door import fly_cases
-from sepmc.kernels import interpreted, vec3
+from sepmc.kernels import interpreted, linear, vec3
 
 TEXT = """
 import math
 import numpy as np
-from sepmc.kernels import elementary, vec3
+from sepmc.kernels import elementary, linear, vec3
 from sepmc.kernels.clearances import search_clearance
 GUARDS, STAGES, CHANGES = 0, 0, 0
 
@@ -52,6 +52,27 @@ def test_numbers_without_an_answer(plain, name):
             assert type(found) is float
             assert_array_equal(found, expected, err_msg=f"{name}({a}, {b})")
             assert math.copysign(1.0, found) == math.copysign(1.0, expected) or math.isnan(found)
+
+
+@pytest.mark.parametrize("n", [2, 24])
+@pytest.mark.parametrize("spoilt", ["", "rows alike", "zero row", "NaN", "last NaN"])
+def test_lu_by_rows_gives_the_same_bits(plain, n, spoilt):
+    """As the routine of the kernels, number by number; half of the numbers are zero, so that rows change places."""
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        matrix = random.normal(size=(n, n)) * (random.random((n, n)) < 0.5) + np.eye(n)
+        if spoilt == "rows alike":
+            matrix[1] = matrix[0]
+        elif spoilt == "zero row":
+            matrix[1] = 0.0
+        elif spoilt:
+            matrix[(0, 1) if spoilt == "NaN" else (n - 1, n - 1)] = math.nan
+        by_rows = [*matrix.ravel().tolist(), *random.normal(size=n).tolist()]
+        one_by_one = np.array(by_rows)
+        pivot = linear.solve_lu.py_func(one_by_one, 0, n * n, n)
+        assert_array_equal(plain.linear.solve_lu(by_rows, 0, n * n, n), pivot)
+        if pivot > 0.0:
+            assert_array_equal(by_rows[n * n :], one_by_one[n * n :])
 
 
 def test_the_compiled_formulas_stay_as_they_are(plain):

@@ -21,6 +21,7 @@ from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
 from sepmc.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
+from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.schema import Status
@@ -174,7 +175,7 @@ class Campaign(Definition):
         return frame
 
     def _unfit(self, case: Case | None) -> list[str]:
-        """A sentence for each number of a case that may not be, drawn from the tail of a law."""
+        """A sentence for each number of a case that may not be, as laws give it."""
         found = []
         for dispersion in self.file.dispersions:
             parameter, field = dispersion.parameter, dispersion.parameter.field
@@ -182,6 +183,9 @@ class Campaign(Definition):
             if value is not None and field is not None and dispersion.has_tails:
                 why = convert(value * parameter.factor, field.type)[1]
                 found += [f"{parameter.key} = {value:g}: {why}"] if why else []
+        for load in case.scene.load if case else ():
+            if load.end - load.start <= SHORTEST:
+                found.append(f"load.{load.name}.end_s = {load.end:g}: must be > start_s = {load.start:g}")
         return found
 
     def run(

@@ -15,6 +15,7 @@ from sepmc.compiler.plan import Plan, apart, make_plan
 from sepmc.door import whole
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import CampaignFile
@@ -124,12 +125,24 @@ class Definition:
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
     def in_si(self, drawn: np.ndarray) -> np.ndarray:
-        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where a law's tail reaches what may not be."""
+        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where laws give what may not be."""
         draws = drawn * self.factors
         for i, dispersion in enumerate(self.file.dispersions):
             if dispersion.has_tails:
                 draws[~dispersion.allowed(drawn[:, i]), i] = np.nan
+        draws[self._early(draws)] = np.nan
         return draws
+
+    def _early(self, draws: np.ndarray) -> np.ndarray:
+        """Which rows of a case table in SI hold a load that ends before it starts (n,)."""
+        place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
+        early = np.zeros(len(draws), dtype=bool)
+        for load in self.scene.load:
+            times = {f"load.{load.name}.start": load.start, f"load.{load.name}.end": load.end}
+            if not place.keys().isdisjoint(times):
+                start, end = (draws[:, place[path]] if path in place else value for path, value in times.items())
+                early |= end - start <= SHORTEST
+        return early
 
     @property
     def digest(self) -> str:

@@ -21,6 +21,7 @@ _NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last;
 _GROWS = 1.5  # times as long as the first, and as the last, may a step be where an event does not come
 _MANY = 4096.0  # steps that it may take then; a case in which it does not come for longer is lost
 _UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
+_SHORTEST = 2.0 * GRAIN  # s, of a step that is one of several: shorter ones are no time at all to what follows loads
 _MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
 
@@ -56,7 +57,7 @@ def emit_lengths(out: Text, c: Context) -> None:
         if c.paces(stage):
             end = "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.shape.scene.solver.step is not None)
-    text.lanes()("w[STEP + l] /= parts")
+    text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
     emit_spread(text, c, "STEP")
     if any(stage.events for stage in c.shape.stages):
         _emit_rest(out, c)
@@ -78,6 +79,7 @@ def _keep_pace(lane: Text, end: str, given: bool) -> None:
     """
     lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
     lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
+    lane(f"needed = min(needed, np.floor(h / {_SHORTEST}))")
     lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN")
     if given:
         lane("left = larger(np.ceil(w[TIMES + l] * h / w[PACE + l] - 1e-9), left)")

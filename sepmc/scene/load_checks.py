@@ -9,7 +9,7 @@ import numpy as np
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
-_SHORTEST = 1e-12  # s: what acts for less than that falls between two instants that the engine can tell apart
+SHORTEST = 1e-12  # s: what acts for less than that falls between two instants that the engine can tell apart
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
@@ -48,12 +48,12 @@ def check_loads(scene: Scene, problems: Problems) -> None:
     for spring in scene.spring:
         _check_spring(spring, scene, problems)
     for motor in scene.motor:
-        if not motor.burn > _SHORTEST:
-            problems.add(f"motor.{motor.name}.burn_s", f"must be > {_SHORTEST:g} s", motor.burn)
+        if not motor.burn > SHORTEST:
+            problems.add(f"motor.{motor.name}.burn_s", f"must be > {SHORTEST:g} s", motor.burn)
     for load in scene.load:
         check_known(f"load.{load.name}.body", load.body, scene.body, "body", problems)
-        if not load.end - load.start > _SHORTEST:
-            problems.add(f"load.{load.name}.end_s", f"must be > start_s = {load.start:g}, by more than {_SHORTEST:g} s", load.end)
+        if not load.end - load.start > SHORTEST:
+            problems.add(f"load.{load.name}.end_s", f"must be > start_s = {load.start:g}, by more than {SHORTEST:g} s", load.end)
     for name, body in scene.body.items():
         if name == GROUND:
             problems.add(f"body.{name}", "is the name of the ground, which every scene has; choose another")

@@ -178,9 +178,8 @@ def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
     """Which of the first cases drew what a parameter may not be, such as a negative radius: the independent flight knows no such limits."""
     laws = campaign.file.dispersions
     drawn = cases.draw(laws, campaign.scene.run.seed, 0, count)
-    return (
-        ~np.all([law.allowed(values) for law, values in zip(laws, drawn.T, strict=True)], axis=0) if laws else np.zeros(count, dtype=bool)
-    )
+    off = [~law.allowed(values) for law, values in zip(laws, drawn.T, strict=True)]
+    return np.any([*off, np.isnan(campaign.in_si(drawn)).any(axis=1)], axis=0)
 
 
 def spread_of(campaign: Campaign) -> np.ndarray:
