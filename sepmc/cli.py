@@ -345,7 +345,7 @@ def stress(brief: bool, quiet: bool) -> None:
     with _plain_errors(quiet):
         from sepmc.trust import stress as suite
 
-        lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet)
+        lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet, here=("hour",))
         click.echo("\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table())
     sys.exit(0 if all(line.holds for line in lines) else 1)
 
@@ -391,11 +391,15 @@ def bench(
         _speaker(quiet)(f"wrote {folder}")
 
 
-def _flown(suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool) -> list[Any]:
+def _flown(
+    suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool, here: Iterable[str] = ()
+) -> list[Any]:
     """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns all lines."""
+    from sepmc.trust.groups import side_by_side
+
     names = list(names)
     with _counted(len(names), quiet) as progress:
-        groups = {name: fly([name], progress) for name in names}
+        groups = side_by_side(fly, names, here, progress)
     lines = [line for group in groups.values() for line in group]
     click.echo(suite.brief(groups) if brief else suite.table(lines))
     return lines

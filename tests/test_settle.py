@@ -1,11 +1,14 @@
 """Cases that settle by themselves, outcomes that no step settles, and what a single run says of that; gusts that no step jumps over."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from sepmc.campaign import settle
 from sepmc.campaign.settle import longest_step
+from sepmc.compiler.heights import rows_step
 from sepmc.schema import Status
 from sepmc.trust.independent import fly
 
@@ -153,3 +156,27 @@ def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
     expected = np.array([fly(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)])
     assert np.abs(expected).min() > 1e-3
     assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_the_bound_of_speed_holds_for_any_mix_of_extremes(pair):
+    """A strong soft spring, a load that comes early and stays long: neither end of all laws together, and the step is no longer."""
+    rows = {"altitude_m": [0.0, 1000.0, 80_000.0], "speed_m_s": [0.0, 0.0, 0.0], "direction_deg": [90.0] * 3}
+    spring = {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [-1.0, 0.0, 0.0]}
+    settings = {
+        "environment": {"atmosphere": "none", "gravity": "none", "wind": {"profile": rows}},
+        "initial": {"altitude_m": 1000.0, "speed_m_s": 0.0},
+        "spring": [{"name": "s", **spring, "force_N": 1000.0, "stiffness_N_per_m": 1000.0, "stroke_m": 5.0}],
+        "load": [{"name": "l", "body": "fore", "force_N": [500.0, 0.0, 0.0], "start_s": 0.3, "end_s": 0.6}],
+    }
+    laws = {
+        "spring.s.force_N": [100.0, 1900.0],
+        "spring.s.stiffness_N_per_m": [100.0, 1900.0],
+        "load.l.start_s": [0.0, 0.5],
+        "load.l.end_s": [0.55, 0.9],
+    }
+    given = pair(settings | {"dispersion": {key: {"uniform": ends} for key, ends in laws.items()}})
+    bound = rows_step(given.scene, given.plan.extremes)
+    mixed = [dict(zip(laws, ends, strict=True)) for ends in itertools.product(*laws.values())]
+    alone = [rows_step(pair(settings).with_settings(values).scene) for values in mixed]
+    assert bound <= min(alone) * (1.0 + 1e-5)  # ends of laws are those of all but 1e-6 of the draws
+    assert min(alone) < 0.9 * min(rows_step(scene) for scene in given.plan.extremes)

@@ -12,7 +12,7 @@ import numpy as np
 
 from sepmc.kernels.us1976_table import BORDERS
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import GROUND, Motor, Phase, Scene, Spring
+from sepmc.scene.model import GROUND, Motor, Phase, Scene
 
 _ROWS = 4.0  # of a table over height that a step passes at most: its stages then see what stands between two rows
 
@@ -62,24 +62,26 @@ def _pushed(scenes: Sequence[Scene]) -> float:
     masses = {name: min((s.body[name].mass for s in scenes if s.body[name].mass > 0.0), default=math.inf) for name in scene.body}
     weights = [(group, sum(masses[name] for name in group if name != GROUND)) for group in groups]
     gains = dict.fromkeys(scene.body, 0.0)
-    for of_scenes in zip(*map(_pushes, scenes), strict=True):
-        body, pushes = of_scenes[0][0], [push for _, push in of_scenes]
+    for body, push in _pushes(scenes):
         for name in gains:
-            shared = [mass for group, mass in weights if name in group and body in group]
-            gains[name] += max((push(mass) for mass in shared for push in pushes), default=0.0)
+            gains[name] += max((push(mass) for group, mass in weights if name in group and body in group), default=0.0)
     return max(gains.values())
 
 
-def _pushes(scene: Scene) -> Iterator[tuple[str, Callable[[float], float]]]:
-    """Bodies that something pushes, and the speed that this gives a mass at most."""
-    end = scene.run.end_time
-    for motor in scene.motor:
-        yield motor.body, partial(_by_impulse, _size(motor) * min(end, motor.burn + motor.tail_off))
-    for spring in scene.spring:
-        for body in spring.bodies:
-            yield body, partial(_by_spring, spring, end)
-    for load in scene.load:
-        yield load.body, partial(_by_impulse, math.hypot(*load.force) * max(0.0, min(end, load.end) - load.start))
+def _pushes(scenes: Sequence[Scene]) -> Iterator[tuple[str, Callable[[float], float]]]:
+    """Bodies that something pushes, and the speed that this gives a mass at most, each of its numbers being the worst of all scenes."""
+    end = scenes[0].run.end_time
+    for motors in zip(*(s.motor for s in scenes), strict=True):
+        burns = max(m.burn for m in motors) + max(m.tail_off for m in motors)
+        yield motors[0].body, partial(_by_impulse, max(map(_size, motors)) * min(end, burns))
+    for springs in zip(*(s.spring for s in scenes), strict=True):
+        force, stiffness = max(abs(s.force) for s in springs), min(s.stiffness for s in springs)
+        way = min(max(s.stroke for s in springs), force / stiffness if stiffness > 0.0 else math.inf)
+        for body in springs[0].bodies:
+            yield body, partial(_by_spring, force, way, end)
+    for loads in zip(*(s.load for s in scenes), strict=True):
+        acts = min(end, max(load.end for load in loads)) - min(load.start for load in loads)
+        yield loads[0].body, partial(_by_impulse, max(math.hypot(*load.force) for load in loads) * max(0.0, acts))
 
 
 def _size(motor: Motor) -> float:
@@ -91,10 +93,8 @@ def _by_impulse(impulse: float, mass: float) -> float:
     return impulse / mass
 
 
-def _by_spring(spring: Spring, end: float, mass: float) -> float:
+def _by_spring(force: float, way: float, end: float, mass: float) -> float:
     """By its force all the time, or by the energy that it has."""
-    force = abs(spring.force)
-    way = min(spring.stroke, force / spring.stiffness if spring.stiffness > 0.0 else math.inf)
     return min(force * end / mass, math.sqrt(2.0 * force * way / mass)) if force > 0.0 else 0.0
 
 

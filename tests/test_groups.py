@@ -1,0 +1,20 @@
+"""Groups of a suite side by side: the same lines in the same order as one after the other; what fails there fails here."""
+
+import pytest
+
+from sepmc.trust.groups import side_by_side
+from sepmc.trust.verify import verify
+
+
+def test_side_by_side():
+    """Two groups apart, one here; each is told when it has been flown."""
+    names, told = ["free_body", "rod_pendulum", "welded"], []
+    groups = side_by_side(verify, names, here=["rod_pendulum"], told=told.append)
+    assert list(groups) == names
+    assert sorted(told) == sorted(names)
+    assert groups == {name: verify([name]) for name in names}
+
+
+def test_a_group_that_raises():
+    with pytest.raises(KeyError, match="no such"):
+        side_by_side(verify, ["no such", "free_body"])
