@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+import sepmc as package
 from sepmc.cli import main
+from sepmc.scene.messages import SceneError
 
 TEXT = (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
 MASS, INERTIA, UNTIL = "mass_kg = 458.0", "inertia_kg_m2 = [18.6, 156.3, 157.2]", "until = { time_s = 0.05 }"
@@ -307,6 +309,11 @@ OTHERS = [  # the same for everything.toml
         ["body.lower.outline.0.radii_m", "must be >= 0"],
     ),
     ("stations_m = [-0.2, 2.2]", "stations_m = [2.2, 2.2]", ["body.half.outline.0.hollow", "only a frustum of some length can be hollow"]),
+    (
+        "stations_m = [2.2, 6.0]\nradii_m = [0.5, 0.5]",
+        "points_m = [[2.2, 0.5, 0.0]]\noffset_m = [0.1, 0.0]",
+        ["body.lower.outline.0.offset_m = [0.1, 0.0]", "points_m give y and z themselves"],
+    ),
     ('bodies = ["half", "upper"]', 'bodies = ["half", "uper"]', ["clearance.shroud.bodies = 'uper'", "did you mean 'upper'?"]),
     ('bodies = ["half", "upper"]', 'bodies = ["half", "half"]', ["clearance.shroud.bodies", "two different bodies"]),
     ('bodies = ["half", "upper"]', 'bodies = ["half", "ground"]', ["clearance.shroud.bodies", "the ground has no outline"]),
@@ -452,3 +459,14 @@ def test_two_columns_of_one_name(pair):
     renamed = {"body.in_initial": {"mass_kg": 1.0, "inertia_kg_m2": [1.0, 2.0, 2.0], "cg_m": [5.0, 0.0, 0.0]}}
     with pytest.raises(ValueError, match="two columns 'in_initial_alpha_deg'; rename one"):
         _ = pair(renamed | {"dispersion": {"initial.alpha_deg": {"normal": 1.0}}}).plan
+
+
+def test_a_clearance_of_shells_only(tmp_path):
+    """Shells are not held against each other: a clearance between two bodies that have nothing else would never be a number."""
+    text = (Path(__file__).parent / "scenes" / "disc-in-shell.toml").read_text(encoding="utf-8")
+    path = tmp_path / "shells.toml"
+    path.write_text(
+        text.replace("stations_m = [2.5, 2.5]\nradii_m = [0.0, 0.4]", "stations_m = [2.0, 3.0]\nradii_m = [0.4, 0.4]\nhollow = true")
+    )
+    with pytest.raises(SceneError, match=r"clearance\.c\.bodies.*shells only"):
+        package.load(path)

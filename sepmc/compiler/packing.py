@@ -122,6 +122,8 @@ def add_outline(pool: Pool, scene: Scene, name: str) -> tuple[int, int]:
     for part in scene.body[name].outline if name in scene.body else ():
         if part.stations is not None and part.radii is not None:
             (s0, s1), (r0, r1), (y, z) = part.stations, part.radii, part.offset
+            if s0 == s1:  # a disc has one rim
+                r0 = r1 = max(r0, r1)
             parts.append((float(part.hollow), s0, y, z, s1 - s0, r0, r1))
         parts += [(0.0, *point, 0.0, 0.0, 0.0) for point in part.points]
     return pool.add([x for part in parts for x in part]), len(parts)

@@ -88,6 +88,8 @@ def _check_part(place: str, part: Part, problems: Problems) -> None:
         problems.add(f"{place}.radii_m", "must be >= 0", list(part.radii))
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{place}.hollow", "only a frustum of some length can be hollow")
+    if part.points and any(part.offset):
+        problems.add(f"{place}.offset_m", "is that of a frustum's axis; points_m give y and z themselves", list(part.offset))
 
 
 def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
@@ -150,5 +152,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                 problems.add(f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]")
             if body == GROUND:
                 problems.add(f"{place}.bodies", "the ground has no outline")
+        parts = [part for body in clearance.bodies if body in scene.body for part in scene.body[body].outline]
+        if parts and all(part.hollow for part in parts):
+            problems.add(f"{place}.bodies", "have shells only, which are not held against each other: one needs a solid or points")
         if clearance.after is not None:
             check_known(f"{place}.after", clearance.after, scene.joint, "joint", problems)

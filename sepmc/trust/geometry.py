@@ -203,10 +203,9 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
                 continue
             if hollow_a or hollow_b:
                 solid, shell = (b, a) if hollow_a else (a, b)
-                best = np.minimum(best, rim_distance((solid[0], solid[1], solid[3]), shell))
-                if solid[2] > 0.0:
-                    end = solid[0] + solid[2] * solid[1]
-                    best = np.minimum(best, rim_distance((end, solid[1], solid[4]), shell))
+                rims = _rims(solid) if solid[2] > 0.0 else [(solid[0], solid[1], max(solid[3:]))]
+                for rim in rims:
+                    best = np.minimum(best, rim_distance(rim, shell))
                 for share, radius in ((0.0, shell[3]), (shell[2], shell[4])):
                     best = np.minimum(best, lip_distance((shell[0] + share * shell[1], shell[1], radius), solid))
             else:
