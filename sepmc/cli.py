@@ -574,12 +574,12 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
 
 
 def _error(number: float | None) -> str:
-    """An error of the manifest, in which what is infinite is null."""
+    """An error of the manifest as text."""
     return f"{_number(number):.1e}"
 
 
 def _number(error: float | None) -> float:
-    """The same as a number."""
+    """An error of the manifest as a number: what is null there is infinite."""
     return math.inf if error is None else error
 
 

@@ -152,8 +152,8 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
                 problems.add(f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]")
             if body == GROUND:
                 problems.add(f"{place}.bodies", "the ground has no outline")
-        parts = [part for body in clearance.bodies if body in scene.body for part in scene.body[body].outline]
-        if parts and all(part.hollow for part in parts):
+        outlines = [scene.body[body].outline for body in clearance.bodies if body in scene.body]
+        if len(outlines) == 2 and all(outlines) and all(part.hollow for outline in outlines for part in outline):
             problems.add(f"{place}.bodies", "have shells only, which are not held against each other: one needs a solid or points")
         if clearance.after is not None:
             check_known(f"{place}.after", clearance.after, scene.joint, "joint", problems)
