@@ -58,17 +58,14 @@ STRESSES: dict[str, Callable[[], list[Stress]]] = {
 }
 
 
-def stress(names: Iterable[str] | None = None, progress: Callable[[str], None] | None = None) -> list[Stress]:
+def stress(names: Iterable[str] | None = None) -> list[Stress]:
     """Run the stresses and return their lines.
 
     Parameters
     ----------
     names : of `STRESSES`; all if None
-    progress : told the name of each before it runs
     """
     lines = []
     for name in STRESSES if names is None else names:
-        if progress:
-            progress(name)
         lines += STRESSES[name]()
     return lines

@@ -39,17 +39,14 @@ CHECKS: dict[str, Check] = {
 }
 
 
-def verify(names: Iterable[str] | None = None, progress: Callable[[str], None] | None = None) -> list[Line]:
+def verify(names: Iterable[str] | None = None) -> list[Line]:
     """Run the checks and return their lines.
 
     Parameters
     ----------
     names : of `CHECKS`; all if None
-    progress : told the name of each check before it runs
     """
     lines = []
     for name in CHECKS if names is None else names:
-        if progress:
-            progress(name)
         lines += CHECKS[name]()
     return lines
