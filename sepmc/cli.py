@@ -92,7 +92,7 @@ def campaign(
             raise click.UsageError("--stats-only keeps no cases to go on from, so it excludes --resume")
         loaded = _load(file, settings)
         from sepmc.campaign import store
-        from sepmc.door import check_threads
+        from sepmc.engine.door import check_threads
         from sepmc.scene.redundancy import redundancies
 
         check_threads(threads)
@@ -145,7 +145,7 @@ def run(
         loaded = _load(file, settings)
         from sepmc import schema
         from sepmc.campaign import store
-        from sepmc.door import check_every
+        from sepmc.engine.door import check_every
 
         check_every(every_s, loaded.scene, "--every-s")
         _check_held(Path(file), number, seed)
@@ -243,14 +243,14 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
     with _plain_errors(False):
         loaded = _load(file, settings)
         from sepmc.campaign import cases, pilot
-        from sepmc.compiler.emit import features
-        from sepmc.compiler.shape import make_shape
+        from sepmc.kernel.emit import features
+        from sepmc.kernel.shape import make_shape
 
         if code:
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
         from sepmc.campaign.chunks import implausible_note
-        from sepmc.compiler.describe import lines
+        from sepmc.kernel.describe import lines
         from sepmc.scene.redundancy import redundancies
 
         settings_of_run = loaded.scene.run
@@ -292,9 +292,9 @@ def compile_(file: str, settings: tuple[str, ...], stats_only: bool, spares: boo
     with _plain_errors(quiet):
         loaded = _load(file, settings)
         from sepmc.campaign import pilot
-        from sepmc.compiler.shape import make_shape
-        from sepmc.door import load_kernel
-        from sepmc.kernels.layout import USUAL
+        from sepmc.engine.door import load_kernel
+        from sepmc.kernel.shape import make_shape
+        from sepmc.routines.layout import USUAL
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only
         cares = [USUAL, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]

@@ -6,7 +6,7 @@ from numba import njit
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sepmc.kernels import quat
+from sepmc.physics import quat
 
 END, CASES = 2.0, 3000
 RATES = 0.8  # rad/s

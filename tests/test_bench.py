@@ -18,7 +18,7 @@ from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.store import StoreError
-from sepmc.compiler.shape import make_shape
+from sepmc.kernel.shape import make_shape
 
 
 def call(*arguments):
@@ -82,7 +82,7 @@ def test_command(name, formulation, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["table2", "spring-pushers"])
 def test_same_bits(name):
     """On any number of threads, in any chunks and order."""
-    from sepmc.kernels.blocks import max_threads
+    from sepmc.engine.blocks import max_threads
 
     found = bits.same_bits(study_of(name, 60, max_threads()))
     assert len(found) == 4

@@ -12,7 +12,7 @@ from scipy import stats
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.door import interpreted
+from sepmc.engine.door import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
 

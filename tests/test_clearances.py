@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import sepmc
-from sepmc.kernels.lips import lip_gap, lip_least
-from sepmc.kernels.outlines import gap
-from sepmc.kernels.rims import rim_gap
+from sepmc.physics.lips import lip_gap, lip_least
+from sepmc.physics.outlines import gap
+from sepmc.physics.rims import rim_gap
 from sepmc.trust import geometry
 
 NOZZLE = Path(__file__).parent / "nozzle.toml"

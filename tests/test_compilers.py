@@ -2,7 +2,7 @@
 
 import pytest
 
-from sepmc.kernels import cache, compilers
+from sepmc.engine import cache, compilers
 
 PLAIN = '"""Nothing to compile, number {}."""\n'
 

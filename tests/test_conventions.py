@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels import quat
-from sepmc.kernels.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.kernels.propulsion import thrust_arm, thrust_direction
+from sepmc.physics import quat
+from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles
+from sepmc.physics.propulsion import thrust_arm, thrust_direction
 
 DEG = math.pi / 180.0
 DIGITS = 6e-8  # half a unit of the seventh decimal, and a little round-off: the hand-computed numbers carry seven

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels.atmosphere import (
+from sepmc.physics.atmosphere import (
     NEAR,
     density_in_layer,
     density_near,
@@ -18,10 +18,10 @@ from sepmc.kernels.atmosphere import (
     in_layer,
     us1976,
 )
-from sepmc.kernels.elementary import arctan2, exponential, power_of_two, sine_cosine
-from sepmc.kernels.gravity import inverse_square, inverse_square_near
-from sepmc.kernels.lanes import larger, nearest_turn, time_left
-from sepmc.kernels.us1976_table import R0
+from sepmc.physics.elementary import arctan2, exponential, power_of_two, sine_cosine
+from sepmc.physics.gravity import inverse_square, inverse_square_near
+from sepmc.physics.us1976_table import R0
+from sepmc.routines.lanes import larger, nearest_turn, time_left
 
 SAMPLES = 1000
 INF, NAN = math.inf, math.nan

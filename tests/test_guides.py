@@ -8,8 +8,8 @@ from numba import njit
 from numpy.testing import assert_allclose
 from turning_pair import MID, TURNING, agrees, alone
 
-from sepmc.kernels import guides
-from sepmc.kernels.lanes import LANES
+from sepmc.routines import friction
+from sepmc.routines.lanes import LANES
 from sepmc.trust import independent
 
 PINS = {"pins": 3, "circle_m": 0.3, "clock_deg": 25.0, "engaged_m": 0.2, "friction": 0.05, "slip_speed_m_s": 0.1}
@@ -100,11 +100,11 @@ def test_a_guide_that_jams(pair, friction, status):
 
 @njit
 def settled(w, ends, out):
-    return guides.balance(w, 0, ends, out)
+    return friction.balance(w, 0, ends, out)
 
 
 def balance(guide_ends, shares, forces):
-    """Friction of guides by `guides.balance`; ``forces`` of each end are rows: y, z alone and by each guide's newton."""
+    """Friction of guides by `friction.balance`; ``forces`` of each end are rows: y, z alone and by each guide's newton."""
     numbers = []
     for share, ends in zip(shares, forces, strict=True):
         numbers += [share, *np.ravel(ends)]

@@ -10,14 +10,17 @@ from numpy.testing import assert_array_equal
 
 import sepmc
 from sepmc.campaign import pilot
-from sepmc.door import fly_cases
-from sepmc.kernels import interpreted, linear, vec3
+from sepmc.engine import interpreted
+from sepmc.engine.door import fly_cases
+from sepmc.physics import vec3
+from sepmc.routines import linear
 
 TEXT = """
 import math
 import numpy as np
-from sepmc.kernels import elementary, linear, vec3
-from sepmc.kernels.clearances import search_clearance
+from sepmc.physics import elementary, vec3
+from sepmc.routines import linear
+from sepmc.routines.clearances import search_clearance
 GUARDS, STAGES, CHANGES = 0, 0, 0
 
 def over(a, b):

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from sepmc.kernels import joints
-from sepmc.kernels.linear import solve_ldlt, solve_lu
+from sepmc.physics import joints
+from sepmc.routines.linear import solve_ldlt, solve_lu
 
 # Central differences of order 8, offsets -4 to 4.
 SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])

@@ -18,12 +18,12 @@ from sepmc import schema
 from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign
-from sepmc.compiler.pieces import split
-from sepmc.compiler.shape import make_shape
-from sepmc.door import fly_cases, interpreted, load_kernel
-from sepmc.kernels.blocks import max_threads
-from sepmc.kernels.lanes import LANES
-from sepmc.kernels.methods import METHODS, method
+from sepmc.engine.blocks import max_threads
+from sepmc.engine.door import fly_cases, interpreted, load_kernel
+from sepmc.kernel.methods import METHODS, method
+from sepmc.kernel.pieces import split
+from sepmc.kernel.shape import make_shape
+from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
@@ -584,8 +584,8 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign import pilot
-from sepmc.compiler.pieces import split
-from sepmc.kernels import cache
+from sepmc.kernel.pieces import split
+from sepmc.engine import cache
 import sepmc
 text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
 code = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels.us1976_table import R0
+from sepmc.physics.us1976_table import R0
 from sepmc.trust.independent import fly
 
 BORDER = R0 * 11_000.0 / (R0 - 11_000.0)  # m, 11 km of geopotential height

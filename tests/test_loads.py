@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sepmc.kernels.atmosphere import us1976
-from sepmc.kernels.gravity import inverse_square
-from sepmc.kernels.propulsion import building_up
-from sepmc.kernels.us1976_table import R0
-from sepmc.kernels.wind import wind
+from sepmc.physics.atmosphere import us1976
+from sepmc.physics.gravity import inverse_square
+from sepmc.physics.propulsion import building_up
+from sepmc.physics.us1976_table import R0
+from sepmc.physics.wind import wind
 from sepmc.trust import lagrange
 from sepmc.trust.classical_loads import density
 

@@ -8,8 +8,8 @@ from numba import njit
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
-from sepmc.kernels import peaks
-from sepmc.kernels.lanes import LANES
+from sepmc.routines import peaks
+from sepmc.routines.lanes import LANES
 
 APART = 3 * LANES
 NODES, SCRATCH, OUT, OTHER, GUARD = 0, 10 * APART, 20 * APART, 30 * APART, 35 * APART

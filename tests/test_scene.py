@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.compiler.plan import make_plan
+from sepmc.kernel.plan import make_plan
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.read import parse_campaign, parse_setting, read_campaign, shipped_campaigns

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from sepmc.campaign import settle
 from sepmc.campaign.settle import longest_step
-from sepmc.compiler.heights import rows_step
+from sepmc.kernel.heights import rows_step
 from sepmc.schema import Status
 from sepmc.trust.independent import fly
 

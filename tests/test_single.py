@@ -8,7 +8,7 @@ from small_scenes import scene
 
 import sepmc
 from sepmc import cli
-from sepmc.kernels import cache
+from sepmc.engine import cache
 from sepmc.trust.independent import fly
 
 

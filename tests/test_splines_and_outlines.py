@@ -9,12 +9,12 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from sepmc.compiler.splines import pack
-from sepmc.kernels import layout
-from sepmc.kernels.lanes import LANES
-from sepmc.kernels.outlines import gap, inside_gap, least_gap, wall_gap
-from sepmc.kernels.rims import rim_gap
-from sepmc.kernels.splines import curve, grid6, hold_cell, is_held, put_cell
+from sepmc.kernel.splines import pack
+from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
+from sepmc.physics.rims import rim_gap
+from sepmc.routines import layout
+from sepmc.routines.lanes import LANES
+from sepmc.routines.splines import curve, grid6, hold_cell, is_held, put_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 import sepmc
 from sepmc.campaign.overshoot import overshooting
-from sepmc.kernels.atmosphere import sound_speed, us1976
+from sepmc.physics.atmosphere import sound_speed, us1976
 
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 NUMBERS = 1e-9  # of a number, or of its unit: the same flight with differently rounded coefficients

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from sepmc.kernels import joints
+from sepmc.physics import joints
 from sepmc.trust import lagrange, references, verify
 from sepmc.trust.line import Line, table, worst
 

@@ -15,8 +15,8 @@ from sepmc.bench.study import Say, Study, drawn
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import plan_flight
-from sepmc.door import check_threads, use_threads
-from sepmc.kernels.blocks import max_threads
+from sepmc.engine.blocks import max_threads
+from sepmc.engine.door import check_threads, use_threads
 from sepmc.scene.messages import SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000

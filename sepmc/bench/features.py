@@ -16,7 +16,7 @@ from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import kernel_text, stage_names
-from sepmc.door import fly_cases, load_kernel
+from sepmc.engine.door import fly_cases, load_kernel
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 

@@ -23,12 +23,12 @@ from sepmc.bench import apart
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import kernel_text
-from sepmc.compiler.pieces import split
-from sepmc.compiler.shape import make_shape
-from sepmc.door import fly_cases
-from sepmc.kernels import cache, interpreted
-from sepmc.kernels.lanes import LANES
-from sepmc.kernels.methods import method
+from sepmc.engine import cache, interpreted
+from sepmc.engine.door import fly_cases
+from sepmc.kernel.methods import method
+from sepmc.kernel.pieces import split
+from sepmc.kernel.shape import make_shape
+from sepmc.routines.lanes import LANES
 from sepmc.scene.read import parse_campaign
 
 _FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)

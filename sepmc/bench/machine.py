@@ -8,8 +8,8 @@ from typing import Any
 
 from sepmc.bench.clock import rounds
 from sepmc.campaign import store
-from sepmc.kernels import peak
-from sepmc.kernels.blocks import max_threads, use_threads
+from sepmc.engine import fma_peak as peak
+from sepmc.engine.blocks import max_threads, use_threads
 
 _PASSES = 10_000  # some 3 ms
 

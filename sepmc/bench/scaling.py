@@ -13,7 +13,7 @@ from sepmc.bench import apart
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
-from sepmc.door import use_threads
+from sepmc.engine.door import use_threads
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)

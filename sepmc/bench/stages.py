@@ -9,12 +9,12 @@ from typing import Any
 
 import pandas as pd
 
-from sepmc import door
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds, seconds
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign import pilot, store
 from sepmc.campaign.campaign import load
+from sepmc.engine import door
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
@@ -77,5 +77,5 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
 
 def import_seconds() -> float:
     """Seconds to import what a campaign needs, in another fresh process."""
-    program = "import time; t = time.perf_counter(); import sepmc.campaign.campaign, sepmc.kernels.blocks; print(time.perf_counter() - t)"
+    program = "import time; t = time.perf_counter(); import sepmc.campaign.campaign, sepmc.engine.blocks; print(time.perf_counter() - t)"
     return float(apart.run([sys.executable, "-c", program]))

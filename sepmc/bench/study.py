@@ -11,8 +11,8 @@ from sepmc.campaign import cases
 from sepmc.campaign.accuracy import scene_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import Flight, fly, relative_error
-from sepmc.door import Block
-from sepmc.kernels.methods import method as make_method
+from sepmc.engine.door import Block
+from sepmc.kernel.methods import method as make_method
 from sepmc.schema import Status
 
 Say = Callable[[str], None]

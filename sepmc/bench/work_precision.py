@@ -12,7 +12,7 @@ from sepmc.bench.clock import rounds
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
-from sepmc.kernels.methods import METHODS
+from sepmc.kernel.methods import METHODS
 
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # asked of the pilot, to get steps that a user might fly with
 PER = 10_000  # cases that times are told for

@@ -19,7 +19,7 @@ from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
-from sepmc.door import check_every, check_threads, use_threads, whole
+from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError

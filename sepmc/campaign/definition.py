@@ -11,8 +11,8 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign import cases
-from sepmc.compiler.plan import Plan, apart, make_plan
-from sepmc.door import whole
+from sepmc.engine.door import whole
+from sepmc.kernel.plan import Plan, apart, make_plan
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.load_checks import SHORTEST

@@ -8,9 +8,9 @@ import numpy as np
 from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, settle
-from sepmc.door import Again, Block, fly_cases
-from sepmc.kernels.kernel import Kernel
-from sepmc.kernels.layout import BODY_OUTCOMES, FINER_STEPS, LEAST_SQUARES
+from sepmc.engine.door import Again, Block, fly_cases
+from sepmc.engine.written import Kernel
+from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, LEAST_SQUARES
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -24,7 +24,7 @@ Say = Callable[[str], None]
 @dataclass(frozen=True)
 class Spare:
     """A kernel for cases that the one of a flight does not vouch for, because it takes more ``care``: ANY_ORDER or LEAST_SQUARES of
-    `sepmc.kernels.layout`. ``phases`` (stages,) are the numbers of the phases that the stages of the flight belong to."""
+    `sepmc.routines.layout`. ``phases`` (stages,) are the numbers of the phases that the stages of the flight belong to."""
 
     care: int
     make: Callable[["Say | None"], Kernel]

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sepmc.compiler.packing import along_ground
+from sepmc.kernel.packing import along_ground
 from sepmc.scene.model import AirProfile, Scene, WindProfile
 
 _BETWEEN = 17  # points from one row to the next

@@ -15,11 +15,11 @@ from sepmc.campaign.flight import SAFE, Flight, Say, Spare, fly, fly_once, histo
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
 from sepmc.campaign.settle import Fly, longest_step, settle
-from sepmc.compiler import shape
-from sepmc.compiler.emit import emit
-from sepmc.door import Block, fly_cases, load_kernel
-from sepmc.kernels.kernel import Kernel
-from sepmc.kernels.layout import FINER_STEPS, USUAL
+from sepmc.engine.door import Block, fly_cases, load_kernel
+from sepmc.engine.written import Kernel
+from sepmc.kernel import shape
+from sepmc.kernel.emit import emit
+from sepmc.routines.layout import FINER_STEPS, USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns

@@ -4,7 +4,7 @@ from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.overshoot import overshooting
-from sepmc.kernels.layout import ROD, ROTATION
+from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import Scene
 

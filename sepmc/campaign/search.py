@@ -7,8 +7,8 @@ import numpy as np
 from sepmc.campaign.accuracy import errors
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import usual_lengths
-from sepmc.door import fly_cases
-from sepmc.kernels.kernel import Kernel
+from sepmc.engine.door import fly_cases
+from sepmc.engine.written import Kernel
 from sepmc.schema import Status
 
 _MOST_STEPS = 2048  # of a stage

@@ -8,8 +8,8 @@ import numpy as np
 
 from sepmc.campaign.accuracy import decisive, errors, scales, scene_scales
 from sepmc.campaign.cases import extremes, quantile
-from sepmc.compiler.heights import rows_step
-from sepmc.kernels.methods import method
+from sepmc.kernel.heights import rows_step
+from sepmc.kernel.methods import method
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status

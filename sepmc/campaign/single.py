@@ -9,11 +9,11 @@ from sepmc import schema
 from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
 from sepmc.campaign.flight import Say, final_status, usual_lengths
 from sepmc.campaign.settle import longest_step, settle_one
-from sepmc.compiler.emit import emit
-from sepmc.compiler.plan import Plan, make_plan
-from sepmc.compiler.shape import Shape, brief_transient, make_shape
-from sepmc.door import fly_everything, interpreted, load_kernel
-from sepmc.kernels.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.engine.door import fly_everything, interpreted, load_kernel
+from sepmc.kernel.emit import emit
+from sepmc.kernel.plan import Plan, make_plan
+from sepmc.kernel.shape import Shape, brief_transient, make_shape
+from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 

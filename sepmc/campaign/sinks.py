@@ -13,7 +13,7 @@ from sepmc.analysis.rows import Rows, summarise
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.definition import Definition
-from sepmc.door import Block
+from sepmc.engine.door import Block
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sepmc.kernels import layout as at
+from sepmc.routines import layout as at
 from sepmc.scene.model import Joint
 
 

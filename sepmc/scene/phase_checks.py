@@ -2,7 +2,7 @@
 
 import math
 
-from sepmc.kernels import layout as at
+from sepmc.routines import layout as at
 from sepmc.scene.kinds import KINDS, is_part, rows_of
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sepmc.kernels import layout as at
+from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign, Result
-from sepmc.door import interpreted
+from sepmc.engine.door import interpreted
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc.campaign.accuracy import errors
 from sepmc.campaign.campaign import Campaign, load
-from sepmc.door import interpreted
+from sepmc.engine.door import interpreted
 from sepmc.trust import independent
 from sepmc.trust.flights import SCENES, SIZES, Flight, campaign
 from sepmc.trust.line import CLOSE, Line

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sepmc.kernels import joints
+from sepmc.physics import joints
 from sepmc.trust.lagrange import KINDS, PERPENDICULAR
 from sepmc.trust.line import Line, worst
 

@@ -16,9 +16,9 @@ from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scal
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, usual_lengths
 from sepmc.campaign.settle import longest_step
-from sepmc.compiler.shape import brief_transient
-from sepmc.door import fly_cases, interpreted, load_kernel
-from sepmc.kernels.methods import method
+from sepmc.engine.door import fly_cases, interpreted, load_kernel
+from sepmc.kernel.methods import method
+from sepmc.kernel.shape import brief_transient
 from sepmc.schema import Status
 
 _MOST_STEPS = 64  # of a phase

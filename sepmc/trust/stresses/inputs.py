@@ -9,8 +9,8 @@ import numpy as np
 
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.compiler.plan import make_plan
-from sepmc.door import Block, interpreted, load_kernel
+from sepmc.engine.door import Block, interpreted, load_kernel
+from sepmc.kernel.plan import make_plan
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import Parameter

@@ -1,1 +1,0 @@
-"""Scene to plan: what a kernel must know, as arrays."""

@@ -1,0 +1,84 @@
+"""Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and side by side, loaded."""
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+from sepmc.engine.blocks import compile_blocks
+from sepmc.engine.compilers import Progress, compile_all
+from sepmc.engine.pieces import table
+from sepmc.engine.written import Kernel
+from sepmc.jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
+
+_BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
+
+
+def write(texts: Sequence[str]) -> list[str]:
+    """Put the texts of modules into the cache folder where they are new. Returns the modules' names, digests of the texts."""
+    names = []
+    for text in texts:
+        name = "sepmc_piece_" + hashlib.sha256(text.encode()).hexdigest()[:16]
+        path = CACHE_FOLDER / f"{name}.py"
+        if not path.is_file():
+            draft = path.with_suffix(f".{os.getpid()}")
+            draft.write_text(text, encoding="utf-8")
+            draft.replace(path)
+        names.append(name)
+    return names
+
+
+def module(name: str) -> ModuleType:
+    """A module of the cache folder, imported; its piece is loaded from the disk cache, or else compiled."""
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(spec)  # compiled code in the cache refers to it by name
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
+    """A kernel from its pieces in the order of their table, the last of which is entered: names of functions, and of their modules."""
+    compile_blocks()
+    addresses = [getattr(module(name), function).address for function, name in pieces]
+    entry = module(pieces[-1][1])
+    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES)
+
+
+def missing(names: Sequence[str]) -> list[str]:
+    """The modules whose pieces the disk cache does not hold."""
+    if config.DISABLE_JIT:
+        return []
+    held = {path.name.partition(".")[0] for path in CACHE_FOLDER.glob("*/sepmc_piece_*.nbi")}
+    return [name for name in dict.fromkeys(names) if name not in held]
+
+
+def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
+    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own, the longest first; ``progress`` is told
+    after each. Returns whether that worked.
+
+    Every campaign flies what the cache holds: code as compiled and the same code loaded can differ in the last bit.
+    """
+    try:
+        with one_at_a_time("pieces"):
+            left = sorted(missing(names), key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size)
+            return compile_all(left if is_module_cached("blocks") else [_BLOCKS, *left], progress)
+    except OSError:
+        return False
+
+
+def serve() -> None:
+    """Compile what the lines of the standard input name, and give each name back when that is done."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what anything prints is no answer
+    for line in sys.stdin:
+        name = line.strip()
+        if name == _BLOCKS:
+            compile_blocks()
+        else:
+            module(name)
+        print(name, file=answers, flush=True)

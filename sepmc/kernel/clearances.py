@@ -1,0 +1,92 @@
+"""Lines of a written kernel that search every step for the least distance between bodies."""
+
+import math
+from typing import Any
+
+from sepmc.kernel.context import Context, among, lost_unless, part
+from sepmc.kernel.formulas import vec3
+from sepmc.kernel.geometry import State
+from sepmc.kernel.shape import Stage
+from sepmc.kernel.text import Text
+from sepmc.routines import layout as at
+from sepmc.scene.model import GROUND, Clearance
+
+
+def emit_clearances(out: Text, c: Context) -> None:
+    """A function that searches the step of a lane, and for every phase one that searches those of all."""
+    powers, entries = c.method.dense.shape[1], c.shape.scene.clearance
+    for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
+        c.case.scope.store(part("CLEARANCES", k), math.nan)
+    c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
+    c.slabs.add("PATH", powers * at.PATH), c.slabs.add("JOB", at.JOB_PATH + powers * at.PATH)
+    c.slabs.add("CENTRES", 6 * len(entries))
+    for i, entry in enumerate(entries):
+        for k, body in enumerate(entry.bodies):
+            c.case.scope.store(part("CENTRES", 6 * i + 3 * k), c.case.centre_of_mass(body))
+    says = "Search the step of a lane for less than a clearance so far: see `sepmc.routines.clearances.search_clearance`."
+    out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
+    for stage in c.shape.stages:
+        if which := c.counted(stage):
+            text = out.function(f"clearances_{stage.name}(w)", f"Search the step just made in phase {stage.name} for the least clearances.")
+            for i in which:
+                _search(text, c, stage, i, entries[i])
+
+
+def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> None:
+    """Lines that search the steps of all lanes for one clearance."""
+    powers = c.method.dense.shape[1]
+    text(f"# {' and '.join(entry.bodies)}")
+    s = State(c, c.scope(), stage, "S")
+    reach: Any = s.scope.load("REACH")
+    share: Any = 1.0
+    for q in range(powers):
+        a, b = (_place(s, body, q) for body in entry.bodies)
+        s.scope.store(part("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
+        for k, body in enumerate(entry.bodies):
+            turning = _attitude(s, body, q)
+            s.scope.store(part("PATH", at.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4)))
+        share = share * reach
+    s.scope.write(text)
+    model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
+    counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}"
+    if entry.after in stage.masked:
+        counts += f" and ({among(entry.after, stage.free(entry.after))})"
+    text = text.lanes().block(f"if {counts}:")
+    text(
+        f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
+        f"w[JOB + {at.JOB_POWERS}] = {powers}",
+    )
+    for k, body in enumerate(entry.bodies):
+        first, count = (int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2))
+        place = at.JOB_PARTS + 2 * k
+        text(f"w[JOB + {place}], w[JOB + {place + 1}] = SHARED + {first}, {count}")
+    for slab, first, place, count in (
+        ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
+        ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES),
+        ("PATH", 0, at.JOB_PATH, powers * at.PATH),
+    ):
+        text.block(f"for k in range({count}):")(f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]")
+    text("clearance(w, JOB)")
+    inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
+    inner(f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} + k]")
+    text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
+
+
+def _place(s: State, body: str, q: int) -> Any:
+    """Coefficient of the place of a body over the step by power ``q`` of its share gone by."""
+    if body == GROUND:
+        times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
+        return vec3.scale(times, s.speed(GROUND))
+    return s.scope.load(f"{_slab(q)} + X_{body}", 3)
+
+
+def _attitude(s: State, body: str, q: int) -> Any:
+    """The same of its quaternion."""
+    leader = s.stage.leader(body)
+    if leader == GROUND:
+        return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
+    return s.scope.load(f"{_slab(q)} + Q_{leader}", 4)
+
+
+def _slab(q: int) -> str:
+    return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

@@ -1,0 +1,185 @@
+"""Writes the kernel of one scene: a readable Python module that calls the physics this scene needs, in order, and nothing else.
+
+The module flies LANES cases side by side. Sizes and places are constants in it, masses and coefficients are data: scenes of the same
+shape share it. `sepmc check --code` prints it.
+"""
+
+from sepmc.kernel.block import emit_block
+from sepmc.kernel.clearances import emit_clearances
+from sepmc.kernel.context import Context
+from sepmc.kernel.energy import emit_energy
+from sepmc.kernel.events import emit_aim, emit_await, emit_meet
+from sepmc.kernel.extension import emit_extension
+from sepmc.kernel.guides import emit_rub
+from sepmc.kernel.history import emit_history
+from sepmc.kernel.loads import emit_centre, emit_layers
+from sepmc.kernel.methods import method
+from sepmc.kernel.motion import emit_correct, emit_rates
+from sepmc.kernel.outcomes import emit_report
+from sepmc.kernel.shape import Shape
+from sepmc.kernel.start import ZERO_AT_FIRST, emit_prepare, shared_size
+from sepmc.kernel.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
+from sepmc.kernel.tables import has_tables_over_height, looks_up
+from sepmc.kernel.text import Text
+from sepmc.kernel.watch import emit_watch
+from sepmc.kernel.wrenches import emit_shares
+from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY
+
+_HEADER = '''"""{title}
+
+Written by sepmc for scenes of this shape; not edited by hand. {about}
+"""
+
+import math
+
+import numpy as np
+
+from sepmc.physics import guides, joints, quat, springs, vec3
+from sepmc.routines import friction, linear, peaks
+from sepmc.jit import keep_apart, routine
+from sepmc.routines.arrays import Arrays, block, indices, record, table, vector
+from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles
+from sepmc.physics.atmosphere import NEAR, density_near, density_series, geopotential, geopotential_rise, sound_speed
+from sepmc.physics.atmosphere import geometric, layer
+from sepmc.routines.clearances import search_clearance
+from sepmc.physics.elementary import arctan2, exponential
+from sepmc.physics.gravity import inverse_square, inverse_square_near
+from sepmc.routines.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
+from sepmc.routines.layout import Model
+from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY
+from sepmc.kernel.methods import method
+from sepmc.physics.propulsion import building_up, tail_off, thrust_arm, thrust_direction
+from sepmc.physics.quat import SINE_SINGULAR
+from sepmc.routines.splines import hold_cell, is_held, put_cell
+from sepmc.routines.stretches import next_break, set_stretch
+from sepmc.physics.us1976_table import R0, TOP
+from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
+from sepmc.physics.wind import wind
+'''
+
+
+def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
+    """Text of the module that flies scenes of a shape with a Runge-Kutta method; ``history`` is what it also writes over time: nothing,
+    separations (`SEPARATION_HISTORY`), or all there is to know (`FULL_HISTORY`)."""
+    context = Context(shape, method(method_name), history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY)
+    body = _body(context)  # first: the head names all slabs that its parts add
+    return "\n".join(_head(context).lines + body.lines) + "\n"
+
+
+def _body(c: Context) -> Text:
+    """All functions of a module."""
+    _first_slabs(c)
+    body = Text()
+    emit_rates(body, c)
+    for stage in c.shape.stages:
+        emit_rub(body, c, stage)
+    for stage in c.shape.stages:
+        emit_energy(body, c, stage)
+        if stage.rows:
+            emit_correct(body, c, stage)
+        if stage.events:
+            emit_aim(body, c, stage)
+        if stage.awaited:
+            emit_await(body, c, stage)
+    if c.shape.borders:
+        emit_layers(body, c)
+    emit_centre(body, c)
+    emit_lengths(body, c)
+    emit_settle(body, c)
+    emit_guard(body, c)
+    emit_advance(body, c)
+    if any(stage.events for stage in c.shape.stages):
+        emit_approach(body, c)
+        emit_meet(body, c)
+    emit_report(body, c)
+    with c.slabs.optional():
+        _optional(body, c)
+    block = Text()
+    emit_block(block, c)  # it is entered, so it stands last; what comes before a flight is known when all else is written
+    emit_prepare(body, c)
+    body.lines += block.lines
+    return body
+
+
+def _optional(body: Text, c: Context) -> None:
+    """Functions for what happens between the ends of steps."""
+    if c.extends:
+        emit_extension(body, c)
+        for stage in filter(c.carries, c.shape.stages):
+            emit_shares(body, c, stage)
+    emit_watch(body, c)
+    if c.shape.scene.clearance:
+        emit_clearances(body, c)
+    if c.history:
+        emit_history(body, c)
+
+
+def _first_slabs(c: Context) -> None:
+    """Slabs that every module has."""
+    for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
+        c.slabs.add(name, c.size)
+    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "LOST", "LONGEST", *ZERO_AT_FIRST):
+        c.slabs.add(name, 1)
+    c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
+    with c.slabs.optional():
+        c.slabs.add("GUARD", len(c.guards))
+        if c.idles:
+            for name in ("PACE", "TIMES", "LEFT", "FIRST", "WAY", "HELD_BACK", "USUALLY"):
+                c.slabs.add(name, 1)
+            c.slabs.add("BEFORE", c.size)
+        for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
+            c.slabs.add(f"K{i}", c.size)
+
+
+def _head(c: Context) -> Text:
+    """Docstring, imports and constants of a module."""
+    title = "Flight of a scene in which these are:\n" + "\n".join(c.shape.names.legend)
+    about = "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
+    head = Text()
+    head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))
+    head("", f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, weights, nodes.")
+    head(*coefficients(c.method))
+    if c.extends:
+        head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
+        head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
+    head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
+    head(
+        *c.slabs.lines(),
+        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, {len(c.shape.stages)}, {len(c.sudden)}",
+        *_places(c.shape),
+    )
+    return head
+
+
+def _places(shape: Shape) -> list[str]:
+    """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
+    lines = [f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES" for i, body in enumerate(shape.bodies)]
+    lines.append(f"WORK = {6 * len(shape.bodies)} * LANES")
+    start = 6 * len(shape.bodies) + 1
+    for i, body in enumerate(shape.turning):
+        lines.append(f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES")
+    return lines
+
+
+def features(shape: Shape) -> tuple[list[str], list[str]]:
+    """What the kernel of a shape computes, and what it could but does not, because no scene of the shape needs it."""
+    scene = shape.scene
+    air = scene.environment.atmosphere != "none" and any(body.aerodynamics for body in scene.body.values())
+    parts = {
+        "air and aerodynamics": air,
+        "gravity": scene.environment.gravity != "none",
+        "motors": bool(scene.motor),
+        "springs": bool(scene.spring),
+        "constant loads": bool(scene.load),
+        "loads that switch on or off": shape.switches,
+        "constraint rows": any(stage.rows for stage in shape.stages),
+        "events on the state": any(stage.events for stage in shape.stages),
+        "rates at release": bool(scene.output.tip_off),
+        "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
+        "wind or air over height": has_tables_over_height(shape),
+        "friction of pins": any(shape.rubbing(stage) for stage in shape.stages),
+        "joint loads": bool(scene.output.loads),
+        "pin loads": bool(scene.output.guide),
+        "clearances": bool(scene.clearance),
+    }
+    return [name for name, there in parts.items() if there], [name for name, there in parts.items() if not there]

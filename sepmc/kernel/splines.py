@@ -1,0 +1,79 @@
+"""Tables as smooth functions: cubic splines on a grid of up to three axes, packed into one flat array.
+
+Each axis carries cubic B-splines on a clamped knot vector; the pieces of the four that are not zero on a span are stored as polynomials, so
+that a kernel finds the span, evaluates four cubics and needs no division. Two and three points give the line and the parabola through them,
+raised to cubics on one span: the kernel knows one form only. Read by ``sepmc.routines.splines``.
+"""
+
+from collections.abc import Sequence
+from math import factorial
+
+import numpy as np
+
+AXES = 3
+_BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
+
+
+def pack(axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a-knot") -> np.ndarray:
+    """Spline through tabulated functions as the numbers a kernel reads.
+
+    Parameters
+    ----------
+    axes : grid points of each axis, strictly rising; at most three. Nothing varies along an axis that is missing or has one point.
+    values : ndarray, shape (functions, n1, n2, n3), without the axes that are missing
+    ends : "not-a-knot" (cubic polynomials are reproduced) or "flat" (zero slope at both ends, smooth if held constant beyond)
+
+    Returns
+    -------
+    ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1 breaks and 16 q numbers of the basis; the
+    coefficients, the functions side by side. The functions are twice continuously differentiable in every coordinate.
+    """
+    coefficients = np.asarray(values, float)
+    assert len(axes) <= AXES
+    assert coefficients.shape[1:] == tuple(len(points) for points in axes)
+    head = [[float(len(coefficients))]]
+    for points in axes:  # each turn takes the first axis and puts it last
+        basis, matrix = _axis(np.asarray(points, float), ends)
+        head.append(basis)
+        coefficients = np.tensordot(coefficients, matrix, (1, 1))
+    head += [[0.0, 0.0]] * (AXES - len(axes))
+    return np.concatenate([*head, np.moveaxis(coefficients, 0, -1).ravel()])
+
+
+def _axis(points, ends):
+    """Numbers of one axis, and the matrix (coefficients, points) that takes tabulated values to spline coefficients."""
+    from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
+
+    assert np.all(np.diff(points) > 0.0)
+    count = len(points)
+    if count == 1:
+        return [0.0, points[0]], np.eye(1)
+    if ends == "flat" or count > 3:
+        spline = make_interp_spline(points, np.eye(count), k=3, bc_type=_BOUNDARY[ends])
+        knots, matrix = spline.t, spline.c
+    else:
+        matrix = make_interp_spline(points, np.eye(count), k=count - 1).c
+        for degree in range(count - 1, 3):
+            matrix = _raised(degree) @ matrix
+        knots = np.repeat(points[[0, -1]], 4)
+    breaks = knots[3:-3]
+    return [float(len(breaks) - 1), *breaks, *_pieces(knots, breaks[:-1]).ravel()], matrix
+
+
+def _raised(degree):
+    """Matrix that raises the degree of a Bernstein polynomial by one."""
+    raised = np.zeros((degree + 2, degree + 1))
+    for i in range(degree + 1):
+        raised[i, i] = 1.0 - i / (degree + 1)
+        raised[i + 1, i] = (i + 1) / (degree + 1)
+    return raised
+
+
+def _pieces(knots, starts):
+    """Basis functions i to i + 3 on span i as polynomials in x - start: ndarray, shape (spans, 4 functions, 4 powers)."""
+    from scipy.interpolate import BSpline  # noqa: PLC0415
+
+    basis = BSpline(knots, np.eye(len(knots) - 4), 3)
+    powers = [basis(starts, nu=power) / factorial(power) for power in range(4)]  # each (spans, functions)
+    rows = np.arange(len(starts))[:, None]
+    return np.stack([power[rows, rows + np.arange(4)] for power in powers], axis=-1)

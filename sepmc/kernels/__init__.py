@@ -1,1 +1,0 @@
-"""Compiled physics: formulas on tuples, the constraint force equations, one flight, one door."""

@@ -1,0 +1,1 @@
+"""Formulas on numbers and tuples: no layout, no loops over bodies."""

@@ -1,0 +1,27 @@
+"""Angles of the flow, and the aerodynamic force and moment of one body."""
+
+import math
+
+from sepmc.jit import formula
+from sepmc.physics.elementary import arctan2
+
+
+@formula
+def flow_angles(u):
+    """Angle of attack and sideslip, rad, from the air-relative velocity in body axes; paper eqs (10), (11).
+
+    sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
+    """
+    return arctan2(-u[1], u[0]), arctan2(u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
+
+
+@formula
+def aero_force(qs, c):
+    """Force in body axes, N, from dynamic pressure x area (N) and C_A, C_N, C_Y: q S (-C_A, C_N, -C_Y)."""
+    return (-qs * c[0], qs * c[1], -qs * c[2])
+
+
+@formula
+def aero_moment(qsl, c):
+    """Moment in body axes, N m, from q S L (N m) and C_l, C_n, C_m: q S L (C_l, -C_n, C_m)."""
+    return (qsl * c[0], -qsl * c[1], qsl * c[2])

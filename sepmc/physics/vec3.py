@@ -1,0 +1,108 @@
+"""Algebra of 3-vectors (tuples) and 3 x 3 matrices (9-tuples by rows)."""
+
+import math
+
+from sepmc.jit import formula
+
+
+@formula
+def add(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@formula
+def sub(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@formula
+def scale(s, a):
+    return (s * a[0], s * a[1], s * a[2])
+
+
+@formula
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@formula
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@formula
+def unit(a):
+    """a / |a|; not finite if a is zero."""
+    return scale(1.0 / math.sqrt(dot(a, a)), a)
+
+
+@formula
+def perpendicular(a):
+    """A unit vector across a; not finite if a is zero."""
+    x, y, z = abs(a[0]), abs(a[1]), abs(a[2])
+    least = (1.0, 0.0, 0.0) if x <= min(y, z) else ((0.0, 1.0, 0.0) if y <= z else (0.0, 0.0, 1.0))
+    return unit(cross(a, least))
+
+
+@formula
+def rotate(m, a):
+    """m a: body components to ground, if m is an attitude matrix."""
+    return (
+        m[0] * a[0] + m[1] * a[1] + m[2] * a[2],
+        m[3] * a[0] + m[4] * a[1] + m[5] * a[2],
+        m[6] * a[0] + m[7] * a[1] + m[8] * a[2],
+    )
+
+
+@formula
+def unrotate(m, a):
+    """m^T a: ground components to body, if m is an attitude matrix."""
+    return (
+        m[0] * a[0] + m[3] * a[1] + m[6] * a[2],
+        m[1] * a[0] + m[4] * a[1] + m[7] * a[2],
+        m[2] * a[0] + m[5] * a[1] + m[8] * a[2],
+    )
+
+
+@formula
+def add_matrices(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8])
+
+
+@formula
+def symmetric_inverse(m):
+    """Inverse of a symmetric matrix by cofactors; not finite if it is singular."""
+    c00 = m[4] * m[8] - m[5] * m[5]
+    c01 = m[2] * m[5] - m[1] * m[8]
+    c02 = m[1] * m[5] - m[2] * m[4]
+    det = m[0] * c00 + m[1] * c01 + m[2] * c02
+    c11 = m[0] * m[8] - m[2] * m[2]
+    c12 = m[1] * m[2] - m[0] * m[5]
+    c22 = m[0] * m[4] - m[1] * m[1]
+    return (c00 / det, c01 / det, c02 / det, c01 / det, c11 / det, c12 / det, c02 / det, c12 / det, c22 / det)
+
+
+@formula
+def is_positive_definite(m):
+    """Sylvester's criterion for a symmetric matrix; False for NaN."""
+    minor = m[0] * m[4] - m[1] * m[1]
+    det = m[0] * (m[4] * m[8] - m[5] * m[5]) - m[1] * (m[1] * m[8] - m[5] * m[2]) + m[2] * (m[1] * m[5] - m[4] * m[2])
+    return m[0] > 0.0 and minor > 0.0 and det > 0.0
+
+
+@formula
+def get(w, k):
+    """Vector that starts at w[k]."""
+    return (w[k], w[k + 1], w[k + 2])
+
+
+@formula
+def put(w, k, a):
+    """Store a vector at w[k]."""
+    w[k], w[k + 1], w[k + 2] = a
+
+
+@formula
+def get_matrix(w, k):
+    """Matrix that starts at w[k]."""
+    return (w[k], w[k + 1], w[k + 2], w[k + 3], w[k + 4], w[k + 5], w[k + 6], w[k + 7], w[k + 8])

@@ -1,0 +1,69 @@
+"""Arrays that a kernel is given, by their addresses; as plain Python it is given the arrays themselves."""
+
+from typing import Any
+
+import numba
+from numba import carray, types
+from numba.extending import intrinsic
+
+from sepmc.jit import config, formula
+from sepmc.routines.layout import STRUCTURE
+
+_RECORD = numba.from_dtype(STRUCTURE)
+
+
+def _pointer_to(element: Any):
+    """An intrinsic that takes an address to a pointer."""
+
+    def typer(typing_context, address):
+        def generate(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return types.CPointer(element)(types.int64), generate
+
+    return intrinsic(typer)
+
+
+_floats: Any = _pointer_to(types.float64)
+_integers: Any = _pointer_to(types.int64)
+_records: Any = _pointer_to(_RECORD)
+
+
+Arrays = Any  # what a kernel is given: address and up to three sizes of every array, four numbers each
+
+
+@formula
+def vector(a, k):
+    return carray(_floats(a[4 * k]), (a[4 * k + 1],))
+
+
+@formula
+def indices(a, k):
+    return carray(_integers(a[4 * k]), (a[4 * k + 1],))
+
+
+@formula
+def table(a, k):
+    return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2]))
+
+
+@formula
+def block(a, k):
+    return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]))
+
+
+@formula
+def record(a, k):
+    return carray(_records(a[4 * k]), (1,))[0]
+
+
+if config.DISABLE_JIT:  # then they are given as they are
+
+    def _as_it_is(a, k):
+        return a[k]
+
+    def _record_as_it_is(a, k):
+        return a[k][0]
+
+    vector = indices = table = block = _as_it_is
+    record = _record_as_it_is

@@ -1,0 +1,191 @@
+"""Smooth tables: value of cubic splines on a grid of up to three axes.
+
+A pack stands in a flat array as ``sepmc.kernel.splines`` wrote it: the number of functions; for each of three axes its spans q,
+q + 1 breaks and, for each span, four basis functions as cubics in the distance from the span's start; the coefficients, the last axis
+fastest, the functions side by side. An axis of one point has no span and one coefficient, the others have q + 3.
+"""
+
+import math
+
+from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.routines import layout
+from sepmc.routines.lanes import LANES
+
+
+@long_formula
+def curve(numbers, at, function, x):
+    """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the ends, NaN for NaN."""
+    keep_apart()
+    axis = at + 1
+    first, last = numbers[axis + 1], numbers[axis + 1 + int(numbers[axis])]
+    if x < first:
+        x = first
+    elif x > last:
+        x = last
+    span, count, w = _basis(numbers, axis, x)
+    functions = int(numbers[at])
+    p = _after(numbers, _after(numbers, _after(numbers, axis))) + span * functions + function
+    total = 0.0
+    for i in range(count):
+        total += w[i] * numbers[p + i * functions]
+    return total
+
+
+@long_formula
+def grid6(numbers, at, x, y, z):
+    """Values of the six functions of a pack at ``numbers[at]``.
+
+    NaN outside the range of an axis that has more than one point: nothing is extrapolated. A value on the edge is inside.
+    """
+    keep_apart()
+    x_axis = at + 1
+    y_axis = _after(numbers, x_axis)
+    z_axis = _after(numbers, y_axis)
+    x_span, x_count, u = _basis(numbers, x_axis, x)
+    y_span, y_count, v = _basis(numbers, y_axis, y)
+    z_span, z_count, w = _basis(numbers, z_axis, z)
+    y_stride = 6 * _coefficients(numbers, z_axis)
+    x_stride = y_stride * _coefficients(numbers, y_axis)
+    corner = _after(numbers, z_axis) + x_span * x_stride + y_span * y_stride + 6 * z_span
+    s0 = s1 = s2 = s3 = s4 = s5 = 0.0
+    for i in range(x_count):  # three plain loops: half the time of sums of tuples axis by axis
+        for j in range(y_count):
+            uv = u[i] * v[j]
+            for k in range(z_count):
+                uvw = uv * w[k]
+                p = corner + i * x_stride + j * y_stride + 6 * k
+                s0 += uvw * numbers[p]
+                s1 += uvw * numbers[p + 1]
+                s2 += uvw * numbers[p + 2]
+                s3 += uvw * numbers[p + 3]
+                s4 += uvw * numbers[p + 4]
+                s5 += uvw * numbers[p + 5]
+    return s0, s1, s2, s3, s4, s5
+
+
+@long_formula
+def is_held(w, cell, x, y, z):
+    """Whether the cell that a lane holds is that of a place."""
+    return (
+        w[cell] <= x < w[cell + LANES] and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES] and w[cell + 6 * LANES] <= z < w[cell + 7 * LANES]
+    )
+
+
+@long_formula
+def hold_cell(w, cell, at, x, y, z):
+    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside. Returns whether it lies
+    inside, or nowhere.
+
+    A place on the edge is inside. An axis of one point has no edge.
+    """
+    keep_apart()
+    functions, inside = int(w[at]), True
+    x_axis = at + 1
+    y_axis = _after(w, x_axis)
+    z_axis = _after(w, y_axis)
+    z_stride = functions
+    y_stride = z_stride * _coefficients(w, z_axis)
+    x_stride = y_stride * _coefficients(w, y_axis)
+    corner = _after(w, z_axis)
+    for n, axis, place, stride in ((0, x_axis, x, x_stride), (1, y_axis, y, y_stride), (2, z_axis, z, z_stride)):
+        ends, basis, spans = cell + (layout.CELL_ENDS + 3 * n) * LANES, cell + (layout.CELL_BASIS + 16 * n) * LANES, int(w[axis])
+        if spans == 0:
+            w[ends], w[ends + LANES], w[ends + 2 * LANES] = -math.inf, math.inf, 0.0
+            for i in range(16):
+                w[basis + i * LANES] = 1.0 if i == 0 else 0.0
+            inside = inside and not math.isnan(place)
+            continue
+        inside = inside and w[axis + 1] <= place <= w[axis + 1 + spans]
+        low = _span(w, axis, place)
+        start = w[axis + 1 + low]
+        w[ends], w[ends + LANES], w[ends + 2 * LANES] = start, w[axis + 2 + low], start
+        for i in range(16):
+            w[basis + i * LANES] = w[axis + spans + 2 + 16 * low + i]
+        corner += low * stride
+    k = cell + layout.CELL_COEFFICIENTS * LANES
+    for i in range(4 if w[x_axis] > 0.0 else 1):
+        for j in range(4 if w[y_axis] > 0.0 else 1):
+            for n in range(4 if w[z_axis] > 0.0 else 1):
+                for f in range(functions):
+                    w[k] = w[corner + i * x_stride + j * y_stride + n * z_stride + f] if inside else math.nan
+                    k += LANES
+    if not inside:
+        w[cell] = math.inf  # holds no place
+    return inside or math.isnan(x) or math.isnan(y) or math.isnan(z)
+
+
+@long_formula
+def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
+    """Values of the functions of the cells that lanes hold, of so many basis functions along each axis, at the places
+    (three numbers) from w[place] on, into w[found] and so on: `grid6` of all lanes side by side."""
+    keep_apart()
+    for n, count in ((0, x_count), (1, y_count), (2, z_count)):
+        for i in range(count):
+            k = cell + (layout.CELL_BASIS + 16 * n + 4 * i) * LANES
+            for l in range(LANES):
+                s = w[place + n * LANES + l] - w[cell + (layout.CELL_ENDS + 3 * n + 2) * LANES + l]
+                value = w[k + l] + s * (w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l]))
+                w[cell + (layout.CELL_VALUES + 4 * n + i) * LANES + l] = value
+    for e in range(functions * LANES):
+        w[found + e] = 0.0
+    weight, k = cell + layout.CELL_WEIGHT * LANES, cell + layout.CELL_COEFFICIENTS * LANES
+    for i in range(x_count):
+        for j in range(y_count):
+            for n in range(z_count):
+                u, v, z = (
+                    cell + (layout.CELL_VALUES + i) * LANES,
+                    cell + (layout.CELL_VALUES + 4 + j) * LANES,
+                    cell + (layout.CELL_VALUES + 8 + n) * LANES,
+                )
+                for l in range(LANES):
+                    w[weight + l] = w[u + l] * w[v + l] * w[z + l]
+                for f in range(functions):
+                    for l in range(LANES):
+                        w[found + f * LANES + l] += w[weight + l] * w[k + f * LANES + l]
+                k += functions * LANES
+
+
+@routine
+def _basis(numbers, axis, x):
+    """Span that holds x, how many basis functions are not zero there, and their values, which sum to one; NaN outside the axis."""
+    spans = int(numbers[axis])
+    if spans == 0:
+        return 0, 1, (math.nan if math.isnan(x) else 1.0, 0.0, 0.0, 0.0)
+    breaks = axis + 1
+    if not numbers[breaks] <= x <= numbers[breaks + spans]:
+        return 0, 4, (math.nan, math.nan, math.nan, math.nan)
+    low = _span(numbers, axis, x)
+    s = x - numbers[breaks + low]
+    p = breaks + spans + 1 + 16 * low
+    return low, 4, (_cubic(numbers, p, s), _cubic(numbers, p + 4, s), _cubic(numbers, p + 8, s), _cubic(numbers, p + 12, s))
+
+
+@routine
+def _span(numbers, axis, x):
+    """Number of the span of an axis that holds x; the first or the last if none does."""
+    low, high = 0, int(numbers[axis])
+    while high - low > 1:
+        middle = (low + high) // 2
+        if x < numbers[axis + 1 + middle]:
+            high = middle
+        else:
+            low = middle
+    return low
+
+
+@routine
+def _cubic(numbers, p, s):
+    """Polynomial in s whose four coefficients start at ``numbers[p]``."""
+    return numbers[p] + s * (numbers[p + 1] + s * (numbers[p + 2] + s * numbers[p + 3]))
+
+
+@routine
+def _coefficients(numbers, axis):
+    """How many coefficients stand along an axis."""
+    return int(numbers[axis]) + 3 if numbers[axis] > 0.0 else 1
+
+
+@routine
+def _after(numbers, axis):
+    """Place after the numbers of an axis."""
+    return axis + 2 + 17 * int(numbers[axis])

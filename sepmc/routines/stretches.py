@@ -1,0 +1,106 @@
+"""Stretches of time between the switches of motors and loads: when the next switch comes, and what acts in between."""
+
+import math
+
+from sepmc.jit import formula, keep_apart, routine
+from sepmc.routines import layout as at
+from sepmc.routines.layout import GRAIN
+
+
+@formula
+def motor_params(i, m):
+    """Where the parameters of motor i start in ``w``."""
+    return m.scene.motors_p + at.MOTOR_SIZE * i
+
+
+@formula
+def load_params(i, m):
+    return m.scene.loads_p + at.LOAD_SIZE * i
+
+
+@formula
+def motor_work(i, m):
+    """Where what motor i does in a stretch stands in ``w``."""
+    return m.scene.motors_w + at.MOTOR_WORK * i
+
+
+@formula
+def load_work(i, m):
+    return m.scene.loads_w + at.LOAD_WORK * i
+
+
+@routine
+def _starts(i, m, w):
+    """When motor i ignites, s."""
+    p = motor_params(i, m)
+    return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
+
+
+@routine
+def _later(earliest, time, t):
+    """The earlier of two times, of which the second counts only if it lies after t."""
+    return min(earliest, time) if time > t + GRAIN else earliest
+
+
+@routine
+def next_break(t, m, w):
+    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads; and the
+    end of a brief transient, whose steps are then as short as it is."""
+    keep_apart()
+    brief = at.BRIEF / at.TRANSIENT * w[at.END_TIME]
+    earliest = math.inf
+    for i in range(m.scene.n_motors):
+        start = _starts(i, m, w)
+        earliest = _later(earliest, start, t)
+        p = motor_params(i, m)
+        end, build_up, tail_off = start + w[p + at.BURN], w[p + at.BUILD_UP], w[p + at.TAIL_OFF]
+        earliest = _later(earliest, end, t)
+        if 0.0 < build_up < brief:
+            earliest = _later(earliest, start + at.TRANSIENT * build_up, t)
+        if 0.0 < tail_off < brief:
+            earliest = _later(earliest, end + at.TRANSIENT * tail_off, t)
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        for k in range(rows):
+            earliest = _later(earliest, start + m.numbers[first + 2 * k], t)
+    for i in range(m.scene.n_loads):
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_START], t)
+        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_END], t)
+    return earliest
+
+
+@routine
+def set_stretch(middle, m, w):
+    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
+    keep_apart()
+    for i in range(m.scene.n_motors):
+        p, work = motor_params(i, m), motor_work(i, m)
+        since = middle - _starts(i, m, w)
+        w[work + at.BURNING], w[work + at.LEVEL], w[work + at.SLOPE] = at.OFF, 1.0, 0.0
+        if since >= 0.0 and since < w[p + at.BURN]:
+            w[work + at.BURNING] = at.ON
+        elif since >= 0.0 and w[p + at.TAIL_OFF] > 0.0:
+            w[work + at.BURNING] = at.TAILING
+        first, rows = m.table[m.scene.profile_i + 2 * i], m.table[m.scene.profile_i + 2 * i + 1]
+        if rows > 0 and w[work + at.BURNING] == at.ON:
+            _set_profile(since, first, rows, work, m, w)
+        elif rows > 0 and w[work + at.BURNING] == at.TAILING:  # goes on from the end of the burn
+            burn = w[p + at.BURN]
+            _set_profile(burn - GRAIN, first, rows, work, m, w)
+            w[work + at.LEVEL], w[work + at.SLOPE] = w[work + at.LEVEL] + w[work + at.SLOPE] * burn, 0.0
+    for i in range(m.scene.n_loads):
+        p = load_params(i, m)
+        w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
+
+
+@routine
+def _set_profile(since, first, rows, work, m, w):
+    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value before, nothing after its rows."""
+    w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
+    if since < m.numbers[first]:
+        w[work + at.LEVEL] = m.numbers[first + 1]
+    for k in range(rows - 1):
+        t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]
+        t1, f1 = m.numbers[first + 2 * k + 2], m.numbers[first + 2 * k + 3]
+        if t0 <= since < t1:
+            w[work + at.SLOPE] = (f1 - f0) / (t1 - t0)
+            w[work + at.LEVEL] = f0 - w[work + at.SLOPE] * t0
