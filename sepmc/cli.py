@@ -1,7 +1,7 @@
 """The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
 
-Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input (nothing was flown), 3 flown but
-the audit failed, 130 interrupted.
+Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input
+(nothing was flown), 3 flown but the audit failed, 130 interrupted.
 """
 
 import gc
@@ -26,9 +26,15 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign, Result
 
 _SETTINGS = click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Put a value in place, e.g. body.upper.mass_kg=460."
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Put a value in place, e.g. body.upper.mass_kg=460.",
 )
-_OUT = click.option("--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N.")
+_OUT = click.option(
+    "--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N."
+)
 _OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
 _NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
 _BRIEF = click.option("--brief", is_flag=True, help="A row for each group of lines only.")
@@ -45,24 +51,37 @@ def main() -> None:
       sepmc campaign table2.toml --set body.upper.mass_kg=460 --out runs/heavy
       sepmc run runs/heavy --case 17
 
-    FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit codes: 0 done, 1 flown but no
-    case reached the end (verify, stress: a line failed), 2 bad input, 3 flown but the audit failed, 130 interrupted.
-    SEPMC_CACHE_DIR moves the folder of compiled kernels.
+    FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit
+    codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input,
+    3 flown but the audit failed, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled
+    kernels.
     """
-    gc.set_threshold(100_000)  # imports leave 160,000 objects that stay: to look for garbage among them took a sixth of a short command
+    # imports leave 160,000 objects that stay: to look for garbage among them took a sixth of a
+    # short command
+    gc.set_threshold(100_000)
 
 
 @main.command(short_help="Fly the dispersed cases of FILE into a run folder.")
 @click.argument("file")
-@click.option("--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's.")
+@click.option(
+    "--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's."
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
 @_OUT
-@click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores. The result does not depend on it.")
+@click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    help="Threads; default all cores. The result does not depend on it.",
+)
 @_SETTINGS
 @_NO_PLOTS
 @_OVERWRITE
 @click.option("--resume", is_flag=True, help="Fly only the cases missing in --out.")
-@click.option("--stats-only", is_flag=True, help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.")
+@click.option(
+    "--stats-only",
+    is_flag=True,
+    help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.",
+)
 @_QUIET
 def campaign(
     file: str,
@@ -77,19 +96,25 @@ def campaign(
     stats_only: bool,
     quiet: bool,
 ) -> None:
-    """Fly the dispersed cases of FILE (a path, a run folder, or a shipped campaign) into a run folder.
+    """Fly the dispersed cases of FILE (a path, a run folder, or a shipped campaign) into a run
+    folder.
 
-    With --stats-only the folder holds statistics, histograms, audit and counts, but no cases/ and no histories/: for millions of
-    cases. Percentiles are then those of a fine grid of bins, exact up to 65,536 cases and within 0.41 % of sigma beyond.
+    With --stats-only the folder holds statistics, histograms, audit and counts, but no cases/ and
+    no histories/: for millions of cases. Percentiles are then those of a fine grid of bins, exact
+    up to 65,536 cases and within 0.41 % of sigma beyond.
     """
     say = _speaker(quiet)
     with _plain_errors(quiet):
         if (resume or overwrite) and out is None:
-            raise click.UsageError(f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant")
+            raise click.UsageError(
+                f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
+            )
         if resume and overwrite:
             raise click.UsageError("--resume and --overwrite exclude each other")
         if resume and stats_only:
-            raise click.UsageError("--stats-only keeps no cases to go on from, so it excludes --resume")
+            raise click.UsageError(
+                "--stats-only keeps no cases to go on from, so it excludes --resume"
+            )
         loaded = _load(file, settings)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
@@ -101,10 +126,18 @@ def campaign(
         with _progress(n, quiet) as progress:
             try:
                 ways = {"overwrite": overwrite, "resume": resume, "stats_only": stats_only}
-                result = loaded.run(cases, seed, threads, folder, **ways, progress=progress, announce=say)
+                result = loaded.run(
+                    cases, seed, threads, folder, **ways, progress=progress, announce=say
+                )
             except KeyboardInterrupt:
-                kept = f"finished cases are kept. Go on with: sepmc campaign {folder} --out {folder} --resume"
-                click.echo(f"\ninterrupted; {'with --stats-only nothing is kept' if stats_only else kept}", err=True)
+                kept = (
+                    f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
+                    f"{folder} --resume"
+                )
+                click.echo(
+                    f"\ninterrupted; {'with --stats-only nothing is kept' if stats_only else kept}",
+                    err=True,
+                )
                 sys.exit(130)
         for note in result.notes + [found.sentence for found in redundancies(loaded.scene)]:
             click.echo(f"warning: {note}", err=True)
@@ -114,15 +147,30 @@ def campaign(
         click.echo("error: no case was flown to the end; see the column status", err=True)
         sys.exit(1)
     if not trusted:
-        click.echo("error: the audit failed; shorten solver.step_s or look at the cases named in statistics.json", err=True)
+        click.echo(
+            "error: the audit failed; shorten solver.step_s or look at the cases named in "
+            "statistics.json",
+            err=True,
+        )
         sys.exit(3)
 
 
 @main.command(short_help="Fly one case of FILE and write its time history.")
 @click.argument("file")
-@click.option("--case", "number", type=click.IntRange(min=0), help="Dispersed case to fly; default the nominal.")
+@click.option(
+    "--case",
+    "number",
+    type=click.IntRange(min=0),
+    help="Dispersed case to fly; default the nominal.",
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the case, instead of the file's.")
-@click.option("--every-s", type=click.FloatRange(min=0.0, min_open=True), default=0.001, show_default=True, help="Time between rows.")
+@click.option(
+    "--every-s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.001,
+    show_default=True,
+    help="Time between rows.",
+)
 @_OUT
 @_SETTINGS
 @_NO_PLOTS
@@ -139,7 +187,8 @@ def run(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays one of its cases."""
+    """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays
+    one of its cases."""
     say = _speaker(quiet)
     with _plain_errors(quiet):
         loaded = _load(file, settings)
@@ -150,7 +199,9 @@ def run(
         check_every(every_s, loaded.scene, "--every-s")
         _check_held(Path(file), number, seed)
         case = loaded.nominal() if number is None else loaded.case(number, seed)
-        folder = out or store.next_folder(loaded.name if number is None else f"{loaded.name}-case{number}")
+        folder = out or store.next_folder(
+            loaded.name if number is None else f"{loaded.name}-case{number}"
+        )
         store.open_folder(folder, overwrite, resumable=False)
         start = time.perf_counter()
         history = loaded.simulate(case, every_s, say)
@@ -175,7 +226,10 @@ def run(
         }
         store.write_json(folder / store.MANIFEST, manifest)
         status = schema.Status[history.attrs["status"].upper().replace("-", "_")]
-        say(f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {status.label}: {status.sentence}")
+        say(
+            f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {status.label}: "
+            f"{status.sentence}"
+        )
         for name, value in case.inputs.items():
             say(f"  {name:44s} {value:.9g}")
         for name, value in history.attrs["outcomes"].items():
@@ -207,7 +261,10 @@ def stats(folder: Path) -> None:
         summary = _summary(folder, loaded)
         if not manifest.get("complete", True):
             held = sum(summary.counts.values())
-            click.echo(f"warning: the run is not complete: {held} of {manifest.get('cases')} cases", err=True)
+            click.echo(
+                f"warning: the run is not complete: {held} of {manifest.get('cases')} cases",
+                err=True,
+            )
         for note in manifest.get("notes", ()):
             click.echo(f"warning: {note}", err=True)
         flown, trusted = _report(folder, loaded, summary, click.echo, plots=False)
@@ -237,9 +294,12 @@ def plot(folder: Path) -> None:
 @main.command()
 @click.argument("file")
 @_SETTINGS
-@click.option("--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module.")
+@click.option(
+    "--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module."
+)
 def check(file: str, settings: tuple[str, ...], code: bool) -> None:
-    """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves out. Flies nothing."""
+    """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
+    out. Flies nothing."""
     with _plain_errors(False):
         loaded = _load(file, settings)
         from sepmc.campaign import cases, pilot
@@ -262,9 +322,17 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         click.echo("  kernel       written for the scene (print it with --code)")
         called = shape.names.back
         for stage, stage_name in zip(shape.stages, pilot.stage_names(loaded), strict=True):
-            groups = [" and ".join(called.get(body, body) for body in group) for group in stage.groups if len(group) > 1]
-            together = "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
-            rows = f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
+            groups = [
+                " and ".join(called.get(body, body) for body in group)
+                for group in stage.groups
+                if len(group) > 1
+            ]
+            together = (
+                "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
+            )
+            rows = (
+                f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
+            )
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
@@ -272,10 +340,15 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
             numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
-            click.echo(f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) {dispersion.parameter.unit}")
+            click.echo(
+                f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) "
+                f"{dispersion.parameter.unit}"
+            )
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        for warning in ([note] if note else []) + [found.sentence for found in redundancies(loaded.scene)]:
+        for warning in ([note] if note else []) + [
+            found.sentence for found in redundancies(loaded.scene)
+        ]:
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")
 
@@ -283,11 +356,22 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
 @main.command(name="compile", short_help="Compile the kernel of FILE ahead.")
 @click.argument("file")
 @_SETTINGS
-@click.option("--stats-only", is_flag=True, help="The kernel of a campaign with --stats-only, which keeps no histories.")
-@click.option("--spares", is_flag=True, help="The kernels, too, that cases may need which the first one does not vouch for.")
+@click.option(
+    "--stats-only",
+    is_flag=True,
+    help="The kernel of a campaign with --stats-only, which keeps no histories.",
+)
+@click.option(
+    "--spares",
+    is_flag=True,
+    help="The kernels, too, that cases may need which the first one does not vouch for.",
+)
 @_QUIET
-def compile_(file: str, settings: tuple[str, ...], stats_only: bool, spares: bool, quiet: bool) -> None:
-    """Compile the kernel that flies campaigns of FILE into the cache, so that the first one starts at once. Flies nothing."""
+def compile_(
+    file: str, settings: tuple[str, ...], stats_only: bool, spares: bool, quiet: bool
+) -> None:
+    """Compile the kernel that flies campaigns of FILE into the cache, so that the first one starts
+    at once. Flies nothing."""
     say = _speaker(quiet)
     with _plain_errors(quiet):
         loaded = _load(file, settings)
@@ -305,18 +389,44 @@ def compile_(file: str, settings: tuple[str, ...], stats_only: bool, spares: boo
         say(f"{loaded.name}: {what} in the cache, after {time.perf_counter() - start:.1f} s")
 
 
-@main.command(short_help="Hold the engine against closed forms, other formulations and other engines.")
-@click.option("--peers", is_flag=True, help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.")
-@click.option("--random", "count", type=click.IntRange(min=1), help="Instead: fly so many random scenes, and each independently.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="With --random: the seed of the first scene.")
-@click.option("--compiled", type=click.IntRange(min=0), default=0, help="With --random: scenes whose kernels fly compiled as well.")
+@main.command(
+    short_help="Hold the engine against closed forms, other formulations and other engines."
+)
+@click.option(
+    "--peers",
+    is_flag=True,
+    help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.",
+)
+@click.option(
+    "--random",
+    "count",
+    type=click.IntRange(min=1),
+    help="Instead: fly so many random scenes, and each independently.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="With --random: the seed of the first scene.",
+)
+@click.option(
+    "--compiled",
+    type=click.IntRange(min=0),
+    default=0,
+    help="With --random: scenes whose kernels fly compiled as well.",
+)
 @_BRIEF
 @_QUIET
-def verify(peers: bool, count: int | None, seed: int, compiled: int, brief: bool, quiet: bool) -> None:
-    """Hold the engine against closed forms, classical formulations and conservation laws: one table, exit code 1 on any miss.
+def verify(
+    peers: bool, count: int | None, seed: int, compiled: int, brief: bool, quiet: bool
+) -> None:
+    """Hold the engine against closed forms, classical formulations and conservation laws: one
+    table, exit code 1 on any miss.
 
-    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines. With --random N, instead, N random
-    scenes flown as a campaign flies them, and every row held against an independent flight of its case.
+    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
+    With --random N, instead, N random scenes flown as a campaign flies them, and every row held
+    against an independent flight of its case.
     """
     if count is not None:
         from sepmc.trust.gate import drive
@@ -327,7 +437,9 @@ def verify(peers: bool, count: int | None, seed: int, compiled: int, brief: bool
     with _plain_errors(quiet):
         from sepmc.trust import verify as suite
 
-        passed = all(line.passes for line in _flown(suite, suite.CHECKS, suite.verify, brief, quiet))
+        passed = all(
+            line.passes for line in _flown(suite, suite.CHECKS, suite.verify, brief, quiet)
+        )
         if peers:
             from sepmc.trust.peers import compare
 
@@ -341,23 +453,44 @@ def verify(peers: bool, count: int | None, seed: int, compiled: int, brief: bool
 @_BRIEF
 @_QUIET
 def stress(brief: bool, quiet: bool) -> None:
-    """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is silently wrong."""
+    """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is
+    silently wrong."""
     with _plain_errors(quiet):
         from sepmc.trust import stress as suite
 
         lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet, here=("hour",))
-        click.echo("\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table())
+        click.echo(
+            "\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table()
+        )
     sys.exit(0 if all(line.holds for line in lines) else 1)
 
 
 @main.command(short_help="Measure speed and accuracy of FILE on this machine.")
 @click.argument("file")
-@click.option("--peers", is_flag=True, help="Let other engines fly the same cases too; needs pip install 'sepmc[peers]'.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to write; default runs/bench-NAME-N.")
-@click.option("--cases", type=click.IntRange(min=1, max=10**7), help="Cases that are timed; default 10000, with --quick 1000.")
-@click.option("--repeats", type=click.IntRange(min=1), help="Times of which the median is taken; default 7, with --quick 3.")
+@click.option(
+    "--peers",
+    is_flag=True,
+    help="Let other engines fly the same cases too; needs pip install 'sepmc[peers]'.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write; default runs/bench-NAME-N."
+)
+@click.option(
+    "--cases",
+    type=click.IntRange(min=1, max=10**7),
+    help="Cases that are timed; default 10000, with --quick 1000.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    help="Times of which the median is taken; default 7, with --quick 3.",
+)
 @click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores.")
-@click.option("--quick", is_flag=True, help="Fewer settings, and nothing that takes minutes: a look, not a measurement.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Fewer settings, and nothing that takes minutes: a look, not a measurement.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace the bench in --out.")
 @_SETTINGS
 @_QUIET
@@ -373,9 +506,11 @@ def bench(
     settings: tuple[str, ...],
     quiet: bool,
 ) -> None:
-    """Measure speed and accuracy of FILE on this machine: error over time, cost of each feature, scaling, time by stage.
+    """Measure speed and accuracy of FILE on this machine: error over time, cost of each feature,
+    scaling, time by stage.
 
-    Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with bench.json and figures, into a folder.
+    Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with
+    bench.json and figures, into a folder.
     """
     with _plain_errors(quiet):
         if overwrite and out is None:
@@ -386,15 +521,29 @@ def bench(
 
         folder = out or store.next_folder(f"bench-{loaded.name}")
         measure(
-            loaded, folder, _speaker(quiet), cases=cases, repeats=repeats, threads=threads, quick=quick, peers=peers, overwrite=overwrite
+            loaded,
+            folder,
+            _speaker(quiet),
+            cases=cases,
+            repeats=repeats,
+            threads=threads,
+            quick=quick,
+            peers=peers,
+            overwrite=overwrite,
         )
         _speaker(quiet)(f"wrote {folder}")
 
 
 def _flown(
-    suite: Any, names: Iterable[str], fly: Callable[..., list[Any]], brief: bool, quiet: bool, here: Iterable[str] = ()
+    suite: Any,
+    names: Iterable[str],
+    fly: Callable[..., list[Any]],
+    brief: bool,
+    quiet: bool,
+    here: Iterable[str] = (),
 ) -> list[Any]:
-    """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns all lines."""
+    """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns
+    all lines."""
     from sepmc.trust.groups import side_by_side
 
     names = list(names)
@@ -440,7 +589,9 @@ def _check_held(file: Path, number: int | None, seed: int | None) -> None:
     if number is not None and seed is None and (file / store.MANIFEST).is_file():
         held = store.read_manifest(file).get("cases")
         if isinstance(held, int) and number >= held:
-            raise store.StoreError(f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them")
+            raise store.StoreError(
+                f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them"
+            )
 
 
 def _load(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign":
@@ -461,7 +612,8 @@ def _load(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign"
 
 @contextmanager
 def _plain_errors(quiet: bool) -> Iterator[None]:
-    """Bad input and unusable folders end with their sentence and exit code 2, without a traceback."""
+    """Bad input and unusable folders end with their sentence and exit code 2, without a
+    traceback."""
     from sepmc.scene.messages import InputError, SceneError
 
     try:
@@ -471,7 +623,8 @@ def _plain_errors(quiet: bool) -> Iterator[None]:
             click.echo(f"error: {line}", err=True)
         sys.exit(2)
     except Exception as error:
-        if type(error).__name__ == "StoreError":  # by name: `sepmc.campaign.store` takes a while to import
+        # by name: `sepmc.campaign.store` takes a while to import
+        if type(error).__name__ == "StoreError":
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise
@@ -483,7 +636,8 @@ def _speaker(quiet: bool) -> Callable[[str], None]:
 
 @contextmanager
 def _progress(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """A bar on a terminal, plain lines every few seconds elsewhere: cases, rate, time left, failures."""
+    """A bar on a terminal, plain lines every few seconds elsewhere: cases, rate, time left,
+    failures."""
     if quiet:
         yield None
         return
@@ -513,14 +667,20 @@ def _progress(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], Non
             return
         last = now
         rate = done / max(now - started, 1e-9)
-        click.echo(f"{done}/{left} cases, {rate:.0f} cases/s, {(left - done) / rate:.0f} s left, {failures} failures", err=True)
+        click.echo(
+            f"{done}/{left} cases, {rate:.0f} cases/s, {(left - done) / rate:.0f} s left, "
+            f"{failures} failures",
+            err=True,
+        )
 
     yield in_lines
 
 
 def _timing_line(result: "Result") -> str:
     flown = sum(result.status_counts.values())
-    return f"{flown} cases: " + ", ".join(f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items())
+    return f"{flown} cases: " + ", ".join(
+        f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items()
+    )
 
 
 def _with_rows(folder: Path) -> dict[str, Any]:
@@ -529,7 +689,10 @@ def _with_rows(folder: Path) -> dict[str, Any]:
 
     manifest = store.read_manifest(folder)
     if manifest.get("stats_only"):
-        raise store.StoreError(f"{folder}: holds statistics only and no cases; what there is stands in statistics.csv and statistics.json")
+        raise store.StoreError(
+            f"{folder}: holds statistics only and no cases; what there is stands in "
+            "statistics.csv and statistics.json"
+        )
     return manifest
 
 
@@ -541,9 +704,15 @@ def _summary(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     return summarise(store.CaseColumns(folder), *loaded.summarised)
 
 
-def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Callable[[str], None], plots: bool) -> tuple[int, bool]:
-    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases flown to the end, and whether
-    their audit passes."""
+def _report(
+    folder: Path,
+    loaded: "Campaign",
+    summary: "Rows | Stream",
+    say: Callable[[str], None],
+    plots: bool,
+) -> tuple[int, bool]:
+    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases
+    flown to the end, and whether their audit passes."""
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.campaign import store
     from sepmc.schema import Status
@@ -552,7 +721,9 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = store.read_manifest(folder).get("accuracy") or {}
     if "errors" in accuracy:
-        table["error"] = [_number(accuracy["errors"].get(str(name), math.nan)) for name in table.index]
+        table["error"] = [
+            _number(accuracy["errors"].get(str(name), math.nan)) for name in table.index
+        ]
     store.write_statistics(folder, table, counts, units, audited, summary.failed)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     say(summary_text(table, counts, units, source))
@@ -560,13 +731,24 @@ def _report(folder: Path, loaded: "Campaign", summary: "Rows | Stream", say: Cal
     for label, count in counts.items():
         if label != Status.OK.label and count:
             first = ", ".join(map(str, summary.failed[label]))
-            say(f"{count} cases {label}: {sentences.get(label, '')} (case {first}{', ...' if count > len(summary.failed[label]) else ''})")
+            say(
+                f"{count} cases {label}: {sentences.get(label, '')} (case "
+                f"{first}{', ...' if count > len(summary.failed[label]) else ''})"
+            )
     total, ok = sum(counts.values()), counts.get(Status.OK.label, 0)
     if 0 < ok < 0.9 * total:
-        click.echo(f"warning: {total - ok} of {total} cases are left out: these statistics are of the others", err=True)
+        click.echo(
+            f"warning: {total - ok} of {total} cases are left out: these statistics are of the "
+            "others",
+            err=True,
+        )
     say(audit_text(audited))
     if "errors" in accuracy:
-        say(_accuracy_text(accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]))
+        say(
+            _accuracy_text(
+                accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
+            )
+        )
     if plots:
         _figures(folder, loaded, summary, table)
     say(f"wrote {folder}")
@@ -588,24 +770,49 @@ def _single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:
     from sepmc.campaign.accuracy import decisive
 
     columns, step = loaded.outcome_columns, loaded.scene.solver.step
-    settled = {c.name: errors[c.name] for c, decides in zip(columns, decisive(columns), strict=True) if decides}
+    settled = {
+        c.name: errors[c.name]
+        for c, decides in zip(columns, decisive(columns), strict=True)
+        if decides
+    }
     worst = max(settled, key=lambda name: settled[name])
-    how = f", asked {loaded.scene.solver.accuracy:g}" if step is None else f": twice the change at half the step of {step:g} s"
+    how = (
+        f", asked {loaded.scene.solver.accuracy:g}"
+        if step is None
+        else f": twice the change at half the step of {step:g} s"
+    )
     return f"numerical error at most {settled[worst]:.1e} ({worst}) of size{how}"
 
 
 def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
-    steps = ", ".join(f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False))
+    steps = ", ".join(
+        f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False)
+    )
     how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
-    how = f"{accuracy['method']}, {how}" if accuracy["formulation"] == "reduced" else f"full system, {accuracy['method']}, {how}"
+    how = (
+        f"{accuracy['method']}, {how}"
+        if accuracy["formulation"] == "reduced"
+        else f"full system, {accuracy['method']}, {how}"
+    )
     if not accuracy["cases"]:
         return f"numerical error not known, no trial case came to its end; {how}"
-    said = f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) of size or sigma"
-    asked = f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET") if "asked" in accuracy else ""
+    said = (
+        f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) "
+        "of size or sigma"
+    )
+    asked = (
+        f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET")
+        if "asked" in accuracy
+        else ""
+    )
     place = accuracy.get("worst_place")
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
-    places = f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})" if place else ""
+    places = (
+        f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})"
+        if place
+        else ""
+    )
     finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
     others = f", {finer} cases flown again at finer steps of their own" if finer else ""
     others += f", {spare} cases by a second kernel" if spare else ""
@@ -613,10 +820,14 @@ def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
 
 
-_BANDED = 20_000  # cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit into memory
+# cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit
+# into memory
+_BANDED = 20_000
 
 
-def _figures(folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None) -> list[Path]:
+def _figures(
+    folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None
+) -> list[Path]:
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
@@ -627,14 +838,39 @@ def _figures(folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: 
     histories = store.read_histories(folder, _BANDED)
     if histories is not None:
         frame = store.read_cases(folder, _BANDED, ["case", "status"])
-        written = band_figures(histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units)
-    varied = [name for name, low, high in zip(table.index, table["min"], table["max"], strict=True) if _varies(low, high)]
-    varied = [name for name in varied if not name.endswith("_recontact")]  # yes or no has no density
-    outcomes = [name for name in loaded.reference if name in units] if loaded.reference else sorted(varied, key=_interest)
-    return written + histogram_figures({name: summary.histogram(name) for name in outcomes}, folder, units, loaded.reference, source=source)
+        written = band_figures(
+            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units
+        )
+    varied = [
+        name
+        for name, low, high in zip(table.index, table["min"], table["max"], strict=True)
+        if _varies(low, high)
+    ]
+    # yes or no has no density
+    varied = [name for name in varied if not name.endswith("_recontact")]
+    outcomes = (
+        [name for name in loaded.reference if name in units]
+        if loaded.reference
+        else sorted(varied, key=_interest)
+    )
+    return written + histogram_figures(
+        {name: summary.histogram(name) for name in outcomes},
+        folder,
+        units,
+        loaded.reference,
+        source=source,
+    )
 
 
-_INTERESTING = ("clearance_mm", "tip_off", "separation_distance", "separation_speed", "release_time", "peak_force_N", "jam_friction")
+_INTERESTING = (
+    "clearance_mm",
+    "tip_off",
+    "separation_distance",
+    "separation_speed",
+    "release_time",
+    "peak_force_N",
+    "jam_friction",
+)
 
 
 def _varies(low: float, high: float) -> bool:
@@ -644,7 +880,9 @@ def _varies(low: float, high: float) -> bool:
 
 def _interest(outcome: str) -> int:
     """Rank of an outcome among the figures: what separations are judged by comes first."""
-    return next((rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING))
+    return next(
+        (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Every compile option, and where compiled code is kept.
 
-The cache folder is named by a digest of all kernel sources: Numba alone looks only at the file that defines the cached
-function and would miss a change in one it inlines (numba #1833). Nothing outside this folder is cached or touched.
+The cache folder is named by a digest of all kernel sources: Numba alone looks only at the file that
+defines the cached function and would miss a change in one it inlines (numba #1833). Nothing outside
+this folder is cached or touched.
 """
 
 import contextlib
@@ -16,12 +17,20 @@ import numba
 from numba.extending import intrinsic, overload
 from platformdirs import user_cache_dir
 
-# Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must survive to be reported.
+# Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must
+# survive to be reported.
 _FASTMATH = {"contract"}
 config: Any = numba.core.config  # its names are made at run time
 _HERE = Path(__file__).parent
 # Folders of what is compiled, and files: where a change asks for compiling anew.
-_SOURCES = ("jit.py", "physics/*.py", "routines/*.py", "engine/*.py", "kernel/methods.py", "kernel/dop853_coefficients.py")
+_SOURCES = (
+    "jit.py",
+    "physics/*.py",
+    "routines/*.py",
+    "engine/*.py",
+    "kernel/methods.py",
+    "kernel/dop853_coefficients.py",
+)
 
 
 def sources_digest() -> str:
@@ -34,7 +43,8 @@ def sources_digest() -> str:
 
 
 def cache_folder() -> Path:
-    """Folder of this version's compiled kernels; a temporary one if the user's cache cannot be written."""
+    """Folder of this version's compiled kernels; a temporary one if the user's cache cannot be
+    written."""
     base = Path(os.environ.get("SEPMC_CACHE_DIR") or user_cache_dir("sepmc"))
     folder = base / "kernels" / sources_digest()
     try:
@@ -51,8 +61,8 @@ CACHE_FOLDER = cache_folder()
 
 @contextlib.contextmanager
 def one_at_a_time(what):
-    """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it (numba #4807), and would each take as
-    long."""
+    """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it
+    (numba #4807), and would each take as long."""
     try:
         import fcntl  # noqa: PLC0415  (not on every system)
     except ImportError:
@@ -64,9 +74,13 @@ def one_at_a_time(what):
 
 
 def compiling(program: str) -> dict[str, Any]:
-    """Command and environment of a process that only fills the cache, by a program text; it imports nothing from the working folder."""
+    """Command and environment of a process that only fills the cache, by a program text; it imports
+    nothing from the working folder."""
     path = os.pathsep.join(each for each in sys.path if each)
-    return {"args": [sys.executable, "-P", "-c", program], "env": {**os.environ, BARE: "1", "PYTHONPATH": path}}
+    return {
+        "args": [sys.executable, "-P", "-c", program],
+        "env": {**os.environ, BARE: "1", "PYTHONPATH": path},
+    }
 
 
 def is_module_cached(name: str) -> bool:
@@ -74,12 +88,13 @@ def is_module_cached(name: str) -> bool:
     return config.DISABLE_JIT or any(CACHE_FOLDER.glob(f"*/{name}.*.nbi"))
 
 
-# Wrappers make a function callable from Python. A process that only fills the cache needs none but the door's (2 s of compiling).
+# Wrappers make a function callable from Python. A process that only fills the cache needs none but
+# the door's (2 s of compiling).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 BARE = "SEPMC_BARE"  # set in the environment of such a process
 _WRAPPED = _BARE if os.environ.get(BARE) else {}
-# A formula on scalars and tuples: callable from Python for tests, and always copied into its caller, since a loop over cases with a
-# call in it is not vectorised.
+# A formula on scalars and tuples: callable from Python for tests, and always copied into its
+# caller, since a loop over cases with a call in it is not vectorised.
 formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", forceinline=True, **_WRAPPED)
 # A formula too large for that.
 long_formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_WRAPPED)
@@ -88,11 +103,13 @@ routine = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
 
 
 def keep_apart() -> None:
-    """First line of a large routine: its code then stands once, not copied to each of its calls, which took most of the time to compile."""
+    """First line of a large routine: its code then stands once, not copied to each of its calls,
+    which took most of the time to compile."""
 
 
 def _mark_apart_intrinsic(typing_context):
-    """Mark the function that is being compiled as one that is called, never copied into its caller."""
+    """Mark the function that is being compiled as one that is called, never copied into its
+    caller."""
 
     def generate(context, builder, signature, arguments):
         builder.function.attributes.add("noinline")
@@ -123,7 +140,9 @@ def _own_cache():
 def door(function):
     """Compile a function that Python calls: parallel over cases, and kept on disk."""
     with _own_cache():
-        return numba.njit(parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy")(function)
+        return numba.njit(
+            parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy"
+        )(function)
 
 
 def compiled_piece(signature):
@@ -133,6 +152,8 @@ def compiled_piece(signature):
         if config.DISABLE_JIT:
             return function
         with _own_cache():
-            return numba.cfunc(signature, cache=True, fastmath=_FASTMATH, error_model="numpy")(function)
+            return numba.cfunc(signature, cache=True, fastmath=_FASTMATH, error_model="numpy")(
+                function
+            )
 
     return compiled

@@ -1,4 +1,5 @@
-"""Columns of a result (name, unit, meaning) and the status of a case with the sentence that explains it."""
+"""Columns of a result (name, unit, meaning) and the status of a case with the sentence that
+explains it."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,7 +9,8 @@ DEG = 180.0 / math.pi
 
 
 class Status(IntEnum):
-    """How a case ended. ``label`` is what the ``status`` column holds, ``sentence`` what a person reads."""
+    """How a case ended. ``label`` is what the ``status`` column holds, ``sentence`` what a person
+    reads."""
 
     OK = 0
     NEVER_RELEASED = 1
@@ -36,28 +38,40 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.OK: "flown to the end",
-    Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, at the end time: a release that was "
-    "drawn to fail, a run.end_time_s too short, or too little separation force; left out of the statistics",
-    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number not what it may be: narrow the dispersion",
-    Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 km for us1976)",
-    Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no length, or an axis parallel to another?",
-    Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the loads",
+    Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, "
+    "at the end time: a release that was "
+    "drawn to fail, a run.end_time_s too short, or too little separation force; left out of the "
+    "statistics",
+    Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number "
+    "not what it may be: narrow the dispersion",
+    Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 "
+    "km for us1976)",
+    Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no "
+    "length, or an axis parallel to another?",
+    Status.NOT_FINITE: "the motion became NaN or infinite: shorten solver.step_s and check the "
+    "loads",
     Status.NO_ROOT: "an event could not be located in its step: shorten solver.step_s",
-    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or a body turned more than 2 rad in a step: the step is too long, "
+    Status.UNRESOLVED: "attitude or energy were lost by more than 1e-6, or a body turned more "
+    "than 2 rad in a step: the step is too long, "
     "shorten it",
     Status.NOT_FLOWN: "the kernel did not reach this case",
-    Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does a rod or a joint to the ground allow it?",
-    Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not extrapolated: widen the table",
-    Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: look at J_jam_friction",
+    Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does "
+    "a rod or a joint to the ground allow it?",
+    Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not "
+    "extrapolated: widen the table",
+    Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: "
+    "look at J_jam_friction",
     Status.TOO_MANY_EVENTS: "events followed each other without time passing",
-    Status.NO_CLEARANCE: "the least distance of two outlines could not be found within a step: move stations of outlines that are flush "
+    Status.NO_CLEARANCE: "the least distance of two outlines could not be found within a step: "
+    "move stations of outlines that are flush "
     "at the start by 0.1 mm, or shorten the step",
 }
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the case table: its name ends in ``unit``; ``scale`` takes the kernel's SI value to that unit."""
+    """One column of the case table: its name ends in ``unit``; ``scale`` takes the kernel's SI
+    value to that unit."""
 
     name: str
     unit: str
@@ -85,31 +99,116 @@ _JOINT = (
 _LOADS = (
     ("peak_force_N", "N", "greatest constraint force of {0}", 1.0),
     ("peak_force_time_s", "s", "time of the greatest constraint force of {0}", 1.0),
-    ("force_impulse_N_s", "N s", "integral of the size of the constraint force of {0} over time", 1.0),
-    ("peak_moment_N_m", "N m", "greatest constraint moment of {0} on its second body at its joint point", 1.0),
+    (
+        "force_impulse_N_s",
+        "N s",
+        "integral of the size of the constraint force of {0} over time",
+        1.0,
+    ),
+    (
+        "peak_moment_N_m",
+        "N m",
+        "greatest constraint moment of {0} on its second body at its joint point",
+        1.0,
+    ),
     ("peak_moment_time_s", "s", "time of the greatest constraint moment of {0}", 1.0),
-    ("moment_impulse_N_m_s", "N m s", "integral of the size of the constraint moment of {0} over time", 1.0),
+    (
+        "moment_impulse_N_m_s",
+        "N m s",
+        "integral of the size of the constraint moment of {0} over time",
+        1.0,
+    ),
 )
 _CLEARANCE = (
-    ("clearance_mm", "mm", "least distance of {0} over the flight, solids and rims or points in shells, not positive if they met", 1000.0),
+    (
+        "clearance_mm",
+        "mm",
+        "least distance of {0} over the flight, solids and rims or points in shells, not positive "
+        "if they met",
+        1000.0,
+    ),
     ("clearance_time_s", "s", "time of the least distance of {0}", 1.0),
-    ("clearance_station_m", "m", "station of the nearest point of the first body of {0} at that time", 1.0),
-    ("clearance_y_m", "m", "layout y of the nearest point of the first body of {0} at that time", 1.0),
-    ("clearance_z_m", "m", "layout z of the nearest point of the first body of {0} at that time", 1.0),
+    (
+        "clearance_station_m",
+        "m",
+        "station of the nearest point of the first body of {0} at that time",
+        1.0,
+    ),
+    (
+        "clearance_y_m",
+        "m",
+        "layout y of the nearest point of the first body of {0} at that time",
+        1.0,
+    ),
+    (
+        "clearance_z_m",
+        "m",
+        "layout z of the nearest point of the first body of {0} at that time",
+        1.0,
+    ),
     ("recontact", "1", "1 if the outlines of {0} met, else 0", 1.0),
 )
-# Audit columns with the bound beyond which a case is not to be trusted (NaN: a number to know, without a bound).
+# Audit columns with the bound beyond which a case is not to be trusted (NaN: a number to know,
+# without a bound).
 _AUDIT = (
-    ("joint_gap_residual_m", "m", "largest violation of a translation constraint at the end of a step", 1e-9),
-    ("joint_angle_residual_rad", "rad", "largest violation of a rotation constraint at the end of a step", 1e-9),
-    ("joint_gap_rate_residual_m_s", "m/s", "largest rate of violation of a translation constraint at the end of a step", 1e-8),
-    ("joint_angle_rate_residual_rad_s", "rad/s", "largest rate of violation of a rotation constraint at the end of a step", 1e-8),
-    ("attitude_drift", "1", "largest departure of a quaternion from unit length in one step, before it is normalised", 1e-6),
-    ("energy_residual", "1", "largest difference between kinetic energy gained and work of all loads, over their size", 1e-6),
-    ("smallest_pivot", "1", "smallest relative pivot of the constraint solve; small means joints that are nearly redundant", math.nan),
-    ("redundant_rows", "1", "constraint rows that follow from the others; joint forces are then those of least sum of squares", math.nan),
+    (
+        "joint_gap_residual_m",
+        "m",
+        "largest violation of a translation constraint at the end of a step",
+        1e-9,
+    ),
+    (
+        "joint_angle_residual_rad",
+        "rad",
+        "largest violation of a rotation constraint at the end of a step",
+        1e-9,
+    ),
+    (
+        "joint_gap_rate_residual_m_s",
+        "m/s",
+        "largest rate of violation of a translation constraint at the end of a step",
+        1e-8,
+    ),
+    (
+        "joint_angle_rate_residual_rad_s",
+        "rad/s",
+        "largest rate of violation of a rotation constraint at the end of a step",
+        1e-8,
+    ),
+    (
+        "attitude_drift",
+        "1",
+        "largest departure of a quaternion from unit length in one step, before it is normalised",
+        1e-6,
+    ),
+    (
+        "energy_residual",
+        "1",
+        "largest difference between kinetic energy gained and work of all loads, over their size",
+        1e-6,
+    ),
+    (
+        "smallest_pivot",
+        "1",
+        "smallest relative pivot of the constraint solve; small means joints that are nearly "
+        "redundant",
+        math.nan,
+    ),
+    (
+        "redundant_rows",
+        "1",
+        "constraint rows that follow from the others; joint forces are then those of least sum of "
+        "squares",
+        math.nan,
+    ),
     ("event_residual_s", "s", "largest uncertainty of the time of an event", 1e-9),
-    ("attitude_singular", "1", "1 if roll and pitch may have jumped: yaw near 90 deg, or more than a quarter turn in a step", math.nan),
+    (
+        "attitude_singular",
+        "1",
+        "1 if roll and pitch may have jumped: yaw near 90 deg, or more than a quarter turn in a "
+        "step",
+        math.nan,
+    ),
     ("steps", "1", "integration steps taken", math.nan),
 )
 AUDIT_BOUNDS = {name: bound for name, _, _, bound in _AUDIT if not math.isnan(bound)}
@@ -120,17 +219,26 @@ _STATE = (
     ("vx_m_s", "m/s", "velocity of {0}, ground x", 1.0),
     ("vy_m_s", "m/s", "velocity of {0}, ground y", 1.0),
     ("vz_m_s", "m/s", "velocity of {0}, ground z", 1.0),
-    ("axial_acceleration_m_s2", "m/s2", "acceleration of the centre of mass of {0} along its body x axis", 1.0),
+    (
+        "axial_acceleration_m_s2",
+        "m/s2",
+        "acceleration of the centre of mass of {0} along its body x axis",
+        1.0,
+    ),
 )
 
 
 def _fill(rows, prefix: str, name: str) -> list[Column]:
-    return [Column(prefix + stem, unit, meaning.format(name), scale) for stem, unit, meaning, scale in rows]
+    return [
+        Column(prefix + stem, unit, meaning.format(name), scale)
+        for stem, unit, meaning, scale in rows
+    ]
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for, by joint or clearance."""
+    """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for,
+    by joint or clearance."""
 
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
@@ -141,17 +249,29 @@ class Contents:
 
 
 def outcome_columns(contents: Contents) -> list[Column]:
-    """Outcomes of a case, in kernel order. With a single joint the columns of its separation carry no joint name."""
+    """Outcomes of a case, in kernel order. With a single joint the columns of its separation carry
+    no joint name."""
     columns = [column for body in contents.bodies for column in _fill(_BODY, f"{body}_", body)]
     for joint in contents.joints:
         columns += _fill(_JOINT, "" if len(contents.joints) == 1 else f"{joint}_", joint)
     for joint in contents.loads:
         columns += _fill(_LOADS, f"{joint}_", joint)
     for joint, pins in contents.guides.items():
-        columns.append(Column(f"{joint}_time_in_guide_s", "s", f"time for which the pins of {joint} slid"))
+        columns.append(
+            Column(f"{joint}_time_in_guide_s", "s", f"time for which the pins of {joint} slid")
+        )
         for pin in range(1, pins + 1):
-            columns.append(Column(f"{joint}_pin{pin}_peak_load_N", "N", f"greatest lateral load of pin {pin} of {joint} at mouth or tip"))
-        meaning = f"least coefficient of friction at which the pins of {joint} would have held against all that drives them apart"
+            columns.append(
+                Column(
+                    f"{joint}_pin{pin}_peak_load_N",
+                    "N",
+                    f"greatest lateral load of pin {pin} of {joint} at mouth or tip",
+                )
+            )
+        meaning = (
+            f"least coefficient of friction at which the pins of {joint} would have held "
+            "against all that drives them apart"
+        )
         columns.append(Column(f"{joint}_jam_friction", "1", meaning))
     for name in contents.clearances:
         columns += _fill(_CLEARANCE, f"{name}_", name)
@@ -160,7 +280,9 @@ def outcome_columns(contents: Contents) -> list[Column]:
             if body in contents.bodies:
                 for axis, about in (("x", "roll"), ("y", "yaw"), ("z", "pitch")):
                     meaning = f"{about} rate of {body} when {joint} became free"
-                    columns.append(Column(f"{joint}_tip_off_{body}_{axis}_deg_s", "deg/s", meaning, DEG))
+                    columns.append(
+                        Column(f"{joint}_tip_off_{body}_{axis}_deg_s", "deg/s", meaning, DEG)
+                    )
     return columns
 
 
@@ -175,7 +297,8 @@ def result_columns(contents: Contents) -> list[Column]:
 
 
 def separation_columns(joints: list[str]) -> list[Column]:
-    """Columns of the stored histories after ``case`` and ``time_s``: speed and distance of every joint."""
+    """Columns of the stored histories after ``case`` and ``time_s``: speed and distance of every
+    joint."""
     columns = []
     for joint in joints:
         columns += _fill(_JOINT[:2], "" if len(joints) == 1 else f"{joint}_", joint)
@@ -194,8 +317,19 @@ def history_columns(contents: Contents) -> list[Column]:
         for body in pair:
             for what, unit, suffix in (("force", "N", "N"), ("moment", "N m", "N_m")):
                 for axis in "xyz":
-                    meaning = f"constraint {what} of joint {joint} on {body} at its own copy of the joint point, {axis} axis of {first}"
-                    columns.append(Column(f"{joint}_{what}_on_{body}_{axis}_{suffix}", unit, meaning))
+                    meaning = (
+                        f"constraint {what} of joint {joint} on {body} at its own copy of "
+                        f"the joint point, {axis} axis of {first}"
+                    )
+                    columns.append(
+                        Column(f"{joint}_{what}_on_{body}_{axis}_{suffix}", unit, meaning)
+                    )
         for axis in "xyz":
-            columns.append(Column(f"{joint}_gap_{axis}_m", "m", f"gap r_{pair[1]} - r_{first} at joint {joint}, {axis} axis of {first}"))
+            columns.append(
+                Column(
+                    f"{joint}_gap_{axis}_m",
+                    "m",
+                    f"gap r_{pair[1]} - r_{first} at joint {joint}, {axis} axis of {first}",
+                )
+            )
     return columns

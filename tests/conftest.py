@@ -8,7 +8,8 @@ import sepmc
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
-# Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing acts on them.
+# Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
+# acts on them.
 _PAIR = """
 environment = { atmosphere = "none", gravity = "none" }
 [body.fore]
@@ -43,5 +44,6 @@ def table2():
 
 @pytest.fixture(scope="session")
 def pair():
-    """Maker of campaigns of two bodies in empty space, with values put in place by TOML path: ``pair({path: value})``."""
+    """Maker of campaigns of two bodies in empty space, with values put in place by TOML path:
+    ``pair({path: value})``."""
     return lambda settings=None: Campaign(parse_campaign(tomllib.loads(_PAIR), "pair", settings))

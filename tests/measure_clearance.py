@@ -1,6 +1,8 @@
-"""Print how far the clearances of campaign rows are from exact geometry: ``python tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
+"""Print how far the clearances of campaign rows are from exact geometry: ``python
+tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
 
-Every row is held against a fine flight of the same case, whose outlines are compared by `sepmc.trust.geometry`.
+Every row is held against a fine flight of the same case, whose outlines are compared by
+`sepmc.trust.geometry`.
 """
 
 import sys
@@ -12,7 +14,12 @@ import numpy as np
 import sepmc
 from sepmc.trust import geometry
 
-CAMPAIGNS = ("srb.toml", "hyper-x.toml", "residual-thrust.toml", str(Path(__file__).parent / "nozzle.toml"))
+CAMPAIGNS = (
+    "srb.toml",
+    "hyper-x.toml",
+    "residual-thrust.toml",
+    str(Path(__file__).parent / "nozzle.toml"),
+)
 STEP_S, ROWS_S = 0.01, 0.001  # of the fine flight, by a method of order eight, and of its rows
 
 
@@ -30,7 +37,9 @@ def exact(campaign, case, history=None):
         times = history["time_s"].to_numpy()
         times = np.unique(np.concatenate([[first], times[times > first]]))
         parts = (geometry.parts_of(scene.body[name]) for name in (a, b))
-        least, when = geometry.least_clearance(geometry.relative_motion(history, a, b), *parts, times)
+        least, when = geometry.least_clearance(
+            geometry.relative_motion(history, a, b), *parts, times
+        )
         found[clearance.name] = 1e3 * least, when
     return found
 
@@ -49,14 +58,19 @@ def measure(name, cases):
         for i in flown:
             least, when = found[i][clearance.name]
             differences.append(rows[column][i] - least)
-            where.append((i, rows[column][i], least, rows[f"{clearance.name}_clearance_time_s"][i], when))
+            where.append(
+                (i, rows[column][i], least, rows[f"{clearance.name}_clearance_time_s"][i], when)
+            )
         worst = int(np.argmax(np.abs(differences)))
         stated = result.accuracy.errors[column] if result.accuracy else np.nan
         scale = max(np.abs(rows[column]).max(), rows[column].std())
         print(
-            f"{result.campaign.name:16s} {column:26s} {len(differences)} cases: worst {1e-3 * differences[worst]:+.1e} m"
-            f" (case {where[worst][0]}: {where[worst][1]:.6f} mm at {where[worst][3]:.6f} s, exact {where[worst][2]:.6f} mm at"
-            f" {where[worst][4]:.6f} s); stated {1e-3 * stated * scale:.1e} m; {time.perf_counter() - begun:.0f} s",
+            f"{result.campaign.name:16s} {column:26s} {len(differences)} cases: worst "
+            f"{1e-3 * differences[worst]:+.1e} m"
+            f" (case {where[worst][0]}: {where[worst][1]:.6f} mm at {where[worst][3]:.6f} s, "
+            f"exact {where[worst][2]:.6f} mm at"
+            f" {where[worst][4]:.6f} s); stated {1e-3 * stated * scale:.1e} m; "
+            f"{time.perf_counter() - begun:.0f} s",
             flush=True,
         )
 

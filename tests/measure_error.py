@@ -1,8 +1,9 @@
-"""Hold the error that campaigns report against their true one: ``python tests/measure_error.py [FILE ...] [--set PATH=VALUE]``.
+"""Hold the error that campaigns report against their true one: ``python tests/measure_error.py
+[FILE ...] [--set PATH=VALUE]``.
 
-Flies the cases of each campaign as a run does, and again at eight times the resolution and a hundredth of the accuracy; without
-FILE all shipped campaigns and variants that are hard on the pilot. Exit code 1 if an error is told below a third of the true one,
-or as met when it is not.
+Flies the cases of each campaign as a run does, and again at eight times the resolution and a
+hundredth of the accuracy; without FILE all shipped campaigns and variants that are hard on the
+pilot. Exit code 1 if an error is told below a third of the true one, or as met when it is not.
 """
 
 import argparse
@@ -20,10 +21,21 @@ from sepmc.scene.read import parse_setting, shipped_campaigns
 QUIET = {"run.history_step_s": 0.0}
 ROUND = {"uniform": [0.0, 360.0]}
 VARIANTS = {
-    "angles all round": ("table2", {"dispersion": {"motor.retro.clock_deg": ROUND, "motor.retro.deflection_deg": {"uniform": 20.0}}}),
+    "angles all round": (
+        "table2",
+        {
+            "dispersion": {
+                "motor.retro.clock_deg": ROUND,
+                "motor.retro.deflection_deg": {"uniform": 20.0},
+            }
+        },
+    ),
     "strong wind from anywhere": (
         "table2",
-        {"environment.wind.speed_m_s": 300.0, "dispersion": {"environment.wind.direction_deg": ROUND, "initial.roll_deg": ROUND}},
+        {
+            "environment.wind.speed_m_s": 300.0,
+            "dispersion": {"environment.wind.direction_deg": ROUND, "initial.roll_deg": ROUND},
+        },
     ),
     "strong wind, all else as shipped": ("table2", {"environment.wind.speed_m_s": 300.0}),
     "rare harsh thrust": (
@@ -45,8 +57,14 @@ VARIANTS = {
         },
     ),
     "leaves its layer of air": ("table2", {"initial.altitude_m": 71000.0}),
-    "rarely leaves its layer of air": ("table2", {"initial.altitude_m": 70800.0, "initial.pitch_deg": 2.0}),
-    "climbs fast through a layer": ("table2", {"initial.altitude_m": 70500.0, "initial.pitch_deg": 20.0}),
+    "rarely leaves its layer of air": (
+        "table2",
+        {"initial.altitude_m": 70800.0, "initial.pitch_deg": 2.0},
+    ),
+    "climbs fast through a layer": (
+        "table2",
+        {"initial.altitude_m": 70500.0, "initial.pitch_deg": 20.0},
+    ),
     "climbs into a layer of another kind": (
         "table2",
         {
@@ -56,7 +74,10 @@ VARIANTS = {
             "dispersion.initial.altitude_m": {"uniform": 150.0},
         },
     ),
-    "a joint that stays shut": ("table2", {"phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}),
+    "a joint that stays shut": (
+        "table2",
+        {"phase": [{"name": "locked", "joints": {"pins": "fixed"}}]},
+    ),
 }
 
 
@@ -65,7 +86,9 @@ def measure(name, campaign, count, seconds):
     start = time.perf_counter()
     trial = pilot.plan_flight(campaign)
     planned = time.perf_counter() - start
-    draws = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    draws = (
+        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    )
     few = draws[:32]
     start = time.perf_counter()
     fly(campaign, trial, few)
@@ -73,7 +96,9 @@ def measure(name, campaign, count, seconds):
     draws = draws[: max(64, min(count, int(seconds / (10.0 * spent))))]
     result = campaign.run(cases=len(draws))
     told = result.accuracy
-    fine = campaign.with_settings({"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)})
+    fine = campaign.with_settings(
+        {"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)}
+    )
     sharp = trial.sharper().sharper().sharper()
     reference = fly(fine, sharp, draws)
     own = fly(campaign, trial, draws)
@@ -81,14 +106,24 @@ def measure(name, campaign, count, seconds):
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]
     good = reference.status == 0
-    size = accuracy.scales(reference.outcomes[good, :n], units, accuracy.scene_scales(campaign.scene, units))
-    table = changes(own.outcomes[:, :n], own.status, reference.outcomes[:, :n], reference.status, size, decides)
+    size = accuracy.scales(
+        reference.outcomes[good, :n], units, accuracy.scene_scales(campaign.scene, units)
+    )
+    table = changes(
+        own.outcomes[:, :n], own.status, reference.outcomes[:, :n], reference.status, size, decides
+    )
     table[own.status != 0] = 0.0  # their rows are not ok
     true = table.max(axis=0)
     worst = int(np.where(decides, true, 0.0).argmax())
     ratio = told.worst[1] / true[worst] if true[worst] else np.inf
-    place = f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}" if told.worst_place else ""
-    asked = "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
+    place = (
+        f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}"
+        if told.worst_place
+        else ""
+    )
+    asked = (
+        "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
+    )
     failed = ratio < 1 / 3 or (asked.endswith(" met") and true[worst] > told.asked)
     how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
     lost = f", {own.again.finer} finer" if own.again.finer else ""
@@ -96,8 +131,10 @@ def measure(name, campaign, count, seconds):
     lost += f", {own.again.unsettled} unsettled" if own.again.unsettled else ""
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
-        f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} ({columns[worst].name}) | {ratio:.2g} | "
-        f"{asked} | {how}{lost}; {other} end otherwise; pilot {planned:.2f} s{place}{' | FAILS' if failed else ''} |",
+        f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} "
+        f"({columns[worst].name}) | {ratio:.2g} | "
+        f"{asked} | {how}{lost}; {other} end otherwise; pilot {planned:.2f} "
+        f"s{place}{' | FAILS' if failed else ''} |",
         flush=True,
     )
     for note in result.notes:
@@ -110,16 +147,25 @@ def main():
     parser.add_argument("files", nargs="*")
     parser.add_argument("--set", dest="settings", action="append", default=[])
     parser.add_argument("--cases", type=int, default=10_000)
-    parser.add_argument("--seconds", type=float, default=20.0, help="about that long may the reference take (20)")
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, help="about that long may the reference take (20)"
+    )
     parser.add_argument("--variants", action="store_true", help="the variants only")
     given = parser.parse_args()
     settings = QUIET | dict(parse_setting(text) for text in given.settings)
-    print("| campaign | cases | reported | true | ratio | asked | flown |\n|---|---|---|---|---|---|---|", flush=True)
+    print(
+        "| campaign | cases | reported | true | ratio | asked | flown "
+        "|\n|---|---|---|---|---|---|---|",
+        flush=True,
+    )
     names = given.files or ([] if given.variants else list(shipped_campaigns()))
-    passed = [measure(name, sepmc.load(name, settings), given.cases, given.seconds) for name in names]
+    passed = [
+        measure(name, sepmc.load(name, settings), given.cases, given.seconds) for name in names
+    ]
     if not given.files:
         passed += [
-            measure(name, sepmc.load(base, QUIET | more | settings), given.cases, given.seconds) for name, (base, more) in VARIANTS.items()
+            measure(name, sepmc.load(base, QUIET | more | settings), given.cases, given.seconds)
+            for name, (base, more) in VARIANTS.items()
         ]
     sys.exit(0 if all(passed) else 1)
 

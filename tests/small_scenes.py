@@ -1,13 +1,15 @@
-"""Scenes that exist only to have, between them, every kind of joint, load, end of a phase and air that there is."""
+"""Scenes that exist only to have, between them, every kind of joint, load, end of a phase and air
+that there is."""
 
 import tomllib
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
-# An arm and a bob hang from the ground in a wind: universal, spherical and revolute joints, aerodynamics with every term, phases that end
-# by a time, a distance and a stroke along a custom joint's axis, a delay, a joint that may fail, constant gravity, motors with tail-off
-# and profile, loads that come and go in both frames.
+# An arm and a bob hang from the ground in a wind: universal, spherical and revolute joints,
+# aerodynamics with every term, phases that end by a time, a distance and a stroke along a custom
+# joint's axis, a delay, a joint that may fail, constant gravity, motors with tail-off and profile,
+# loads that come and go in both frames.
 HANGING = """
 [environment]
 gravity = "constant"
@@ -158,7 +160,8 @@ accuracy = 1e-9
 "body.bob.cg_mm.y" = { uniform = 5.0 }
 """
 
-# Three bodies in a ring of two ball joints and a rod, and a fourth that leaves on a plane, then on a point, while they tumble.
+# Three bodies in a ring of two ball joints and a rod, and a fourth that leaves on a plane, then on
+# a point, while they tumble.
 RING = """
 environment = { atmosphere = "none", gravity = "inverse-square" }
 [body.one]
@@ -250,7 +253,8 @@ accuracy = 1e-9
 "phase.leaving.until.time_s" = { uniform = 0.02 }
 """
 
-# Three stages on two sliders one behind the other, released in turn, in thin air: the order of bodies in a state is not that of the file.
+# Three stages on two sliders one behind the other, released in turn, in thin air: the order of
+# bodies in a state is not that of the file.
 STACK = """
 [environment.wind]
 speed_m_s = 10.0

@@ -13,7 +13,14 @@ from sepmc.routines.layout import ANY_ORDER
 from sepmc.schema import Status
 
 CASES, COMPARED = 60, 12
-PULL = {"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}
+PULL = {
+    "name": "pull",
+    "body": "aft",
+    "thrust_N": 9.0,
+    "build_up_s": 0.2,
+    "station_m": 3.0,
+    "cant_deg": 180.0,
+}
 FIXED = {"pins": "fixed", "other": "fixed"}
 TWO = {
     **MID,
@@ -21,7 +28,11 @@ TWO = {
     "joint.other": {"bodies": ["mid", "aft"], "point_m": [2.4, 0.3, 0.1]},
     "phase": [
         {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
-        {"name": "guided", "joints": {"other": "slider"}, "until": {"joint": "other", "stroke_mm": 5.0}},
+        {
+            "name": "guided",
+            "joints": {"other": "slider"},
+            "until": {"joint": "other", "stroke_mm": 5.0},
+        },
         {"name": "free"},
     ],
     "output": {"loads": ["pins", "other"], "tip_off": ["other", "pins"]},
@@ -38,7 +49,11 @@ def by_load(threshold):
     """The second phase ends by a load of the joint that is left, while the first may be late."""
     phases = [
         {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
-        {"name": "pulled", "joints": {"other": "fixed"}, "until": {"joint": "other", "force_N": threshold}},
+        {
+            "name": "pulled",
+            "joints": {"other": "fixed"},
+            "until": {"joint": "other", "force_N": threshold},
+        },
         {"name": "free"},
     ]
     return TWO | {"motor": [PULL], "phase": phases}
@@ -46,11 +61,16 @@ def by_load(threshold):
 
 SCENES = {
     "late beyond the end of the next phase": TWO | {"joint.pins.delay_s": 0.25},
-    "later than another that is late": TWO | {"joint.pins.delay_s": 0.21, "joint.other.delay_s": 0.03},
+    "later than another that is late": TWO
+    | {"joint.pins.delay_s": 0.21, "joint.other.delay_s": 0.03},
     "late twice, told twice before the first": TWO
     | {
         "joint.other.delay_s": 0.15,
-        "phase": [*TWO["phase"][:1], {"name": "guided", "joints": {"other": "slider"}, "until": {"time_s": 0.12}}, {"name": "free"}],
+        "phase": [
+            *TWO["phase"][:1],
+            {"name": "guided", "joints": {"other": "slider"}, "until": {"time_s": 0.12}},
+            {"name": "free"},
+        ],
     },
     "late, then holding what it held by other rows, which it had not in between": TWO
     | {
@@ -68,7 +88,11 @@ SCENES = {
         "joint.pins.delay_s": 0.15,
         "phase": [
             {"name": "held", "joints": FIXED, "until": {"time_s": 0.1}},
-            {"name": "guided", "joints": {"other": "slider"}, "until": {"any": [{"joint": "other", "stroke_mm": 5.0}, {"time_s": 0.22}]}},
+            {
+                "name": "guided",
+                "joints": {"other": "slider"},
+                "until": {"any": [{"joint": "other", "stroke_mm": 5.0}, {"time_s": 0.22}]},
+            },
             {"name": "free"},
         ],
     },
@@ -85,11 +109,19 @@ SCENES = {
         "release": [cut("pins", {"time_s": 0.1}, to="slider")],
         "output": {"loads": ["pins"], "tip_off": ["pins"]},
     },
-    "released while it is late in letting go in part": TWO | {"joint.other.delay_s": 0.1, "release": [cut("other", {"time_s": 0.05})]},
+    "released while it is late in letting go in part": TWO
+    | {"joint.other.delay_s": 0.1, "release": [cut("other", {"time_s": 0.05})]},
     "redundant, and late each by its own delay": {
         "joint.again": AGAIN | {"delay_s": 0.1},
         "joint.pins.delay_s": 0.05,
-        "phase": [{"name": "held", "joints": {"pins": "fixed", "again": "spherical"}, "until": {"time_s": 0.1}}, {"name": "free"}],
+        "phase": [
+            {
+                "name": "held",
+                "joints": {"pins": "fixed", "again": "spherical"},
+                "until": {"time_s": 0.1},
+            },
+            {"name": "free"},
+        ],
         "output": {"loads": ["pins", "again"], "tip_off": ["pins"]},
     },
     "redundant, until one breaks": {
@@ -103,7 +135,10 @@ SCENES = {
     | {
         "motor": [PULL | {"build_up_s": 0.0}],
         "phase": [{"name": "held", "joints": FIXED}],
-        "release": [cut("pins", {"joint": "other", "force_N": 0.5}), cut("other", {"joint": "pins", "force_N": 0.5})],
+        "release": [
+            cut("pins", {"joint": "other", "force_N": 0.5}),
+            cut("other", {"joint": "pins", "force_N": 0.5}),
+        ],
     },
     "redundant guides": {
         "joint.pins.guide": GUIDE,
@@ -122,7 +157,13 @@ def test_as_the_independent_flight(pair, name):
 
 DISPERSED = {  # the second ones by the campaign's own kernel, which most corners ask of it
     "failing": ({"joint.pins.fails": {"discrete": [0, 1], "weights": [0.6, 0.4]}}, True),
-    "late": ({"joint.pins.delay_s": {"uniform": [0.0, 0.35]}, "joint.other.delay_s": {"uniform": [0.0, 0.2]}}, False),
+    "late": (
+        {
+            "joint.pins.delay_s": {"uniform": [0.0, 0.35]},
+            "joint.other.delay_s": {"uniform": [0.0, 0.2]},
+        },
+        False,
+    ),
 }
 
 
@@ -141,7 +182,9 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(pair,
     assert_array_equal(status[:COMPARED], statuses)
     columns = campaign.outcome_columns
     found = np.column_stack([result.table[c.name] / c.scale for c in columns])[:COMPARED]
-    sharp = [k for k, c in enumerate(columns) if not c.name.endswith(("force_time_s", "moment_time_s"))]
+    sharp = [
+        k for k, c in enumerate(columns) if not c.name.endswith(("force_time_s", "moment_time_s"))
+    ]
     units = [columns[k].unit for k in sharp]
     assert pilot.relative_error(found[:, sharp], outcomes[:, sharp], units).max() < 1e-6
     assert_allclose(result.accuracy.worst[1], 0.0, atol=2e-8)

@@ -49,7 +49,9 @@ def test_result(campaign, result):
     assert frame["case"].tolist() == list(range(40))
     assert set(frame["status"]) == {"ok"}
     assert result.status_counts == {"ok": 40}
-    assert frame.columns.tolist() == [column.name for column in campaign.columns] == list(result.units)
+    assert (
+        frame.columns.tolist() == [column.name for column in campaign.columns] == list(result.units)
+    )
     assert np.isfinite(frame.drop(columns="status").to_numpy()).all()
     assert list(result.timing) == ["compile", "sample", "kernel", "write"]
     assert all(seconds >= 0.0 for seconds in result.timing.values())
@@ -59,7 +61,9 @@ def test_result(campaign, result):
 
 
 def test_statistics(campaign, result):
-    expected = statistics(result.to_pandas(), [c.name for c in campaign.outcome_columns], campaign.reference)
+    expected = statistics(
+        result.to_pandas(), [c.name for c in campaign.outcome_columns], campaign.reference
+    )
     found = result.statistics()
     assert found.pop("error").to_dict() == result.accuracy.errors
     pd.testing.assert_frame_equal(found, expected)
@@ -71,7 +75,9 @@ def test_histories(result):
     assert list(histories) == ["case", "time_s", "separation_speed_m_s", "separation_distance_mm"]
     assert (histories.groupby("case").size() == 51).all()
     last = histories[histories["time_s"] > 0.4999].set_index("case")
-    np.testing.assert_allclose(last["separation_distance_mm"], result.to_pandas()["separation_distance_mm"], rtol=1e-9)
+    np.testing.assert_allclose(
+        last["separation_distance_mm"], result.to_pandas()["separation_distance_mm"], rtol=1e-9
+    )
     assert sepmc.load("table2", {"run.history_step_s": 0.0}).run(cases=2).histories() is None
 
 
@@ -83,7 +89,10 @@ def test_the_same_bits_whatever_the_threads_chunks_or_folder(campaign, result, t
         campaign.with_settings({"run.history_step_s": 0.0}).run(cases=40, seed=7),
     ):
         pd.testing.assert_frame_equal(other.to_pandas(), result.to_pandas(), check_exact=True)
-    assert not (campaign.run(cases=40, seed=8).to_pandas()["upper_roll_deg"] == result.to_pandas()["upper_roll_deg"]).any()
+    assert not (
+        campaign.run(cases=40, seed=8).to_pandas()["upper_roll_deg"]
+        == result.to_pandas()["upper_roll_deg"]
+    ).any()
 
 
 def test_a_case_alone_is_its_row(campaign, result):
@@ -94,24 +103,33 @@ def test_a_case_alone_is_its_row(campaign, result):
     assert history.attrs["status"] == "ok"
     for name in result.outcomes:  # by another kernel, so to the accuracy of each
         size = max(abs(row[name]), result.table[name].std())
-        assert history.attrs["outcomes"][name] == pytest.approx(row[name], rel=0, abs=2e-9 * size), name
+        assert history.attrs["outcomes"][name] == pytest.approx(
+            row[name], rel=0, abs=2e-9 * size
+        ), name
     resolved = case.to_dict()
     assert resolved["body"]["upper"]["mass"] == row["in_body_upper_mass_kg"]
-    assert resolved["initial"]["omega"][0] == pytest.approx(np.deg2rad(row["in_initial_omega_x_deg_s"]), rel=1e-15)
-    assert resolved["motor"][0]["offset"][1] == pytest.approx(row["in_motor_retro_offset_z_mm"] * 1e-3, rel=1e-15)
+    assert resolved["initial"]["omega"][0] == pytest.approx(
+        np.deg2rad(row["in_initial_omega_x_deg_s"]), rel=1e-15
+    )
+    assert resolved["motor"][0]["offset"][1] == pytest.approx(
+        row["in_motor_retro_offset_z_mm"] * 1e-3, rel=1e-15
+    )
     assert "inertia_products" in resolved["body"]["upper"]
     assert "until" not in resolved["phase"][2]
 
 
 def test_simulate(campaign):
-    """The nominal by default: a row every step, two at each phase boundary, columns and units named."""
+    """The nominal by default: a row every step, two at each phase boundary, columns and units
+    named."""
     history = campaign.simulate(step_s=0.01)
     assert history["time_s"].is_monotonic_increasing
     assert (history["time_s"].iloc[0], history["time_s"].iloc[-1]) == (0.0, 0.5)
     assert history["phase"].unique().tolist() == ["locked", "guided", "free"]
     assert len(history) == 51 + 2 + 1 or len(history) == 51 + 2 + 2
     assert list(history.attrs["units"]) == list(history.columns)
-    assert {"upper_alpha_deg", "lower_y_m", "pins_force_on_upper_x_N", "pins_gap_z_m"} < set(history.columns)
+    assert {"upper_alpha_deg", "lower_y_m", "pins_force_on_upper_x_N", "pins_gap_z_m"} < set(
+        history.columns
+    )
     assert history.attrs["outcomes"]["release_time_s"] in history["time_s"].to_numpy()
 
 
@@ -134,12 +152,16 @@ def test_a_case_alone_at_a_given_step_is_its_row(campaign):
     outcomes = given.simulate(given.case(17, seed=7), step_s=0.1).attrs["outcomes"]
     for name, error in result.accuracy.errors.items():
         size = max(abs(outcomes[name]), table[name].std(), 1e-4)
-        assert outcomes[name] == pytest.approx(table[name][17], rel=0, abs=max(error, 1e-9) * size), name
+        assert outcomes[name] == pytest.approx(
+            table[name][17], rel=0, abs=max(error, 1e-9) * size
+        ), name
 
 
 def test_progress_is_told_after_each_chunk(campaign):
     told = []
-    campaign.with_settings({"run.chunk": 4}).run(cases=10, progress=lambda *numbers: told.append(numbers))
+    campaign.with_settings({"run.chunk": 4}).run(
+        cases=10, progress=lambda *numbers: told.append(numbers)
+    )
     assert told == [(0, 10, 0), (4, 10, 0), (8, 10, 0), (10, 10, 0)]
 
 
@@ -148,7 +170,10 @@ def test_with_settings(campaign):
     assert (heavier.scene.body["upper"].mass, heavier.scene.solver.formulation) == (470.0, "full")
     assert campaign.scene.body["upper"].mass == 458.0
     assert heavier.digest != campaign.digest
-    assert campaign.with_settings({"run.cases": 3, "run.seed": 4, "run.chunk": 5, "title": "x"}).digest == campaign.digest
+    assert (
+        campaign.with_settings({"run.cases": 3, "run.seed": 4, "run.chunk": 5, "title": "x"}).digest
+        == campaign.digest
+    )
     with pytest.raises(SceneError, match="did you mean 'mass_kg'"):
         campaign.with_settings({"body.upper.mas_kg": 3.0})
 
@@ -176,8 +201,14 @@ def test_arguments_out_of_range(campaign, arguments, said, tmp_path):
 
 
 def test_settings_reach_every_kind_of_place():
-    assert scene(body__upper__cg_mm__y=7.0).body["upper"].cg == pytest.approx((1.3162, 0.007, 0.0001))
-    assert scene(body__lower__inertia_kg_m2__zz=2000.0).body["lower"].inertia == (90.3, 2035.8, 2000.0)
+    assert scene(body__upper__cg_mm__y=7.0).body["upper"].cg == pytest.approx(
+        (1.3162, 0.007, 0.0001)
+    )
+    assert scene(body__lower__inertia_kg_m2__zz=2000.0).body["lower"].inertia == (
+        90.3,
+        2035.8,
+        2000.0,
+    )
     assert scene(motor__retro__offset_mm__z=1.0).motor[0].offset == (0.0, 0.001)
     assert scene(motor__retro__thrust_kN=0.6).motor[0].thrust == 600.0
     assert scene(phase__guided__until__stroke_mm=30.0).phase[1].until.stroke == 0.03
@@ -185,17 +216,25 @@ def test_settings_reach_every_kind_of_place():
     solver = scene(solver={"method": "rk4"}).solver
     assert (solver.method, solver.accuracy, solver.step) == ("rk4", 1e-9, None)
     assert scene(solver__step_ms=20.0).solver.step == 0.02
-    laws = parse_campaign(TREE, "t.toml", {"dispersion.body.upper.mass_g": {"uniform": 1.0}}).dispersions
+    laws = parse_campaign(
+        TREE, "t.toml", {"dispersion.body.upper.mass_g": {"uniform": 1.0}}
+    ).dispersions
     assert len(laws) == len(TREE["dispersion"])
-    assert next(d for d in laws if d.parameter.path == "body.upper.mass").numbers == (457999.0, 458001.0)
+    assert next(d for d in laws if d.parameter.path == "body.upper.mass").numbers == (
+        457999.0,
+        458001.0,
+    )
 
 
 @pytest.mark.parametrize(
     ("path", "given_value", "read", "expected"),
     [
-        ("body.upper.cg_m.x", 1.3, lambda scene: scene.body["upper"].cg[0], 1.3),  # 'given twice': a component in another unit
-        ("body.upper.cg_mm", (1000.0, 0.0, 0.0), lambda scene: scene.body["upper"].cg[0], 1.0),  # a tuple is not scaled: 1000 m
-        ("body.upper.mass_g", np.float64(460e3), lambda scene: scene.body["upper"].mass, 460.0),  # 'got numpy.float64'
+        # 'given twice': a component in another unit
+        ("body.upper.cg_m.x", 1.3, lambda scene: scene.body["upper"].cg[0], 1.3),
+        # a tuple is not scaled: 1000 m
+        ("body.upper.cg_mm", (1000.0, 0.0, 0.0), lambda scene: scene.body["upper"].cg[0], 1.0),
+        # 'got numpy.float64'
+        ("body.upper.mass_g", np.float64(460e3), lambda scene: scene.body["upper"].mass, 460.0),
         ("run.cases", np.int64(7), lambda scene: scene.run.cases, 7),  # 'got numpy.int64'
     ],
 )
@@ -214,15 +253,35 @@ def test_reference_of_an_unknown_outcome(campaign):
         campaign.with_settings({"reference.outcome.uper_roll_deg.mean": 0.0})
 
 
-# -- what deserves a look -----------------------------------------------------------------------------------------------------------
+# -- what deserves a look
+# --------------------------------------------------------------------------------------------------
 
-PUSHED = {"spring": [{"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0], "force_N": 40.0}]}
-APART = {"phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.1}}, {"name": "free"}]}
+PUSHED = {
+    "spring": [
+        {
+            "name": "push",
+            "bodies": ["fore", "aft"],
+            "point_m": [2.0, 0.0, 0.0],
+            "axis": [1.0, 0.0, 0.0],
+            "force_N": 40.0,
+        }
+    ]
+}
+APART = {
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.1}},
+        {"name": "free"},
+    ]
+}
 
 
-@pytest.mark.parametrize("settings", [{}, {"joint.pins.apart": 1}, {"spring": [PUSHED["spring"][0] | {"axis": [-1.0, 0.0, 0.0]}]}])
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"joint.pins.apart": 1}, {"spring": [PUSHED["spring"][0] | {"axis": [-1.0, 0.0, 0.0]}]}],
+)
 def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
-    """A spring or joint the other way round: rows are ok, and the run says what it looks like, wherever it is told."""
+    """A spring or joint the other way round: rows are ok, and the run says what it looks like,
+    wherever it is told."""
     campaign = pair(PUSHED | APART | {"run.cases": 3} | settings)
     result = campaign.run(out=tmp_path / "run")
     distance = 1e-3 * result.table["separation_distance_mm"][0]
@@ -232,26 +291,47 @@ def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
         assert campaign.simulate().attrs["notes"] == []
         return
     (note,) = result.notes
-    for part in ("joint pins", "the nominal case", "fore", "aft", f"{distance:.3g} m", "the other way round", "joint.pins.apart"):
+    for part in (
+        "joint pins",
+        "the nominal case",
+        "fore",
+        "aft",
+        f"{distance:.3g} m",
+        "the other way round",
+        "joint.pins.apart",
+    ):
         assert part in note
-    assert json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["notes"] == [note]
+    assert json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))[
+        "notes"
+    ] == [note]
     assert campaign.simulate().attrs["notes"] == [note]
     assert "case 2" in campaign.simulate(campaign.case(2)).attrs["notes"][0]
 
 
-@pytest.mark.parametrize(("kind", "notes"), [("fixed", 1), ("slider", 1), ("revolute", 0), ("spherical", 0)])
+@pytest.mark.parametrize(
+    ("kind", "notes"), [("fixed", 1), ("slider", 1), ("revolute", 0), ("spherical", 0)]
+)
 def test_a_hinge_does_not_separate_along_its_axis(pair, kind, notes):
-    """Bodies that part from a joint at which they turned may end on either side of its x axis: nothing is said."""
-    phases = [{"name": "held", "joints": {"pins": kind}, "until": {"time_s": 0.1}}, {"name": "free"}]
-    found = pair(PUSHED | {"phase": phases, "solver": {"accuracy": 1e-6}}).simulate(step_s=0.5).attrs
+    """Bodies that part from a joint at which they turned may end on either side of its x axis:
+    nothing is said."""
+    phases = [
+        {"name": "held", "joints": {"pins": kind}, "until": {"time_s": 0.1}},
+        {"name": "free"},
+    ]
+    found = (
+        pair(PUSHED | {"phase": phases, "solver": {"accuracy": 1e-6}}).simulate(step_s=0.5).attrs
+    )
     assert found["outcomes"]["separation_distance_mm"] < -100.0
     assert len(found["notes"]) == notes
 
 
 @pytest.mark.parametrize("law", [{"normal": 0.3}, {"uniform": [0.5, 0.9]}])
 def test_a_coefficient_of_a_polynomial_varies(law):
-    """What bounds a polynomial bounds none of its coefficients: a case replays, and a law with ends is taken."""
-    campaign = sepmc.load("table2.toml", {"dispersion": {"body.upper.aerodynamics.normal.alpha": law}})
+    """What bounds a polynomial bounds none of its coefficients: a case replays, and a law with ends
+    is taken."""
+    campaign = sepmc.load(
+        "table2.toml", {"dispersion": {"body.upper.aerodynamics.normal.alpha": law}}
+    )
     found = campaign.simulate(campaign.case(3), step_s=0.25).attrs
     assert (found["status"], found["notes"]) == ("ok", [])
 
@@ -259,5 +339,7 @@ def test_a_coefficient_of_a_polynomial_varies(law):
 def test_a_spread_relative_to_a_negative_nominal():
     """Sigma is a share of its size."""
     law = {"body.lower.cg_mm.y": {"normal": [1.0, 0.05], "relative": True}}
-    campaign = sepmc.load("table2.toml", {"body.lower.cg_mm": [3000.0, -2.0, 0.0], "dispersion": law})
+    campaign = sepmc.load(
+        "table2.toml", {"body.lower.cg_mm": [3000.0, -2.0, 0.0], "dispersion": law}
+    )
     assert campaign.file.dispersions[0].numbers[:2] == pytest.approx((-2.0, 0.1))

@@ -1,4 +1,5 @@
-"""Pitch and roll go on through turns: close to the vertical, where a step alone does not tell on which side of it the x axis passed."""
+"""Pitch and roll go on through turns: close to the vertical, where a step alone does not tell on
+which side of it the x axis passed."""
 
 import numpy as np
 import pytest
@@ -14,7 +15,12 @@ ROUND = {"inertia_kg_m2": [2.0, 2.0, 2.0]}
 TUMBLING = {
     "body.aft.inertia_kg_m2": [2.0, 2.0, 2.0],
     "phase": [{"name": "free"}],
-    "initial": {"altitude_m": 0.0, "speed_m_s": 1.0, "omega_rad_s": [0.0, 0.0, 0.0], "yaw_deg": 60.0},
+    "initial": {
+        "altitude_m": 0.0,
+        "speed_m_s": 1.0,
+        "omega_rad_s": [0.0, 0.0, 0.0],
+        "yaw_deg": 60.0,
+    },
     "run.end_time_s": END,
     "solver": {"accuracy": 1e-6},
     "dispersion": {f"initial.omega_rad_s.{axis}": {"uniform": RATES} for axis in "xyz"},
@@ -22,17 +28,23 @@ TUMBLING = {
 
 
 def followed(omega, count=20_001):
-    """Pitch and roll, deg, of a round body after all, and the sine of the least angle from the vertical: it turns evenly about an axis
-    that is fixed in it and in space."""
-    turns = Rotation.from_euler("ZYX", [0.0, np.radians(60.0), 0.0]) * Rotation.from_rotvec(np.outer(np.linspace(0.0, END, count), omega))
+    """Pitch and roll, deg, of a round body after all, and the sine of the least angle from the
+    vertical: it turns evenly about an axis that is fixed in it and in space."""
+    turns = Rotation.from_euler("ZYX", [0.0, np.radians(60.0), 0.0]) * Rotation.from_rotvec(
+        np.outer(np.linspace(0.0, END, count), omega)
+    )
     m = turns.as_matrix()
-    found = [np.degrees(np.unwrap(np.arctan2(y, x)))[-1] for y, x in ((m[:, 1, 0], m[:, 0, 0]), (m[:, 2, 1], m[:, 2, 2]))]
+    found = [
+        np.degrees(np.unwrap(np.arctan2(y, x)))[-1]
+        for y, x in ((m[:, 1, 0], m[:, 0, 0]), (m[:, 2, 1], m[:, 2, 2]))
+    ]
     return *found, np.hypot(m[:, 0, 0], m[:, 1, 0]).min()
 
 
 @pytest.mark.slow
 def test_pitch_and_roll_are_followed_past_the_vertical(pair):
-    """Bodies that turn evenly, some within a tenth of a degree of it: pitch and roll as of 20,000 instants."""
+    """Bodies that turn evenly, some within a tenth of a degree of it: pitch and roll as of 20,000
+    instants."""
     campaign = pair(TUMBLING)
     table = campaign.run(cases=CASES, seed=3).to_pandas()
     omegas = table[[f"in_initial_omega_{axis}_rad_s" for axis in "xyz"]].to_numpy()
@@ -41,10 +53,16 @@ def test_pitch_and_roll_are_followed_past_the_vertical(pair):
     expected = np.array([followed(omega) for omega in omegas[close]])
     assert len(close) > 20
     for k, name in enumerate(("pitch", "roll")):
-        assert_allclose(table[f"aft_{name}_deg"][close], expected[:, k], rtol=0, atol=2e-3, err_msg=name)
+        assert_allclose(
+            table[f"aft_{name}_deg"][close], expected[:, k], rtol=0, atol=2e-3, err_msg=name
+        )
     nearest = int(np.argmin(expected[:, 2]))
-    alone = campaign.simulate(campaign.case(int(close[nearest]), seed=3), step_s=0.1).attrs["outcomes"]
-    assert_allclose([alone["aft_pitch_deg"], alone["aft_roll_deg"]], expected[nearest, :2], rtol=0, atol=2e-3)
+    alone = campaign.simulate(campaign.case(int(close[nearest]), seed=3), step_s=0.1).attrs[
+        "outcomes"
+    ]
+    assert_allclose(
+        [alone["aft_pitch_deg"], alone["aft_roll_deg"]], expected[nearest, :2], rtol=0, atol=2e-3
+    )
 
 
 @njit
@@ -53,8 +71,8 @@ def winds(u, v, bend):
 
 
 def test_which_paths_may_pass_the_origin_on_either_side():
-    """By how close the straight line comes to it, ends included; a path of no length that is not bent is not in doubt, nor is one through
-    the origin, as of a body that only yaws."""
+    """By how close the straight line comes to it, ends included; a path of no length that is not
+    bent is not in doubt, nor is one through the origin, as of a body that only yaws."""
     assert winds((1.0, 0.1), (-1.0, 0.1), 0.11)
     assert not winds((1.0, 0.1), (-1.0, 0.1), 0.09)
     assert not winds((1.0, 0.0), (2.0, 0.0), 0.9)

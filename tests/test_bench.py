@@ -1,4 +1,5 @@
-"""`sepmc bench` from end to end, with few cases; nothing here depends on how fast the machine is."""
+"""`sepmc bench` from end to end, with few cases; nothing here depends on how fast the machine
+is."""
 
 import importlib
 import json
@@ -53,12 +54,27 @@ def table(study, reference):
 def test_command(name, formulation, tmp_path, monkeypatch):
     """Files, columns, marks, whichever formulation is the scene's own."""
     monkeypatch.setattr(scaling, "SIZES", (20, 40))
-    monkeypatch.setattr(flops, "count", lambda *_: None)  # compiles for a minute; it has a test of its own
+    # compiles for a minute; it has a test of its own
+    monkeypatch.setattr(flops, "count", lambda *_: None)
     out = tmp_path / "bench"
-    result = call("bench", name, "--quick", "--cases", 40, "--repeats", 1, "--out", out, "--set", f"solver.formulation={formulation}")
+    result = call(
+        "bench",
+        name,
+        "--quick",
+        "--cases",
+        40,
+        "--repeats",
+        1,
+        "--out",
+        out,
+        "--set",
+        f"solver.formulation={formulation}",
+    )
     assert result.exit_code == 0, result.output
     parts = ["features", "scaling", "stages", "work_precision"]
-    assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *(f"{p}.{kind}" for p in parts for kind in ("parquet", "png"))])
+    assert sorted(p.name for p in out.iterdir()) == sorted(
+        ["bench.json", *(f"{p}.{kind}" for p in parts for kind in ("parquet", "png"))]
+    )
     told = json.loads((out / "bench.json").read_text(encoding="utf-8"))
     assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(told)
     assert {"cpu", "threads", "versions"} <= set(told["machine"])
@@ -73,8 +89,12 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     assert f"threads, {formulation} formulation" in result.output
     assert chosen["error"] < 1e-8
     assert {"feature", "time_ratio", "flop_ratio"} <= set(pd.read_parquet(out / "features.parquet"))
-    assert {"over", "cases", "threads", "kernel_s", "peak_MB"} <= set(pd.read_parquet(out / "scaling.parquet"))
-    assert {"import", "pilot", "kernel", "statistics"} <= set(pd.read_parquet(out / "stages.parquet")["stage"])
+    assert {"over", "cases", "threads", "kernel_s", "peak_MB"} <= set(
+        pd.read_parquet(out / "scaling.parquet")
+    )
+    assert {"import", "pilot", "kernel", "statistics"} <= set(
+        pd.read_parquet(out / "stages.parquet")["stage"]
+    )
     again = call("bench", name, "--out", out)
     assert (again.exit_code, "--overwrite" in again.stderr) == (2, True)
 
@@ -93,7 +113,10 @@ def test_reference(study, reference):
     assert reference.sound.all()
     assert reference.change < 1e-11
     assert reference.difference < 1e-10
-    assert study.error_of(reference.outcomes, reference.sound, reference.outcomes, reference.sound)[0] == 0.0
+    assert (
+        study.error_of(reference.outcomes, reference.sound, reference.outcomes, reference.sound)[0]
+        == 0.0
+    )
 
 
 def test_error_counts_the_worst_case(study, reference):
@@ -102,8 +125,14 @@ def test_error_counts_the_worst_case(study, reference):
     error, worst = study.error_of(off, np.ones(3, dtype=bool), reference.outcomes, reference.sound)
     assert worst == study.names[4]
     assert error > 1e-4
-    assert study.error_of(off, np.array([True, True, False]), reference.outcomes, reference.sound)[0] == 0.0
-    assert study.error_of(off, np.zeros(3, dtype=bool), reference.outcomes, reference.sound)[0] == np.inf
+    assert (
+        study.error_of(off, np.array([True, True, False]), reference.outcomes, reference.sound)[0]
+        == 0.0
+    )
+    assert (
+        study.error_of(off, np.zeros(3, dtype=bool), reference.outcomes, reference.sound)[0]
+        == np.inf
+    )
 
 
 def test_more_steps_are_more_exact(table):
@@ -114,7 +143,10 @@ def test_more_steps_are_more_exact(table):
 
 def test_full_flies_as_the_reduced_does(table, reference):
     """In the same steps the same errors, by fewer cases."""
-    of = {name: rows.set_index("asked") for name, rows in table[table["asked"].notna()].groupby("formulation")}
+    of = {
+        name: rows.set_index("asked")
+        for name, rows in table[table["asked"].notna()].groupby("formulation")
+    }
     assert of["full"]["scaled"].all()
     assert set(of["full"].index) == set(of["reduced"].index)
     assert (of["full"]["error"] <= 1.5 * of["reduced"]["error"].clip(lower=reference.floor)).all()
@@ -125,7 +157,11 @@ def test_step_that_is_given():
     study = study_of("table2", 20, settings={"solver.step_s": 0.1})
     reference = make_reference(study)
     table = work_precision.measure(study, reference)
-    assert list(table["setting"][table["formulation"] == "reduced"]) == ["step 0.1 s", "step 0.05 s", "step 0.025 s"]
+    assert list(table["setting"][table["formulation"] == "reduced"]) == [
+        "step 0.1 s",
+        "step 0.05 s",
+        "step 0.025 s",
+    ]
     assert list(table["setting"][table["formulation"] == "full"]) == ["step 0.1 s"]
     assert table["default"].tolist() == [True, False, False, False]
     assert table["error"].iloc[0] > 10.0 * table["error"].iloc[2]
@@ -134,10 +170,20 @@ def test_step_that_is_given():
 def test_features_change_the_scene(study):
     """What is taken out is gone, its dispersions too, and what cannot go is told."""
     variants = {v.feature: v.campaign for v in features._variants(study, 0.01)}
-    assert {features.ALL, "aerodynamics", "atmosphere", "wind", "gravity", "motors", "histories"} == set(variants)
+    assert {
+        features.ALL,
+        "aerodynamics",
+        "atmosphere",
+        "wind",
+        "gravity",
+        "motors",
+        "histories",
+    } == set(variants)
     assert all(body.aerodynamics is None for body in variants["aerodynamics"].scene.body.values())
     assert not variants["motors"].scene.motor
-    assert not any(d.parameter.path.startswith("motor.") for d in variants["motors"].file.dispersions)
+    assert not any(
+        d.parameter.path.startswith("motor.") for d in variants["motors"].file.dispersions
+    )
     assert variants["wind"].scene.environment.wind.speed == 0.0
     assert variants["histories"].scene.run.history_step == 0.01
 
@@ -176,12 +222,21 @@ def test_flops_of_a_case(study):
     assert set(counted.evaluations) == set(counted.each) == {"locked", "guided", "free"}
     assert counted.evaluations["free"] == 12
     assert 300.0 < counted.evaluation < 3000.0
-    active = [make_shape(study.campaign.plan).active(stage) for stage in make_shape(study.campaign.plan).stages]
+    active = [
+        make_shape(study.campaign.plan).active(stage)
+        for stage in make_shape(study.campaign.plan).stages
+    ]
     assert counted.sums > 12 * sum(active)
 
 
 def test_peers_beside_ours(study, reference, monkeypatch):
-    outcomes = dict(zip(study.names, (reference.outcomes * [c.scale for c in study.campaign.outcome_columns])[:4].T, strict=True))
+    outcomes = dict(
+        zip(
+            study.names,
+            (reference.outcomes * [c.scale for c in study.campaign.outcome_columns])[:4].T,
+            strict=True,
+        )
+    )
     entry = Entry("other", "exact", 4, 1, 0.5, 1e-3, 1, outcomes, True, "")
     monkeypatch.setattr(engines, "race", lambda *_: [entry])
     frame = engines.measure(study, reference)
@@ -195,13 +250,16 @@ def test_peers_beside_ours(study, reference, monkeypatch):
 def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     """Each with a sentence; ours stay."""
     told = []
-    race = importlib.import_module("sepmc.bench.peers.race")  # the package's name for it is the function
+    # the package's name for it is the function
+    race = importlib.import_module("sepmc.bench.peers.race")
 
     def missing(name):
         raise ImportError(name)
 
     monkeypatch.setattr(race.importlib, "import_module", missing)
-    monkeypatch.setattr(engines, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1))
+    monkeypatch.setattr(
+        engines, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1)
+    )
     loud = Study(study.campaign, study.flight, study.draws, 1, 1, True, told.append)
     frame = engines.measure(loud, reference)
     assert set(frame["engine"]) == {"sepmc"}

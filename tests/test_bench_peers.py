@@ -1,4 +1,5 @@
-"""Other engines fly the campaign of Table 2: their outcomes are ours, each within what it can reach with its setting."""
+"""Other engines fly the campaign of Table 2: their outcomes are ours, each within what it can reach
+with its setting."""
 
 import importlib
 
@@ -62,7 +63,9 @@ def test_race_with_scipy(campaign, ours):
     told = []
     entries = race(campaign, 1, told.append, {**NONE, "scipy": 2}, 1)
     assert len(told) == len(entries)
-    assert all(isinstance(e, Entry) and e.seconds_per_case > 0.0 and e.extrapolated for e in entries)
+    assert all(
+        isinstance(e, Entry) and e.seconds_per_case > 0.0 and e.extrapolated for e in entries
+    )
     found = {e.setting: error(e, *ours) for e in entries}
     assert found["rtol 1e-12"] < 1e-9
     assert found["rtol 1e-12"] < found["rtol 1e-06"]
@@ -76,7 +79,10 @@ def test_race_in_processes(campaign, ours, monkeypatch):
     monkeypatch.setattr(module, "ORDERS", module.ORDERS[:1])
     entries = race(campaign, 2, lambda _: None, {**NONE, "heyoka": 5}, 1)
     assert max(error(e, *ours) for e in entries) < 1e-3
-    assert all(e.cases == 5 and len(e.outcomes["release_time_s"]) == 5 and e.compile_s > 0.0 for e in entries)
+    assert all(
+        e.cases == 5 and len(e.outcomes["release_time_s"]) == 5 and e.compile_s > 0.0
+        for e in entries
+    )
 
 
 def test_inputs_follow_the_case(campaign):
@@ -86,7 +92,9 @@ def test_inputs_follow_the_case(campaign):
     inputs, case = read(campaign, 3), Case(campaign.case(2).to_dict())
     motions = case.initial()
     for body in inputs.bodies:
-        np.testing.assert_allclose(np.diag(body.inertia[2]), case.bodies[body.name].inertia, rtol=1e-15)
+        np.testing.assert_allclose(
+            np.diag(body.inertia[2]), case.bodies[body.name].inertia, rtol=1e-15
+        )
         np.testing.assert_allclose(inputs.R[2] @ body.place[2], motions[body.name].x, atol=1e-14)
     np.testing.assert_allclose(inputs.R[2], case.R0, atol=1e-15)
     np.testing.assert_allclose(inputs.velocity[2], case.velocity, rtol=1e-14)
@@ -99,6 +107,8 @@ def test_other_scenes_are_refused(name):
 
 
 def test_what_cannot_vary_is_told():
-    campaign = sepmc.load("table2.toml", {"dispersion": {"motor.retro.build_up_s": {"uniform": 0.01}}})
+    campaign = sepmc.load(
+        "table2.toml", {"dispersion": {"motor.retro.build_up_s": {"uniform": 0.01}}}
+    )
     with pytest.raises(ValueError, match=r"cannot vary motor\.retro\.build_up"):
         read(campaign, 2)

@@ -1,7 +1,9 @@
-"""Every campaign that is shipped: it checks, it flies, its audit is small, and it gives what its header works out by hand.
+"""Every campaign that is shipped: it checks, it flies, its audit is small, and it gives what its
+header works out by hand.
 
-The hand numbers are plain mechanics (momentum, energy, statics of a rigid body, one line of motion), written down in the head of each file;
-where a number is left out of the plain model the bound says how much it may matter.
+The hand numbers are plain mechanics (momentum, energy, statics of a rigid body, one line of
+motion), written down in the head of each file; where a number is left out of the plain model the
+bound says how much it may matter.
 """
 
 import numpy as np
@@ -13,7 +15,8 @@ from sepmc.scene.read import shipped_campaigns
 FILES = {path.stem: path for path in shipped_campaigns().values()}
 NAMES = sorted(FILES)
 CASES = 20
-# Largest audit number of a case that is flown well. Gaps grow with the size and the duration of a scene: round-off of tens of metres.
+# Largest audit number of a case that is flown well. Gaps grow with the size and the duration of a
+# scene: round-off of tens of metres.
 AUDIT = {
     "joint_gap_residual_m": 1e-9,
     "joint_angle_residual_rad": 1e-10,
@@ -46,7 +49,8 @@ BY_HAND = [
     ("missile-rail", "shoe_tip_off_missile_z_deg_s", -12.517, 0.01),  # air left out by hand
     ("missile-rail", "shoe_tip_off_missile_y_deg_s", 0.0, 1e-9),
     ("residual-thrust", "release_time_s", 1.7383, 1e-3),
-    ("residual-thrust", "separation_speed_m_s", 0.45074, 2e-3),  # gravity differs by 2e-5 m/s2 between the stages
+    # gravity differs by 2e-5 m/s2 between the stages
+    ("residual-thrust", "separation_speed_m_s", 0.45074, 2e-3),
     ("residual-thrust", "separation_distance_mm", 2029.0, 6.0),
     ("residual-thrust", "gap_recontact", 0.0, 0.0),
     ("srb", "right_ball_separation_speed_m_s", 6.477, 0.10),
@@ -106,7 +110,13 @@ def test_says_what_it_is(name):
     text = FILES[name].read_text()
     head = text.split("\n\n")[0]
     assert head.startswith("# ")
-    assert sum(word in text for word in ("printed", "published", "derived", "reconstructed", "assumed", "synthetic")) >= 2
+    assert (
+        sum(
+            word in text
+            for word in ("printed", "published", "derived", "reconstructed", "assumed", "synthetic")
+        )
+        >= 2
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -125,7 +135,11 @@ def test_audit_is_small(name, flown):
 
 def test_boxes_keep_their_energy():
     """Nothing acts on the two boxes: the joint alone may not add or take energy."""
-    table = sepmc.load("nasa-fixed-joint", {"solver.formulation": "full", "solver.step_s": 0.05}).run(cases=2).to_pandas()
+    table = (
+        sepmc.load("nasa-fixed-joint", {"solver.formulation": "full", "solver.step_s": 0.05})
+        .run(cases=2)
+        .to_pandas()
+    )
     assert table["energy_residual"].abs().max() <= 1e-12
 
 
@@ -147,8 +161,11 @@ def test_by_hand(name, outcome, value, bound, nominal):
     ],
 )
 def test_scatter_by_hand(name, outcome, sigma, campaign):
-    """A sigma of 1,000 cases is known to 2.2 %; the bound is four of that and what the plain model leaves out."""
-    assert campaign(name).run(cases=1000).to_pandas()[outcome].std() == pytest.approx(sigma, rel=0.12)
+    """A sigma of 1,000 cases is known to 2.2 %; the bound is four of that and what the plain model
+    leaves out."""
+    assert campaign(name).run(cases=1000).to_pandas()[outcome].std() == pytest.approx(
+        sigma, rel=0.12
+    )
 
 
 def test_boxes_at_the_start(nominal):
@@ -161,9 +178,13 @@ def test_boxes_at_the_start(nominal):
 
 
 def test_payload_and_stage_share_the_momentum(nominal):
-    """412 N s between 500 kg and 1200 kg; empty space, so the momentum of both stays what it was."""
+    """412 N s between 500 kg and 1200 kg; empty space, so the momentum of both stays what it
+    was."""
     history = nominal("spring-pushers")
-    gained = {body: history[f"{body}_vx_m_s"].iloc[-1] - history[f"{body}_vx_m_s"].iloc[0] for body in ("payload", "stage")}
+    gained = {
+        body: history[f"{body}_vx_m_s"].iloc[-1] - history[f"{body}_vx_m_s"].iloc[0]
+        for body in ("payload", "stage")
+    }
     assert gained["payload"] == pytest.approx(0.8231932, abs=1e-6)
     assert gained["stage"] == pytest.approx(-0.3429972, abs=1e-6)
 
@@ -180,32 +201,48 @@ def test_shoes_leave_when_they_should(nominal):
 
 
 def test_boosters_hang_on_ball_and_struts(nominal):
-    """Statics of a rigid vehicle under its thrust: what ball and struts carry at t = 0, and both sides alike."""
+    """Statics of a rigid vehicle under its thrust: what ball and struts carry at t = 0, and both
+    sides alike."""
     first = nominal("srb").iloc[0]
-    ball = [first[f"right_ball_force_on_right_{axis}_N"] for axis in "xyz"]  # axes of the joint's first body: x forward, y up, z right
+    # axes of the joint's first body: x forward, y up, z right
+    ball = [first[f"right_ball_force_on_right_{axis}_N"] for axis in "xyz"]
     assert ball == pytest.approx([535.7e3, 66.2e3, -39.7e3], abs=1e3)
-    struts = {name: np.array([first[f"right_{name}_force_on_right_{axis}_N"] for axis in "xyz"]) for name in ("upper", "diagonal", "lower")}
+    struts = {
+        name: np.array([first[f"right_{name}_force_on_right_{axis}_N"] for axis in "xyz"])
+        for name in ("upper", "diagonal", "lower")
+    }
     assert struts["upper"] == pytest.approx([0.0, 0.0, -72.5e3], abs=300.0)
     assert struts["lower"] == pytest.approx([0.0, 0.0, 85.6e3], abs=300.0)
     along = np.array([0.0, 3.0, 1.34]) / np.hypot(3.0, 1.34)
     assert struts["diagonal"] == pytest.approx(65.1e3 * along, abs=300.0)
     for name in ("ball", "upper", "diagonal", "lower"):
-        mirrored = [first[f"left_{name}_force_on_left_{axis}_N"] * sign for axis, sign in zip("xyz", (1, 1, -1), strict=True)]
-        assert mirrored == pytest.approx([first[f"right_{name}_force_on_right_{axis}_N"] for axis in "xyz"], rel=1e-9, abs=1e-3)
+        mirrored = [
+            first[f"left_{name}_force_on_left_{axis}_N"] * sign
+            for axis, sign in zip("xyz", (1, 1, -1), strict=True)
+        ]
+        assert mirrored == pytest.approx(
+            [first[f"right_{name}_force_on_right_{axis}_N"] for axis in "xyz"], rel=1e-9, abs=1e-3
+        )
 
 
 def test_separation_motors_give_their_impulse(nominal):
-    """8 x 18,400 lbf s on 87.6 t, in the direction out, away from the orbiter and aft, beside what else moves the booster."""
+    """8 x 18,400 lbf s on 87.6 t, in the direction out, away from the orbiter and aft, beside what
+    else moves the booster."""
     history = nominal("srb")
     lateral = history["right_vz_m_s"].iloc[-1] - history["right_vz_m_s"].iloc[0]
     assert lateral == pytest.approx(8 * 18400 * LBF / 87.6e3 * 0.8529, abs=0.06)
-    assert history["left_vz_m_s"].iloc[-1] - history["left_vz_m_s"].iloc[0] == pytest.approx(-lateral, abs=1e-6)
+    assert history["left_vz_m_s"].iloc[-1] - history["left_vz_m_s"].iloc[0] == pytest.approx(
+        -lateral, abs=1e-6
+    )
 
 
 @pytest.mark.slow
 def test_waiting_longer_prevents_recontact(campaign):
-    """What the builders of Falcon 1 said of its third flight. By one line of motion: 3.3 % at 1.5 s, 0.2 % at 2.0 s."""
+    """What the builders of Falcon 1 said of its third flight. By one line of motion: 3.3 % at 1.5
+    s, 0.2 % at 2.0 s."""
     early = campaign("residual-thrust").run(cases=3000).to_pandas()["gap_recontact"].mean()
-    later = campaign("residual-thrust").with_settings({"phase.locked.until.time_s": 2.0, "run.end_time_s": 6.0})
+    later = campaign("residual-thrust").with_settings(
+        {"phase.locked.until.time_s": 2.0, "run.end_time_s": 6.0}
+    )
     assert early == pytest.approx(0.033, abs=0.012)
     assert later.run(cases=3000).to_pandas()["gap_recontact"].mean() < 0.005

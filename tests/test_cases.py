@@ -1,4 +1,5 @@
-"""The case table: streams that never drift, laws that have their moments, and cases that do not know of each other."""
+"""The case table: streams that never drift, laws that have their moments, and cases that do not
+know of each other."""
 
 import math
 import tomllib
@@ -16,13 +17,16 @@ from sepmc.engine.door import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
 
-TREE = tomllib.loads((Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8"))
+TREE = tomllib.loads(
+    (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
+)
 N = 100_000
 WORD = 2**64 - 1
 
 
 def laws(dispersion):
-    """The resolved dispersions of table2.toml with other laws; the upper stage has 458 kg, the yaw angle is 0."""
+    """The resolved dispersions of table2.toml with other laws; the upper stage has 458 kg, the yaw
+    angle is 0."""
     return parse_campaign({**TREE, "dispersion": dispersion}, "t.toml").dispersions
 
 
@@ -31,7 +35,8 @@ def yaw(law, seed=1, count=N):
 
 
 def philox(key, block):
-    """Philox 4x64-10 (Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011) of counter ``block``: four numbers."""
+    """Philox 4x64-10 (Salmon et al., Parallel Random Numbers: As Easy as 1, 2, 3, SC 2011) of
+    counter ``block``: four numbers."""
     k, x = [key & WORD, key >> 64], [block, 0, 0, 0]
     for _ in range(10):
         left, right = 0xD2E7470EE14C6C93 * x[0], 0xCA5A826395121157 * x[2]
@@ -41,13 +46,23 @@ def philox(key, block):
 
 
 def test_philox_known_answer():
-    """The authors' own vectors (Random123, kat_vectors): the oracle below is Philox, and numpy's is the same."""
-    assert philox(0, 0) == [0x16554D9ECA36314C, 0xDB20FE9D672D0FDC, 0xD7E772CEE186176B, 0x7E68B68AEC7BA23B]
+    """The authors' own vectors (Random123, kat_vectors): the oracle below is Philox, and numpy's is
+    the same."""
+    assert philox(0, 0) == [
+        0x16554D9ECA36314C,
+        0xDB20FE9D672D0FDC,
+        0xD7E772CEE186176B,
+        0x7E68B68AEC7BA23B,
+    ]
 
 
-@pytest.mark.parametrize(("seed", "path"), [(2019, "initial.altitude"), (0, "body.upper.cg.x"), (2**70, "motor.retro.offset.y")])
+@pytest.mark.parametrize(
+    ("seed", "path"),
+    [(2019, "initial.altitude"), (0, "body.upper.cg.x"), (2**70, "motor.retro.offset.y")],
+)
 def test_stream_is_philox_of_seed_and_path(seed, path):
-    """Counter from 1, key the 16 bytes of BLAKE2b of ``seed:path``, the upper 53 bits of each word at the middle of their cell."""
+    """Counter from 1, key the 16 bytes of BLAKE2b of ``seed:path``, the upper 53 bits of each word
+    at the middle of their cell."""
     from hashlib import blake2b
 
     key = int.from_bytes(blake2b(f"{seed}:{path}".encode(), digest_size=16).digest(), "little")
@@ -59,10 +74,15 @@ def test_stream_is_philox_of_seed_and_path(seed, path):
 
 def test_golden_numbers():
     """Written down once: a run of any version with this seed holds these draws."""
-    assert cases.stream(2019, "initial.altitude", 0, 3).tolist() == [0.9669833326229904, 0.5893913578357031, 0.2935104822864701]
+    assert cases.stream(2019, "initial.altitude", 0, 3).tolist() == [
+        0.9669833326229904,
+        0.5893913578357031,
+        0.2935104822864701,
+    ]
     assert cases.stream(2019, "initial.altitude", 10**12, 1).tolist() == [0.2979764663122128]
     assert (
-        Campaign(parse_campaign(TREE, "t.toml")).case(0, seed=2019).inputs["in_initial_altitude_m"] == 69850.0 + 300.0 * 0.9669833326229904
+        Campaign(parse_campaign(TREE, "t.toml")).case(0, seed=2019).inputs["in_initial_altitude_m"]
+        == 69850.0 + 300.0 * 0.9669833326229904
     )
 
 
@@ -99,7 +119,9 @@ def test_case_drawn_alone():
 def test_one_more_variable_changes_no_other_draw():
     few = {"initial.yaw_deg": {"uniform": 1.0}, "body.upper.mass_kg": {"normal": 3.0}}
     more = {"initial.roll_deg": {"uniform": 1.0}, **few, "body.lower.cg_mm.x": {"uniform": 1.0}}
-    np.testing.assert_array_equal(cases.draw(laws(more), 7, 0, 99)[:, 1:3], cases.draw(laws(few), 7, 0, 99))
+    np.testing.assert_array_equal(
+        cases.draw(laws(more), 7, 0, 99)[:, 1:3], cases.draw(laws(few), 7, 0, 99)
+    )
 
 
 @pytest.mark.parametrize("law", ["uniform", "normal", "triangular"])
@@ -120,17 +142,43 @@ def doubly_truncated(cut):
         ({"uniform": 0.3}, 0.0, 0.3 / math.sqrt(3.0), stats.uniform(-0.3, 0.6)),
         ({"uniform": [-0.1, 0.4]}, 0.15, 0.5 / math.sqrt(12.0), stats.uniform(-0.1, 0.5)),
         ({"triangular": 0.3}, 0.0, 0.3 / math.sqrt(6.0), stats.triang(0.5, -0.3, 0.6)),
-        ({"triangular": [-0.1, 0.0, 0.5]}, 0.4 / 3.0, math.sqrt(0.31 / 18.0), stats.triang(1.0 / 6.0, -0.1, 0.6)),
-        ({"triangular": [0.0, 0.0, 1.0]}, 1.0 / 3.0, math.sqrt(1.0 / 18.0), stats.triang(0.0, 0.0, 1.0)),
-        ({"triangular": [0.0, 1.0, 1.0]}, 2.0 / 3.0, math.sqrt(1.0 / 18.0), stats.triang(1.0, 0.0, 1.0)),
+        (
+            {"triangular": [-0.1, 0.0, 0.5]},
+            0.4 / 3.0,
+            math.sqrt(0.31 / 18.0),
+            stats.triang(1.0 / 6.0, -0.1, 0.6),
+        ),
+        (
+            {"triangular": [0.0, 0.0, 1.0]},
+            1.0 / 3.0,
+            math.sqrt(1.0 / 18.0),
+            stats.triang(0.0, 0.0, 1.0),
+        ),
+        (
+            {"triangular": [0.0, 1.0, 1.0]},
+            2.0 / 3.0,
+            math.sqrt(1.0 / 18.0),
+            stats.triang(1.0, 0.0, 1.0),
+        ),
         ({"normal": 0.2}, 0.0, 0.2, stats.norm(0.0, 0.2)),
         ({"normal": [0.1, 0.2]}, 0.1, 0.2, stats.norm(0.1, 0.2)),
-        ({"normal": 0.2, "truncate_sigma": 1.5}, 0.0, 0.2 * math.sqrt(doubly_truncated(1.5)), stats.truncnorm(-1.5, 1.5, 0.0, 0.2)),
-        ({"normal": [0.1, 0.05], "truncate_sigma": 3}, 0.1, 0.05 * math.sqrt(doubly_truncated(3.0)), stats.truncnorm(-3, 3, 0.1, 0.05)),
+        (
+            {"normal": 0.2, "truncate_sigma": 1.5},
+            0.0,
+            0.2 * math.sqrt(doubly_truncated(1.5)),
+            stats.truncnorm(-1.5, 1.5, 0.0, 0.2),
+        ),
+        (
+            {"normal": [0.1, 0.05], "truncate_sigma": 3},
+            0.1,
+            0.05 * math.sqrt(doubly_truncated(3.0)),
+            stats.truncnorm(-3, 3, 0.1, 0.05),
+        ),
     ],
 )
 def test_continuous_laws(law, mean, sigma, scipy):
-    """Mean and sigma within 4 standard errors, bounds never left and nearly reached, the whole law by Kolmogorov and Smirnov."""
+    """Mean and sigma within 4 standard errors, bounds never left and nearly reached, the whole law
+    by Kolmogorov and Smirnov."""
     drawn = yaw(law)
     assert abs(drawn.mean() - mean) < 4.0 * sigma / math.sqrt(N)
     kurtosis = 3.0 + float(scipy.stats(moments="k"))
@@ -150,7 +198,12 @@ def test_discrete_and_constant():
         assert abs(np.mean(drawn == number) - p) <= 4.0 * math.sqrt(p * (1.0 - p) / N)
     assert abs(np.mean(yaw({"discrete": [0.1, 0.2]}) == 0.1) - 0.5) < 4.0 * 0.5 / math.sqrt(N)
     assert set(yaw({"constant": 0.25}, count=5)) == {0.25}
-    for law in ({"uniform": 0.0}, {"triangular": 0.0}, {"normal": 0.0}, {"triangular": [0.0, 0.0, 0.0]}):
+    for law in (
+        {"uniform": 0.0},
+        {"triangular": 0.0},
+        {"normal": 0.0},
+        {"triangular": [0.0, 0.0, 0.0]},
+    ):
         assert set(yaw(law, count=5)) == {0.0}
 
 
@@ -178,7 +231,8 @@ def test_relative_laws(law, support):
 
 
 def test_streams_are_uncorrelated():
-    """Between variables, between seeds, and from case to case: every correlation within 5 / sqrt(n), and together as they should be."""
+    """Between variables, between seeds, and from case to case: every correlation within 5 /
+    sqrt(n), and together as they should be."""
     paths = [d.parameter.path for d in parse_campaign(TREE, "t.toml").dispersions]
     table = np.array([cases.stream(seed, path, 0, N) for seed in (2019, 2020) for path in paths])
     lagged = np.vstack([table[:, 1:], table[: len(paths), :-1]])
@@ -188,8 +242,12 @@ def test_streams_are_uncorrelated():
 
 
 def test_independent_inertias_warn_and_are_counted():
-    """+-10 % on each axis of the lower stage alone reaches Izz > Ixx + Iyy, which no solid body has."""
-    laws = {f"body.lower.inertia_kg_m2.{axis}": {"uniform": 0.1, "relative": True} for axis in ("xx", "yy", "zz")}
+    """+-10 % on each axis of the lower stage alone reaches Izz > Ixx + Iyy, which no solid body
+    has."""
+    laws = {
+        f"body.lower.inertia_kg_m2.{axis}": {"uniform": 0.1, "relative": True}
+        for axis in ("xx", "yy", "zz")
+    }
     with pytest.warns(SceneWarning, match=r"body\.lower\.inertia.*triangle inequality"):
         campaign = Campaign(parse_campaign({**TREE, "dispersion": laws}, "t.toml"))
     xx, yy, zz = (drawn := cases.draw(campaign.file.dispersions, 2019, 0, 200)).T
@@ -199,15 +257,30 @@ def test_independent_inertias_warn_and_are_counted():
 
 TAIL = {
     "body": {
-        name: {"mass_kg": mass, "inertia_kg_m2": [mass, 2.0 * mass, 2.0 * mass], "cg_m": [station, 0.0, 0.0]}
+        name: {
+            "mass_kg": mass,
+            "inertia_kg_m2": [mass, 2.0 * mass, 2.0 * mass],
+            "cg_m": [station, 0.0, 0.0],
+        }
         for name, mass, station in (("upper", 100.0, 1.0), ("lower", 200.0, 3.0))
     },
     "environment": {"atmosphere": "none", "gravity": "none"},
     "motor": [
-        {"name": "retro", "body": "lower", "thrust_N": 2000.0, "station_m": 4.0, "build_up_s": 0.05, "burn_s": 0.06, "tail_off_s": 0.1}
+        {
+            "name": "retro",
+            "body": "lower",
+            "thrust_N": 2000.0,
+            "station_m": 4.0,
+            "build_up_s": 0.05,
+            "burn_s": 0.06,
+            "tail_off_s": 0.1,
+        }
     ],
     "joint": {"bolt": {"bodies": ["upper", "lower"], "point_m": [2.0, 0.0, 0.0]}},
-    "phase": [{"name": "locked", "joints": {"bolt": "fixed"}, "until": {"time_s": 0.1}}, {"name": "free"}],
+    "phase": [
+        {"name": "locked", "joints": {"bolt": "fixed"}, "until": {"time_s": 0.1}},
+        {"name": "free"},
+    ],
     "initial": {"altitude_m": 1000.0, "speed_m_s": 100.0},
     "run": {"end_time_s": 0.5, "cases": 60},
     "solver": {"accuracy": 1e-6},
@@ -216,8 +289,11 @@ TAIL = {
 
 @pytest.mark.parametrize("key", ["joint.bolt.delay_s", "motor.retro.burn_s"])
 def test_a_tail_that_may_not_be(key):
-    """A negative delay or burn, drawn by a normal law that is not cut: a status, of the row and of its replay, and no number."""
-    campaign = Campaign(parse_campaign(TAIL, "tail.toml", {"dispersion": {key: {"normal": [0.03, 0.03]}}}))
+    """A negative delay or burn, drawn by a normal law that is not cut: a status, of the row and of
+    its replay, and no number."""
+    campaign = Campaign(
+        parse_campaign(TAIL, "tail.toml", {"dispersion": {key: {"normal": [0.03, 0.03]}}})
+    )
     with interpreted():
         table = campaign.run().to_pandas()
     bad = (table[campaign.input_columns[0].name] < 0.0).to_numpy()
@@ -231,8 +307,15 @@ def test_a_tail_that_may_not_be(key):
 
 
 def test_a_load_that_ends_before_it_starts():
-    """Refused as a value; drawn by laws it is a status, of the row and of its replay, and not a flight without the load."""
-    load = {"name": "gust", "body": "lower", "force_N": [0.0, 50.0, 0.0], "start_s": 0.15, "end_s": 0.2}
+    """Refused as a value; drawn by laws it is a status, of the row and of its replay, and not a
+    flight without the load."""
+    load = {
+        "name": "gust",
+        "body": "lower",
+        "force_N": [0.0, 50.0, 0.0],
+        "start_s": 0.15,
+        "end_s": 0.2,
+    }
     laws = {"load.gust.start_s": {"uniform": 0.1}, "load.gust.end_s": {"uniform": 0.05}}
     campaign = Campaign(parse_campaign(TAIL | {"load": [load]}, "early.toml", {"dispersion": laws}))
     with interpreted():
@@ -248,11 +331,21 @@ def test_a_load_that_ends_before_it_starts():
 
 def test_a_value_that_only_the_nominal_case_would_have_is_said(pair):
     """A law with ends of its own goes on wherever the nominal is put; a half-width goes with it."""
-    laws = {"dispersion": {"body.aft.mass_kg": {"uniform": [0.9, 1.1]}, "body.fore.mass_kg": {"uniform": 0.1}}}
+    laws = {
+        "dispersion": {
+            "body.aft.mass_kg": {"uniform": [0.9, 1.1]},
+            "body.fore.mass_kg": {"uniform": 0.1},
+        }
+    }
     campaign = pair(laws | {"run.end_time_s": 0.1})
     assert campaign.with_settings({"body.fore.mass_kg": 3.5}).file.no_effect == ()
     assert campaign.with_settings(laws | {"body.aft.mass_kg": 1.05}).file.no_effect == ()
     with interpreted():
         (note,) = campaign.with_settings({"body.aft.mass_t": 0.001}).run(cases=2).notes
-    for part in ("body.aft.mass_t = 0.001 ", "nominal", "uniform (0.9, 1.1)", "dispersion.body.aft.mass_kg = { constant = 1 }"):
+    for part in (
+        "body.aft.mass_t = 0.001 ",
+        "nominal",
+        "uniform (0.9, 1.1)",
+        "dispersion.body.aft.mass_kg = { constant = 1 }",
+    ):
         assert part in note

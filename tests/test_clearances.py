@@ -1,4 +1,5 @@
-"""Clearances of campaign rows against single runs, and against geometry that shares no code with the kernels."""
+"""Clearances of campaign rows against single runs, and against geometry that shares no code with
+the kernels."""
 
 import math
 from pathlib import Path
@@ -30,7 +31,8 @@ def flown(nozzle):
 
 
 def test_a_nozzle_leaving_an_interstage_meets_the_accuracy(flown):
-    """Its least clearance is where the distance ends; the pilot finds a step all the same, and says how good it is."""
+    """Its least clearance is where the distance ends; the pilot finds a step all the same, and says
+    how good it is."""
     assert (flown.to_pandas()["status"] == "ok").all()
     assert flown.accuracy.errors["gap_clearance_mm"] <= 1e-9
 
@@ -41,7 +43,9 @@ def test_rows_are_the_single_runs(nozzle, flown):
         outcomes = nozzle.simulate(nozzle.case(i), step_s=0.1).attrs["outcomes"]
         assert_allclose(rows["gap_clearance_mm"][i], outcomes["gap_clearance_mm"], rtol=1e-9)
         # about a least the distance is flat: its time is known to the root of what the distance is
-        assert_allclose(rows["gap_clearance_time_s"][i], outcomes["gap_clearance_time_s"], rtol=0, atol=1e-6)
+        assert_allclose(
+            rows["gap_clearance_time_s"][i], outcomes["gap_clearance_time_s"], rtol=0, atol=1e-6
+        )
 
 
 def test_rows_against_exact_geometry(flown):
@@ -61,15 +65,27 @@ def shapes(seed, count=40):
         for _ in range(2):
             axis = Rotation.random(rng=rng).apply([1.0, 0.0, 0.0])
             length, r0, r1 = rng.choice([0.0, 1.0, 2.5]), *rng.uniform(0.0, 1.0, 2)
-            parts.append((rng.uniform(-3.0, 3.0, 3), axis, float(length), float(r0), float(r0 if length == 0.0 else r1)))
+            parts.append(
+                (
+                    rng.uniform(-3.0, 3.0, 3),
+                    axis,
+                    float(length),
+                    float(r0),
+                    float(r0 if length == 0.0 else r1),
+                )
+            )
         yield parts
 
 
 def test_the_geometry_agrees_on_solids():
     """And is proved: a slab as wide lies between them."""
     for parts in shapes(3):
-        distance, unproved = geometry.solid_distance(*((p[0][None], p[1][None], *p[2:]) for p in parts))
-        expected = gap(*((tuple(map(float, p[0])), tuple(map(float, p[1])), *p[2:]) for p in parts))[0]
+        distance, unproved = geometry.solid_distance(
+            *((p[0][None], p[1][None], *p[2:]) for p in parts)
+        )
+        expected = gap(
+            *((tuple(map(float, p[0])), tuple(map(float, p[1])), *p[2:]) for p in parts)
+        )[0]
         assert_allclose(distance[0], expected, rtol=0, atol=1e-7)
         assert unproved[0] <= 1e-6 or distance[0] <= 1e-6
 
@@ -78,13 +94,32 @@ def test_the_geometry_agrees_on_ends_all_but_parallel():
     """As stages part: tilts of 1e-6 to 0.1 rad, gaps of 0.1 mm to 1 m."""
     rng = np.random.default_rng(5)
     for _ in range(40):
-        size, apart, tilt = 10.0 ** rng.uniform(-1.0, 0.5, 2), 10.0 ** rng.uniform(-4.0, 0.0), 10.0 ** rng.uniform(-6.0, -1.0)
+        size, apart, tilt = (
+            10.0 ** rng.uniform(-1.0, 0.5, 2),
+            10.0 ** rng.uniform(-4.0, 0.0),
+            10.0 ** rng.uniform(-6.0, -1.0),
+        )
         place = np.array([apart + tilt * size.sum(), *rng.normal(0.0, 0.3 * size[0], 2)])
         axis = Rotation.from_rotvec([0.0, *rng.normal(0.0, tilt, 2)]).apply([1.0, 0.0, 0.0])
-        a = (np.zeros(3), np.array([-1.0, 0.0, 0.0]), 1.0, size[0], rng.choice([0.5, 1.0]) * size[0])
-        b = (place, axis, *((0.0, size[1], size[1]) if rng.random() < 0.5 else (2.0, size[1], 0.7 * size[1])))
+        a = (
+            np.zeros(3),
+            np.array([-1.0, 0.0, 0.0]),
+            1.0,
+            size[0],
+            rng.choice([0.5, 1.0]) * size[0],
+        )
+        b = (
+            place,
+            axis,
+            *((0.0, size[1], size[1]) if rng.random() < 0.5 else (2.0, size[1], 0.7 * size[1])),
+        )
         distance, _ = geometry.solid_distance(*((p[0][None], p[1][None], *p[2:]) for p in (a, b)))
-        expected = gap(*((tuple(map(float, p[0])), tuple(map(float, p[1])), *map(float, p[2:])) for p in (a, b)))[0]
+        expected = gap(
+            *(
+                (tuple(map(float, p[0])), tuple(map(float, p[1])), *map(float, p[2:]))
+                for p in (a, b)
+            )
+        )[0]
         assert_allclose(distance[0], expected, rtol=0, atol=1e-9)
 
 
@@ -96,9 +131,11 @@ def test_the_geometry_agrees_on_rims():
         normal = np.array([1.0, *(rng.choice([0.0, 0.01, 0.3]) * rng.normal(size=2))])
         centre = np.array([rng.uniform(-0.05, 2.05), *(0.1 * rng.normal(size=2))])
         rim = (centre[None], (normal / np.linalg.norm(normal))[None], 0.5)
-        ours = rim_gap((tuple(map(float, centre)), tuple(map(float, rim[1][0])), 0.5), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), *shell[2:]), 0.0)[
-            0
-        ]
+        ours = rim_gap(
+            (tuple(map(float, centre)), tuple(map(float, rim[1][0])), 0.5),
+            ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), *shell[2:]),
+            0.0,
+        )[0]
         found = geometry.rim_distance(rim, shell)[0]
         assert math.isinf(ours) == math.isinf(found)
         if math.isfinite(ours):
@@ -110,19 +147,43 @@ def tuples(*vectors):
 
 
 def test_the_geometry_agrees_on_lips():
-    """And both nearest points lie as far apart, the cheap bound is one, and a circle on the axis needs no search."""
+    """And both nearest points lie as far apart, the cheap bound is one, and a circle on the axis
+    needs no search."""
     rng = np.random.default_rng(5)
     for i in range(200):
-        axis, start, radius = Rotation.random(rng=rng).apply([1.0, 0.0, 0.0]), rng.normal(size=3), float(rng.uniform(0.2, 1.5))
-        length, r0 = float(rng.choice([0.0, 0.5, 2.5])), float(rng.choice([0.0, rng.uniform(0.0, 1.0)]))
-        part = (start[None], axis[None], length, r0, r0 if length == 0.0 else float(rng.uniform(0.0, 1.0)))
+        axis, start, radius = (
+            Rotation.random(rng=rng).apply([1.0, 0.0, 0.0]),
+            rng.normal(size=3),
+            float(rng.uniform(0.2, 1.5)),
+        )
+        length, r0 = (
+            float(rng.choice([0.0, 0.5, 2.5])),
+            float(rng.choice([0.0, rng.uniform(0.0, 1.0)])),
+        )
+        part = (
+            start[None],
+            axis[None],
+            length,
+            r0,
+            r0 if length == 0.0 else float(rng.uniform(0.0, 1.0)),
+        )
         normal = axis + rng.choice([0.0, 1e-6, 0.02, 0.3, 3.0]) * rng.normal(size=3)
         normal /= np.linalg.norm(normal)
-        centre = start + axis * rng.uniform(-0.3, 1.3) * max(length, 0.5) + rng.choice([0.0, 0.01, 0.1, 1.0]) * rng.normal(size=3)
+        centre = (
+            start
+            + axis * rng.uniform(-0.3, 1.3) * max(length, 0.5)
+            + rng.choice([0.0, 0.01, 0.1, 1.0]) * rng.normal(size=3)
+        )
         lip = *tuples(centre, normal), radius
         solid = *tuples(start, axis), *part[2:]
         distance, on_lip, on_solid = lip_gap(lip, solid)
-        assert_allclose(distance, geometry.lip_distance((centre[None], normal[None], radius), part)[0], rtol=0, atol=1e-10, err_msg=i)
+        assert_allclose(
+            distance,
+            geometry.lip_distance((centre[None], normal[None], radius), part)[0],
+            rtol=0,
+            atol=1e-10,
+            err_msg=i,
+        )
         assert_allclose(math.dist(on_lip, on_solid), distance, rtol=0, atol=1e-12)
         assert_allclose(math.dist(on_lip, centre), radius, rtol=1e-12)
         assert lip_least(lip, solid) <= distance
@@ -141,7 +202,8 @@ def test_lips_by_hand():
 
 
 def test_a_rim_flush_with_the_mouth_of_its_shell():
-    """It leaves with no speed, so slowly that where it is was not told from round-off: a third of the cases were given up."""
+    """It leaves with no speed, so slowly that where it is was not told from round-off: a third of
+    the cases were given up."""
     rows = sepmc.load(FLUSH).run().to_pandas()
     assert (rows["status"] == "ok").all()
     assert (rows["nozzle_clearance_time_s"] > 0.25).mean() > 0.5
@@ -149,14 +211,18 @@ def test_a_rim_flush_with_the_mouth_of_its_shell():
 
 def test_clearances_are_the_same_at_any_step():
     """Of rims that leave straight or at a slant, within a step of any length."""
-    found = [sepmc.load(FLUSH, {"solver.step_s": step_s}).run().to_pandas()["nozzle_clearance_mm"] for step_s in (0.001, 0.0041, 0.01)]
+    found = [
+        sepmc.load(FLUSH, {"solver.step_s": step_s}).run().to_pandas()["nozzle_clearance_mm"]
+        for step_s in (0.001, 0.0041, 0.01)
+    ]
     for other in found[1:]:
         assert_allclose(other, found[0], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("number", [2, 102])
 def test_a_nozzle_that_leaves_at_a_slant(number):
-    """Its rim crosses the mouth for a while, and the nearest point runs along the mouth faster than the rim moves."""
+    """Its rim crosses the mouth for a while, and the nearest point runs along the mouth faster than
+    the rim moves."""
     campaign = sepmc.load(FLUSH)
     case = campaign.case(number)
     outcomes = campaign.simulate(case, step_s=0.1).attrs["outcomes"]

@@ -59,25 +59,42 @@ def test_compile_fills_the_cache(tmp_path):
     """A campaign then compiles nothing."""
     cold = ("--set", "run.history_step_s=0.0")
     assert "table2: its kernel is in the cache" in call("compile", "table2.toml", *cold).stdout
-    said = call("campaign", "table2.toml", *cold, "--cases", 10, "--no-plots", "--out", tmp_path / "run").stdout
+    said = call(
+        "campaign", "table2.toml", *cold, "--cases", 10, "--no-plots", "--out", tmp_path / "run"
+    ).stdout
     assert "compiling" not in said
 
 
 def test_run_folder(campaign):
-    files = ["campaign.toml", "cases", "histories", "manifest.json", "statistics.csv", "statistics.json"]
+    files = [
+        "campaign.toml",
+        "cases",
+        "histories",
+        "manifest.json",
+        "statistics.csv",
+        "statistics.json",
+    ]
     assert sorted(p.name for p in campaign.iterdir()) == files
     frame, told, loaded = rows(campaign), manifest(campaign), package.load(campaign)
     assert frame["case"].tolist() == list(range(CASES))
     assert (frame["status"] == "ok").all()
     assert told["digest"] == loaded.digest == package.load("table2").digest
-    assert (told["campaign"], told["seed"], told["cases"], told["complete"], told["failures"]) == ("table2", 2019, CASES, True, 0)
+    assert (told["campaign"], told["seed"], told["cases"], told["complete"], told["failures"]) == (
+        "table2",
+        2019,
+        CASES,
+        True,
+        0,
+    )
     assert (loaded.scene.run.cases, loaded.scene.run.seed) == (CASES, 2019)
     (session,) = told["sessions"]
     assert set(session["timing_s"]) == {"compile", "sample", "kernel", "write"}
     assert {"python", "numpy", "numba", "pandas", "pyarrow"} <= set(session["versions"])
     assert (told["cases_held"], session["cases_flown"]) == (CASES, CASES)
     table = pd.read_csv(campaign / "statistics.csv", index_col="outcome")
-    assert table.loc["upper_roll_deg", "max"] == pytest.approx(frame["upper_roll_deg"].max(), rel=1e-12)
+    assert table.loc["upper_roll_deg", "max"] == pytest.approx(
+        frame["upper_roll_deg"].max(), rel=1e-12
+    )
 
 
 def test_stats_again(copied):
@@ -105,27 +122,56 @@ def test_plots(copied):
 def test_options_reach_the_run(campaign, tmp_path):
     fly(tmp_path / "a", "--cases", CASES, "--threads", 1)
     same(tmp_path / "a", campaign)
-    options = ["--set", "body.upper.mass_g=460000", "--set", "body.upper.cg_mm.x=1300", "--set", "motor.retro.thrust_kN=0.6"]
-    options += ["--set", "phase.guided.until.stroke_mm=20", "--set", 'dispersion."initial.yaw_deg"={ constant = 1.0 }', "--seed", 7]
+    options = [
+        "--set",
+        "body.upper.mass_g=460000",
+        "--set",
+        "body.upper.cg_mm.x=1300",
+        "--set",
+        "motor.retro.thrust_kN=0.6",
+    ]
+    options += [
+        "--set",
+        "phase.guided.until.stroke_mm=20",
+        "--set",
+        'dispersion."initial.yaw_deg"={ constant = 1.0 }',
+        "--seed",
+        7,
+    ]
     fly(tmp_path / "b", "--cases", 4, *options)
     kept = package.load(tmp_path / "b").scene
-    assert (kept.body["upper"].mass, kept.motor[0].thrust, kept.phase[1].until.stroke, kept.run.seed) == (460.0, 600.0, 0.02, 7)
+    assert (
+        kept.body["upper"].mass,
+        kept.motor[0].thrust,
+        kept.phase[1].until.stroke,
+        kept.run.seed,
+    ) == (460.0, 600.0, 0.02, 7)
     assert kept.body["upper"].cg == pytest.approx((1.3, 0.0056, 0.0001))
     assert (rows(tmp_path / "b")["in_initial_yaw_deg"] == 1.0).all()
     assert rows(tmp_path / "b")["in_body_upper_mass_kg"].between(440.0, 480.0).all()
 
 
-@pytest.mark.parametrize(("gone", "cases"), [("part-0000000020.parquet", CASES), ("statistics.*", 70)])
+@pytest.mark.parametrize(
+    ("gone", "cases"), [("part-0000000020.parquet", CASES), ("statistics.*", 70)]
+)
 def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, cases):
-    """After the loss of a part, and with more cases than before: 20 are flown, and the whole is that of a single run."""
+    """After the loss of a part, and with more cases than before: 20 are flown, and the whole is
+    that of a single run."""
     for path in copied.rglob(gone):
         path.unlink()
     fly(copied, "--cases", cases, "--resume")
     fly(tmp_path / "whole", "--cases", cases)
     same(copied, tmp_path / "whole")
-    assert (copied / "statistics.csv").read_bytes() == (tmp_path / "whole" / "statistics.csv").read_bytes()
+    assert (copied / "statistics.csv").read_bytes() == (
+        tmp_path / "whole" / "statistics.csv"
+    ).read_bytes()
     told = manifest(copied)
-    assert (told["cases"], told["complete"], told["cases_held"], told["failures"]) == (cases, True, cases, 0)
+    assert (told["cases"], told["complete"], told["cases_held"], told["failures"]) == (
+        cases,
+        True,
+        cases,
+        0,
+    )
     assert [session["cases_flown"] for session in told["sessions"]] == [CASES, 20]
 
 
@@ -138,7 +184,9 @@ def interrupt(monkeypatch, *arguments):
 
     run = Campaign.run
     with monkeypatch.context() as patch:
-        patch.setattr(Campaign, "run", lambda *given, **named: run(*given, **(named | {"progress": told})))
+        patch.setattr(
+            Campaign, "run", lambda *given, **named: run(*given, **(named | {"progress": told}))
+        )
         return CliRunner().invoke(cli.main, [str(a) for a in arguments])
 
 
@@ -155,23 +203,46 @@ def test_interrupt_keeps_what_is_done(campaign, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("from_folder", [False, True])
 def test_replay(campaign, tmp_path, from_folder):
-    """One case alone, from the file or from the run folder: the campaign's own row, to the accuracy of either kernel."""
+    """One case alone, from the file or from the run folder: the campaign's own row, to the accuracy
+    of either kernel."""
     row = rows(campaign).iloc[3]
-    printed = call("run", campaign if from_folder else "table2.toml", "--case", 3, "--out", tmp_path, "--no-plots").stdout
+    printed = call(
+        "run",
+        campaign if from_folder else "table2.toml",
+        "--case",
+        3,
+        "--out",
+        tmp_path,
+        "--no-plots",
+    ).stdout
     assert f"{row['separation_distance_mm']:.9g}" in printed
     told = manifest(tmp_path)
     assert (told["case"], told["status"], told["digest"]) == (3, "ok", manifest(campaign)["digest"])
     assert told["inputs"] == row.filter(like="in_").to_dict()
     scatter = rows(campaign).std(numeric_only=True)
     for name in (column.name for column in package.load(campaign).outcome_columns):
-        assert told["outcomes"][name] == pytest.approx(row[name], rel=0, abs=2e-9 * max(abs(row[name]), scatter[name])), name
+        assert told["outcomes"][name] == pytest.approx(
+            row[name], rel=0, abs=2e-9 * max(abs(row[name]), scatter[name])
+        ), name
     if from_folder:  # and its figures, from its files alone
-        assert sorted(call("plot", tmp_path).stdout.split()) == sorted(str(p) for p in tmp_path.glob("*.png")) != []
+        assert (
+            sorted(call("plot", tmp_path).stdout.split())
+            == sorted(str(p) for p in tmp_path.glob("*.png"))
+            != []
+        )
 
 
 def test_replay_at_a_given_step(tmp_path):
     """By the full system: the same inputs to the last bit, the same outcomes to round-off."""
-    fly(tmp_path / "run", "--cases", 5, "--set", "solver.step_s=0.05", "--set", "solver.formulation=full")
+    fly(
+        tmp_path / "run",
+        "--cases",
+        5,
+        "--set",
+        "solver.step_s=0.05",
+        "--set",
+        "solver.formulation=full",
+    )
     call("run", tmp_path / "run", "--case", 3, "--out", tmp_path / "one", "--no-plots")
     told, row = manifest(tmp_path / "one"), rows(tmp_path / "run").iloc[3]
     assert told["inputs"] == row.filter(like="in_").to_dict()
@@ -182,16 +253,27 @@ def test_replay_at_a_given_step(tmp_path):
 def test_the_line_to_go_on_with_goes_on(tmp_path, monkeypatch):
     """It leaves out --cases, --seed and --set; the folder as FILE would hold them all."""
     options = ["--cases", 6, "--seed", 5, "--set", "run.chunk=2", "--set", "body.upper.mass_kg=460"]
-    result = interrupt(monkeypatch, "campaign", "table2.toml", *options, "--no-plots", "--out", tmp_path / "run")
+    result = interrupt(
+        monkeypatch, "campaign", "table2.toml", *options, "--no-plots", "--out", tmp_path / "run"
+    )
     call(*result.stderr.rsplit("Go on with: sepmc ", 1)[1].split(), "--no-plots")
     assert len(rows(tmp_path / "run")) == 6
 
 
 def test_words():
-    assert f"{len(package.load('table2').file.dispersions)} parameters" in call("check", "table2").stdout
-    laws = ", ".join(f'"body.lower.inertia_kg_m2.{axis}" = {{ uniform = 0.1, relative = true }}' for axis in ("xx", "yy", "zz"))
+    assert (
+        f"{len(package.load('table2').file.dispersions)} parameters"
+        in call("check", "table2").stdout
+    )
+    laws = ", ".join(
+        f'"body.lower.inertia_kg_m2.{axis}" = {{ uniform = 0.1, relative = true }}'
+        for axis in ("xx", "yy", "zz")
+    )
     warned = call("check", "table2", "--set", f"dispersion={{{laws}}}").stderr
-    assert re.search(r"warning: \d+ of 10000 drawn cases have an inertia that breaks the triangle inequality", warned)
+    assert re.search(
+        r"warning: \d+ of 10000 drawn cases have an inertia that breaks the triangle inequality",
+        warned,
+    )
     assert "table2.toml" in call("list").stdout
     assert package.__version__ in call("--version").stdout
     for command in ([], ["campaign"], ["run"], ["stats"], ["plot"], ["check"], ["list"]):
@@ -199,26 +281,54 @@ def test_words():
 
 
 def python(*arguments, **options):
-    return subprocess.run([sys.executable, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        **options,
+    )
 
 
 def test_help_imports_nothing_heavy():
     done = python("-X", "importtime", "-m", "sepmc", "--help")
     assert done.returncode == 0
-    imported = {line.rsplit("|", 1)[1].strip().split(".")[0] for line in done.stderr.splitlines() if "|" in line}
+    imported = {
+        line.rsplit("|", 1)[1].strip().split(".")[0]
+        for line in done.stderr.splitlines()
+        if "|" in line
+    }
     assert "click" in imported
     assert not imported & {"numba", "pandas", "pyarrow", "matplotlib", "numpy", "scipy", "tqdm"}
 
 
 def test_the_program_itself(tmp_path):
     """`python -m sepmc` in a folder of its own, good and bad."""
-    good = python("-m", "sepmc", "campaign", "table2.toml", "--cases", 5, "--no-plots", cwd=tmp_path)
+    good = python(
+        "-m", "sepmc", "campaign", "table2.toml", "--cases", 5, "--no-plots", cwd=tmp_path
+    )
     assert (good.returncode, "5 cases, 5 ok" in good.stdout) == (0, True), good.stderr
     assert len(rows(tmp_path / "runs" / "table2-1")) == 5
-    second = python("-m", "sepmc", "campaign", "table2.toml", "--cases", 2, "--no-plots", "--quiet", cwd=tmp_path)
+    second = python(
+        "-m",
+        "sepmc",
+        "campaign",
+        "table2.toml",
+        "--cases",
+        2,
+        "--no-plots",
+        "--quiet",
+        cwd=tmp_path,
+    )
     assert (second.returncode, second.stdout) == (0, "")
-    bad = python("-m", "sepmc", "campaign", "table2.toml", "--set", "body.upper.mass_kg=-3", cwd=tmp_path)
-    assert (bad.returncode, bad.stdout, bad.stderr) == (2, "", "error: table2.toml: body.upper.mass_kg = -3: must be > 0\n")
+    bad = python(
+        "-m", "sepmc", "campaign", "table2.toml", "--set", "body.upper.mass_kg=-3", cwd=tmp_path
+    )
+    assert (bad.returncode, bad.stdout, bad.stderr) == (
+        2,
+        "",
+        "error: table2.toml: body.upper.mass_kg = -3: must be > 0\n",
+    )
     assert sorted(os.listdir(tmp_path / "runs")) == ["table2-1", "table2-2"]
 
 
@@ -248,22 +358,38 @@ joints = { pins = "fixed" }
 
 
 def test_failed_audit_ends_with_3(tmp_path):
-    """A joint that drifts apart uncorrected, in cases that are otherwise ok: said, stored, and an exit code of its own."""
+    """A joint that drifts apart uncorrected, in cases that are otherwise ok: said, stored, and an
+    exit code of its own."""
     file = tmp_path / "spinning.toml"
     file.write_text(SPINNING, encoding="utf-8")
     arguments = ["campaign", str(file), "--no-plots", "--out", str(tmp_path / "run")]
     result = CliRunner().invoke(cli.main, arguments)
-    assert (result.exit_code, "AUDIT FAILED: 2 cases have joint_gap_residual_m > 1e-09" in result.stdout) == (3, True), result.output
-    audited = json.loads((tmp_path / "run" / "statistics.json").read_text(encoding="utf-8"))["audit"]["joint_gap_residual_m"]
+    assert (
+        result.exit_code,
+        "AUDIT FAILED: 2 cases have joint_gap_residual_m > 1e-09" in result.stdout,
+    ) == (3, True), result.output
+    audited = json.loads((tmp_path / "run" / "statistics.json").read_text(encoding="utf-8"))[
+        "audit"
+    ]["joint_gap_residual_m"]
     assert audited["beyond"] == 2
-    assert audited["worst"] == rows(tmp_path / "run")["joint_gap_residual_m"].max() > audited["bound"] == 1e-9
-    corrected = CliRunner().invoke(cli.main, [*arguments, "--overwrite", "--set", "solver.drift=projection"])
+    assert (
+        audited["worst"]
+        == rows(tmp_path / "run")["joint_gap_residual_m"].max()
+        > audited["bound"]
+        == 1e-9
+    )
+    corrected = CliRunner().invoke(
+        cli.main, [*arguments, "--overwrite", "--set", "solver.drift=projection"]
+    )
     assert (corrected.exit_code, "audit passed" in corrected.stdout) == (0, True), corrected.output
 
 
 def test_check_names_redundant_joints(tmp_path):
     file = tmp_path / "twice.toml"
-    file.write_text(SPINNING.replace('{ pins = "fixed" }', '{ pins = "fixed", again = "spherical" }'), encoding="utf-8")
+    file.write_text(
+        SPINNING.replace('{ pins = "fixed" }', '{ pins = "fixed", again = "spherical" }'),
+        encoding="utf-8",
+    )
     result = call("check", file)
     assert "phase locked: 3 of 9 constraint rows are redundant, among pins, again" in result.stderr
     assert "redundant" not in call("check", "srb.toml").stderr
@@ -273,20 +399,25 @@ def test_check_names_redundant_joints(tmp_path):
 def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
     from sepmc.trust import verify
 
-    monkeypatch.setattr(verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]})
+    monkeypatch.setattr(
+        verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]}
+    )
     result = CliRunner().invoke(cli.main, ["verify", "--quiet"])
     assert (result.exit_code, "1 lines" in result.stdout) == (code, True)
 
 
 def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
-    """A ValueError from within is raised as such, with its traceback; only what was asked for wrongly ends with exit code 2."""
+    """A ValueError from within is raised as such, with its traceback; only what was asked for
+    wrongly ends with exit code 2."""
     from sepmc.campaign.campaign import Campaign
 
     def broken(self, *given, **named):
         raise ValueError("operands could not be broadcast together")
 
     monkeypatch.setattr(Campaign, "run", broken)
-    found = CliRunner().invoke(cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")])
+    found = CliRunner().invoke(
+        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
+    )
     assert isinstance(found.exception, ValueError)
     assert found.exit_code != 2
 

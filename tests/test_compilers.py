@@ -1,4 +1,5 @@
-"""Processes that compile: they are kept for the next kernel, replaced when they die, and what they cannot compile is said."""
+"""Processes that compile: they are kept for the next kernel, replaced when they die, and what they
+cannot compile is said."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""Every line of CONVENTIONS.md, each pinned by a number worked out by hand. Numbers are given to the digits printed here."""
+"""Every line of CONVENTIONS.md, each pinned by a number worked out by hand. Numbers are given to
+the digits printed here."""
 
 import math
 
@@ -11,8 +12,16 @@ from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 
 DEG = math.pi / 180.0
-DIGITS = 6e-8  # half a unit of the seventh decimal, and a little round-off: the hand-computed numbers carry seven
-UP = {"name": "up", "body": "fore", "thrust_N": 10.0, "station_m": 1.0, "cant_deg": 90.0, "clock_deg": -90.0}
+# half a unit of the seventh decimal, and a little round-off: the hand-computed numbers carry seven
+DIGITS = 6e-8
+UP = {
+    "name": "up",
+    "body": "fore",
+    "thrust_N": 10.0,
+    "station_m": 1.0,
+    "cant_deg": 90.0,
+    "clock_deg": -90.0,
+}
 AFT = {"name": "aft", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}
 SLIDER = [{"name": "guided", "joints": {"pins": "slider"}}]
 
@@ -30,72 +39,132 @@ def close(actual, expected):
 
 
 def test_layout_station_runs_aft(pair):
-    """The layout point (s, y, z) lies at (-s, y, z) in body axes; height is y. Mass centre at station 1.5 m, y 0.5 m, z -1 m."""
+    """The layout point (s, y, z) lies at (-s, y, z) in body axes; height is y. Mass centre at
+    station 1.5 m, y 0.5 m, z -1 m."""
     row = start(pair({"body.fore.cg_m": [1.0, 0.0, 0.0], "body.aft.cg_m": [3.0, 2.0, -4.0]}))
     close([row["fore_x_m"], row["fore_y_m"], row["fore_z_m"]], [0.5, 999.5, 1.0])
     close([row["aft_x_m"], row["aft_y_m"], row["aft_z_m"]], [-1.5, 1001.5, -3.0])
 
 
 def test_attitude_matrix_and_its_angles():
-    """Rz(30 deg) Ry(45 deg) Rx(60 deg), entry by entry (first column: body x axis in ground components), and the angles back."""
+    """Rz(30 deg) Ry(45 deg) Rx(60 deg), entry by entry (first column: body x axis in ground
+    components), and the angles back."""
     q = quat.from_angles(30 * DEG, 45 * DEG, 60 * DEG)
-    m = (0.6123724, 0.2803301, 0.7391989, 0.3535534, 0.7391989, -0.5732233, -0.7071068, 0.6123724, 0.3535534)
+    m = (
+        0.6123724,
+        0.2803301,
+        0.7391989,
+        0.3535534,
+        0.7391989,
+        -0.5732233,
+        -0.7071068,
+        0.6123724,
+        0.3535534,
+    )
     close(quat.matrix(q), m)
-    assert_allclose(np.array(quat.angles(m)) / DEG, [30.0, 45.0, 60.0], atol=1e-5)  # seven decimals of the sine, at 45 deg
+    # seven decimals of the sine, at 45 deg
+    assert_allclose(np.array(quat.angles(m)) / DEG, [30.0, 45.0, 60.0], atol=1e-5)
 
 
 def test_attitude_is_a_rotation_whatever_the_length_of_the_quaternion():
-    """Within a step a quaternion is not quite of unit length: what joints hold along axes of unit length would be out of proportion."""
+    """Within a step a quaternion is not quite of unit length: what joints hold along axes of unit
+    length would be out of proportion."""
     q = quat.from_angles(0.4, -0.7, 1.1)
     for length in (1e-3, 1.0 - 1e-6, 1.0 + 1e-6, 1e3):
-        assert_allclose(quat.matrix(tuple(length * x for x in q)), quat.matrix(q), rtol=0, atol=1e-15)
+        assert_allclose(
+            quat.matrix(tuple(length * x for x in q)), quat.matrix(q), rtol=0, atol=1e-15
+        )
 
 
 def test_quaternion_product_order():
-    """q' = 1/2 q (0, omega), scalar first: pitched up 90 deg and rolling at 1 rad/s, q' = (i + k i) / (2 sqrt 2) = (i + j) / (2 sqrt 2)."""
+    """q' = 1/2 q (0, omega), scalar first: pitched up 90 deg and rolling at 1 rad/s, q' = (i + k i)
+    / (2 sqrt 2) = (i + j) / (2 sqrt 2)."""
     q = quat.from_angles(90 * DEG, 0.0, 0.0)
     close(q, [0.7071068, 0.0, 0.0, 0.7071068])
     close(quat.rate(q, (1.0, 0.0, 0.0)), [0.0, 0.3535534, 0.3535534, 0.0])
 
 
 def test_matrix_rate_is_matrix_times_cross():
-    """R' = R S(omega), omega in body axes. R |q|^2 is quadratic in q, so its central difference is exact, up to round-off."""
+    """R' = R S(omega), omega in body axes. R |q|^2 is quadratic in q, so its central difference is
+    exact, up to round-off."""
     q, (x, y, z) = np.array(quat.from_angles(0.4, -0.7, 1.1)), (0.3, -0.5, 0.7)
     half = 0.5 * np.array(quat.rate(tuple(q), (x, y, z)))
-    difference = (1.0 + half @ half) * (np.array(quat.matrix(tuple(q + half))) - np.array(quat.matrix(tuple(q - half))))
+    difference = (1.0 + half @ half) * (
+        np.array(quat.matrix(tuple(q + half))) - np.array(quat.matrix(tuple(q - half)))
+    )
     r = np.reshape(quat.matrix(tuple(q)), (3, 3))
-    assert_allclose(difference.reshape(3, 3), r @ [[0, -z, y], [z, 0, -x], [-y, x, 0]], rtol=0, atol=1e-14)
+    assert_allclose(
+        difference.reshape(3, 3), r @ [[0, -z, y], [z, 0, -x], [-y, x, 0]], rtol=0, atol=1e-14
+    )
 
 
 def test_angle_rates_are_equation_7():
-    """Paper eq (7) at yaw 45, roll 30 deg, omega (1, 2, 3) rad/s: pitch' s sqrt 2, yaw' sqrt 3 - 1.5, roll' 1 + s, s = 1 + 1.5 sqrt 3."""
+    """Paper eq (7) at yaw 45, roll 30 deg, omega (1, 2, 3) rad/s: pitch' s sqrt 2, yaw' sqrt 3 -
+    1.5, roll' 1 + s, s = 1 + 1.5 sqrt 3."""
     q, h = np.array(quat.from_angles(0.3, 45 * DEG, 30 * DEG)), 1e-6
     step = h * np.array(quat.rate(tuple(q), (1.0, 2.0, 3.0)))
     after, before = (np.array(quat.angles(quat.matrix(tuple(x)))) for x in (q + step, q - step))
     # 1e-8: third derivatives of some 1e2 times h^2, and round-off over h
-    assert_allclose((after - before) / (2 * h), [5.0884482, 0.2320508, 4.5980762], rtol=0, atol=1e-8 + DIGITS)
+    assert_allclose(
+        (after - before) / (2 * h), [5.0884482, 0.2320508, 4.5980762], rtol=0, atol=1e-8 + DIGITS
+    )
 
 
 def test_path_velocity_and_initial_alpha(pair):
-    """theta = pitch - alpha = 30, sigma = 30 deg, V = 100: V (cos cos, sin cos, -sin) = (75, 43.3013, -50)."""
-    row = start(pair({"initial.speed_m_s": 100.0, "initial.pitch_deg": 40.0, "initial.alpha_deg": 10.0, "initial.path_yaw_deg": 30.0}))
+    """theta = pitch - alpha = 30, sigma = 30 deg, V = 100: V (cos cos, sin cos, -sin) = (75,
+    43.3013, -50)."""
+    row = start(
+        pair(
+            {
+                "initial.speed_m_s": 100.0,
+                "initial.pitch_deg": 40.0,
+                "initial.alpha_deg": 10.0,
+                "initial.path_yaw_deg": 30.0,
+            }
+        )
+    )
     close([row["fore_vx_m_s"], row["fore_vy_m_s"], row["fore_vz_m_s"]], [75.0, 43.3012702, -50.0])
 
 
 def test_altitude_and_speed_belong_to_the_mass_centre_and_omega_to_the_whole(pair):
-    """Nose up 90 deg, pitching at 2 rad/s about the common mass centre: 0.5 m above it v = -1 m/s along x, 1.5 m below it +3."""
-    row = start(pair({"initial.pitch_deg": 90.0, "initial.alpha_deg": 90.0, "initial.omega_rad_s": [0.0, 0.0, 2.0]}))
+    """Nose up 90 deg, pitching at 2 rad/s about the common mass centre: 0.5 m above it v = -1 m/s
+    along x, 1.5 m below it +3."""
+    row = start(
+        pair(
+            {
+                "initial.pitch_deg": 90.0,
+                "initial.alpha_deg": 90.0,
+                "initial.omega_rad_s": [0.0, 0.0, 2.0],
+            }
+        )
+    )
     close([row["fore_y_m"], row["aft_y_m"]], [1000.5, 998.5])
     close([row["fore_vx_m_s"], row["aft_vx_m_s"]], [1.0 - 1.0, 1.0 + 3.0])
     close([row["fore_omega_z_deg_s"], row["aft_omega_z_deg_s"]], 114.5915590)
 
 
 def test_wind_moves_to_its_direction(pair):
-    """Flying at 100 m/s along x, wind 10 m/s at 90 deg, to ground z: the air comes from the left, beta = -atan 0.1."""
-    row = start(pair({"initial.speed_m_s": 100.0, "environment.wind": {"speed_m_s": 10.0, "direction_deg": 90.0}}))
+    """Flying at 100 m/s along x, wind 10 m/s at 90 deg, to ground z: the air comes from the left,
+    beta = -atan 0.1."""
+    row = start(
+        pair(
+            {
+                "initial.speed_m_s": 100.0,
+                "environment.wind": {"speed_m_s": 10.0, "direction_deg": 90.0},
+            }
+        )
+    )
     close(row["fore_beta_deg"], -5.7105931)
     # direction 0 is along ground x: 86.6 - 36.6 = 50 m/s of air from ahead, and 50 from the right
-    tail = start(pair({"initial.speed_m_s": 100.0, "initial.path_yaw_deg": -30.0, "environment.wind": {"speed_m_s": 36.6025404}}))
+    tail = start(
+        pair(
+            {
+                "initial.speed_m_s": 100.0,
+                "initial.path_yaw_deg": -30.0,
+                "environment.wind": {"speed_m_s": 36.6025404},
+            }
+        )
+    )
     close(tail["fore_beta_deg"], 45.0)
 
 
@@ -112,7 +181,8 @@ def test_aerodynamic_signs():
 
 
 def test_nozzle_frame():
-    """Eq (1) at cant 60, clock 30 deg, column by column; cant 180 deg pushes aft; eq (2) at deflection 30, its clock 60 deg."""
+    """Eq (1) at cant 60, clock 30 deg, column by column; cant 180 deg pushes aft; eq (2) at
+    deflection 30, its clock 60 deg."""
     cant, clock = 60 * DEG, 30 * DEG
     close(thrust_direction(cant, clock, 0.0, 0.0), [0.5, -0.4330127, 0.75])
     close(thrust_direction(cant, clock, 90 * DEG, -90 * DEG), [0.0, 0.8660254, 0.5])
@@ -127,17 +197,27 @@ def test_thrust_arm():
 
 
 def test_moment_is_arm_cross_force(pair):
-    """10 N forward, 0.1 m above the axis, pushes the nose down: -1 N m / 10 kg m2 (5 + 2 + 3 x 0.5^2 + 1 x 1.5^2) for 0.5 s."""
-    forward = {"name": "forward", "body": "fore", "thrust_N": 10.0, "station_m": 1.0, "cant_deg": 0.0, "offset_m": [0.1, 0.0]}
+    """10 N forward, 0.1 m above the axis, pushes the nose down: -1 N m / 10 kg m2 (5 + 2 + 3 x
+    0.5^2 + 1 x 1.5^2) for 0.5 s."""
+    forward = {
+        "name": "forward",
+        "body": "fore",
+        "thrust_N": 10.0,
+        "station_m": 1.0,
+        "cant_deg": 0.0,
+        "offset_m": [0.1, 0.0],
+    }
     last = pair({"motor": [forward]}).simulate(step_s=0.1).iloc[-1]
     close(last["fore_omega_z_deg_s"] * DEG, -0.05)
 
 
 def test_wrench_on_the_second_body(pair):
-    """10 N up at the forward mass centre, 0.1 m to its right, 0.5 m ahead of the common one: a_aft = 10/4 - 1.5 x 0.5 = 1.75 m/s2.
+    """10 N up at the forward mass centre, 0.1 m to its right, 0.5 m ahead of the common one: a_aft
+    = 10/4 - 1.5 x 0.5 = 1.75 m/s2.
 
-    Pitch: 5 N m / 10 kg m2 = 0.5 rad/s2, and 2 x 0.5 = M_z + (1 m ahead) x 1.75 N, so M_z = -0.75. Roll: -1 N m, one quarter of
-    it through the joint. Forces and moments on the forward body are the opposite, as the two points coincide.
+    Pitch: 5 N m / 10 kg m2 = 0.5 rad/s2, and 2 x 0.5 = M_z + (1 m ahead) x 1.75 N, so M_z = -0.75.
+    Roll: -1 N m, one quarter of it through the joint. Forces and moments on the forward body are
+    the opposite, as the two points coincide.
     """
     row = start(pair({"motor": [UP | {"offset_m": [0.0, 0.1]}]}))
     close(vector(row, "pins_force_on_aft", "N"), [0.0, 1.75, 0.0])
@@ -147,7 +227,8 @@ def test_wrench_on_the_second_body(pair):
 
 
 def test_moment_on_the_first_body_includes_the_gap(pair):
-    """M_A = -M_B - d x F_B. After 0.5 s of 2 N on 1 kg, d = (-0.25, 0, 0): the moments differ by 0.25 m of the lateral force."""
+    """M_A = -M_B - d x F_B. After 0.5 s of 2 N on 1 kg, d = (-0.25, 0, 0): the moments differ by
+    0.25 m of the lateral force."""
     row = pair({"phase": SLIDER, "motor": [AFT, UP]}).simulate(step_s=0.1).iloc[-1]
     gap, force = vector(row, "pins_gap", "m"), vector(row, "pins_force_on_aft", "N")
     assert gap[0] < -0.2
@@ -159,27 +240,43 @@ def test_moment_on_the_first_body_includes_the_gap(pair):
 @pytest.mark.parametrize("x_axis", [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
 @pytest.mark.parametrize("bodies", [["fore", "aft"], ["aft", "fore"]])
 def test_separation_is_positive_apart(pair, bodies, x_axis):
-    """2 N aft on 1 kg for 0.5 s: 250 mm apart at 1 m/s, whichever body is named first and whichever way the axis points."""
-    campaign = pair({"phase": SLIDER, "motor": [AFT], "joint.pins.bodies": bodies, "joint.pins.x_axis": x_axis})
+    """2 N aft on 1 kg for 0.5 s: 250 mm apart at 1 m/s, whichever body is named first and whichever
+    way the axis points."""
+    campaign = pair(
+        {"phase": SLIDER, "motor": [AFT], "joint.pins.bodies": bodies, "joint.pins.x_axis": x_axis}
+    )
     row = campaign.simulate(step_s=0.1).iloc[-1]
     close([row["separation_distance_mm"], row["separation_speed_m_s"]], [250.0, 1.0])
-    close(row["pins_gap_x_m"], -0.25 if bodies[0] == "fore" else 0.25)  # d = r_B - r_A, in the axes of A
+    # d = r_B - r_A, in the axes of A
+    close(row["pins_gap_x_m"], -0.25 if bodies[0] == "fore" else 0.25)
 
 
 def test_separation_speed_is_the_derivative_of_the_distance(pair):
-    """Tumbling free, where the axis itself turns. 1e-6 m/s: third derivatives of up to 5 m/s3 times (1 ms)^2 / 6."""
-    history = pair({"phase": [{"name": "free"}], "motor": [AFT], "initial.omega_rad_s": [0.1, 0.2, 0.3]}).simulate(step_s=0.001)
-    distance, speed = (history[name].to_numpy() for name in ("separation_distance_mm", "separation_speed_m_s"))
+    """Tumbling free, where the axis itself turns. 1e-6 m/s: third derivatives of up to 5 m/s3 times
+    (1 ms)^2 / 6."""
+    history = pair(
+        {"phase": [{"name": "free"}], "motor": [AFT], "initial.omega_rad_s": [0.1, 0.2, 0.3]}
+    ).simulate(step_s=0.001)
+    distance, speed = (
+        history[name].to_numpy() for name in ("separation_distance_mm", "separation_speed_m_s")
+    )
     assert_allclose((distance[2:] - distance[:-2]) / 2.0, speed[1:-1], rtol=0, atol=1e-6)
 
 
 def test_products_of_inertia_are_positive_integrals(pair):
-    """J = [[3, -1, 0], [-1, 2, 0], [0, 0, 4]]: a couple of -2 N m in roll gives omega' = J^-1 M = -2/5 (2, 1, 0) rad/s2.
+    """J = [[3, -1, 0], [-1, 2, 0], [0, 0, 4]]: a couple of -2 N m in roll gives omega' = J^-1 M =
+    -2/5 (2, 1, 0) rad/s2.
 
     1e-6: after 1 ms the gyroscopic moment, some 1e-6 N m, has changed it by less.
     """
-    tensor = {"body.fore.inertia_kg_m2": [3.0, 2.0, 4.0], "body.fore.inertia_products_kg_m2": [1.0, 0.0, 0.0]}
-    couple = [UP | {"offset_m": [0.0, 0.1]}, UP | {"name": "down", "clock_deg": 90.0, "offset_m": [0.0, -0.1]}]
+    tensor = {
+        "body.fore.inertia_kg_m2": [3.0, 2.0, 4.0],
+        "body.fore.inertia_products_kg_m2": [1.0, 0.0, 0.0],
+    }
+    couple = [
+        UP | {"offset_m": [0.0, 0.1]},
+        UP | {"name": "down", "clock_deg": 90.0, "offset_m": [0.0, -0.1]},
+    ]
     free = {"phase": [{"name": "free"}], "motor": couple, "run.end_time_s": 0.001}
     last = pair(tensor | free).simulate(step_s=0.001).iloc[-1]
     assert_allclose(last["fore_omega_x_deg_s"] * DEG, -2e-3 * 2 / 5, rtol=1e-6)
@@ -201,6 +298,17 @@ def test_nan_is_never_replaced():
 
 def test_status_of_a_failed_case(pair):
     """A joint that still guides at the end: not `ok`, and the time that does not exist is NaN."""
-    found = pair({"phase": [SLIDER[0] | {"until": {"joint": "pins", "stroke_mm": 1.0}}, {"name": "free"}]}).simulate().attrs
+    found = (
+        pair(
+            {
+                "phase": [
+                    SLIDER[0] | {"until": {"joint": "pins", "stroke_mm": 1.0}},
+                    {"name": "free"},
+                ]
+            }
+        )
+        .simulate()
+        .attrs
+    )
     assert found["status"] == "never-released"
     assert math.isnan(found["outcomes"]["release_time_s"])

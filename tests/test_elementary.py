@@ -1,4 +1,5 @@
-"""Elementary functions without branches, the air in a layer and the closed forms that foretell events, against many digits or print."""
+"""Elementary functions without branches, the air in a layer and the closed forms that foretell
+events, against many digits or print."""
 
 import itertools
 import math
@@ -43,19 +44,38 @@ def spread(low, high, n=SAMPLES, seed=1):
     return np.random.default_rng(seed).uniform(low, high, n)
 
 
-# -- exponential ------------------------------------------------------------------------------------------------------------------
+# -- exponential
+# --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("low", "high"), [(-708.4, 709.0), (-40.0, 1.0), (-0.4, 0.4), (-1e-8, 1e-8)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(-708.4, 709.0), (-40.0, 1.0), (-0.4, 0.4), (-1e-8, 1e-8)]
+)
 def test_exponential(low, high):
     """Over its whole range, that of the air and about 0: within one unit of the last place."""
-    values = [*spread(low, high), low, high, *(k * math.log(2.0) / 2.0 for k in range(-5, 6) if low <= k * math.log(2.0) / 2.0 <= high)]
+    values = [
+        *spread(low, high),
+        low,
+        high,
+        *(k * math.log(2.0) / 2.0 for k in range(-5, 6) if low <= k * math.log(2.0) / 2.0 <= high),
+    ]
     assert max(units(exponential(x), mpmath.exp(x)) for x in values) <= 1.0
 
 
 @pytest.mark.parametrize(
     ("x", "expected"),
-    [(0.0, 1.0), (-0.0, 1.0), (INF, INF), (-INF, 0.0), (NAN, NAN), (709.1, INF), (1e300, INF), (-708.5, 0.0), (-1e300, 0.0), (5e-324, 1.0)],
+    [
+        (0.0, 1.0),
+        (-0.0, 1.0),
+        (INF, INF),
+        (-INF, 0.0),
+        (NAN, NAN),
+        (709.1, INF),
+        (1e300, INF),
+        (-708.5, 0.0),
+        (-1e300, 0.0),
+        (5e-324, 1.0),
+    ],
 )
 def test_exponential_at_its_edges(x, expected):
     assert exponential(x) == pytest.approx(expected, abs=0, rel=0, nan_ok=True)
@@ -66,28 +86,34 @@ def test_exponential_rises_across_its_seams():
     for k in range(-20, 21):
         x = (k + 0.5) * math.log(2.0)
         around = [exponential(x * (1.0 + i * 1e-15)) for i in range(-3, 4)]
-        assert_allclose(around, [math.exp(x * (1.0 + i * 1e-15)) for i in range(-3, 4)], rtol=4e-16, atol=0)
+        assert_allclose(
+            around, [math.exp(x * (1.0 + i * 1e-15)) for i in range(-3, 4)], rtol=4e-16, atol=0
+        )
 
 
 def test_power_of_two():
-    """Exact, from the least normal number to the largest power; the plain function used without the JIT, too."""
+    """Exact, from the least normal number to the largest power; the plain function used without the
+    JIT, too."""
     for k in (-1022, -1021, -1, 0, 1, 52, 1000, 1023):
         assert power_of_two(float(k)) == math.ldexp(1.0, k)
     assert math.isnan(power_of_two(NAN))
 
 
-# -- arctan2 ----------------------------------------------------------------------------------------------------------------------
+# -- arctan2
+# --------------------------------------------------------------------------------------------------
 
 
 def test_arctan2():
-    """All quadrants, ratios of 1e-16 to 1e16: within 2.5 units of the last place, since pi / 2 and pi are added as doubles."""
+    """All quadrants, ratios of 1e-16 to 1e16: within 2.5 units of the last place, since pi / 2 and
+    pi are added as doubles."""
     rng = np.random.default_rng(2)
     points = rng.normal(size=(4 * SAMPLES, 2)) * 10.0 ** rng.uniform(-8, 8, (4 * SAMPLES, 2))
     assert max(units(arctan2(y, x), mpmath.atan2(y, x)) for y, x in points.tolist()) <= 2.5
 
 
 def test_arctan2_of_small_angles():
-    """Alpha and beta of a flight near its path: ratios below tan(pi / 8), in front; within one unit of the last place."""
+    """Alpha and beta of a flight near its path: ratios below tan(pi / 8), in front; within one unit
+    of the last place."""
     points = [(y, 1.0) for y in 10.0 ** spread(-12, math.log10(0.4), seed=3)]
     assert max(units(arctan2(y, x), mpmath.atan2(y, x)) for y, x in points) <= 1.0
 
@@ -113,25 +139,39 @@ def test_arctan2_at_its_edges(y, x):
     assert math.copysign(1.0, found) == math.copysign(1.0, expected)
 
 
-@pytest.mark.parametrize(("y", "x"), [(NAN, 1.0), (1.0, NAN), (NAN, NAN), (0.0, NAN), (NAN, 0.0), (NAN, INF)])
+@pytest.mark.parametrize(
+    ("y", "x"), [(NAN, 1.0), (1.0, NAN), (NAN, NAN), (0.0, NAN), (NAN, 0.0), (NAN, INF)]
+)
 def test_arctan2_keeps_nan(y, x):
     assert math.isnan(arctan2(y, x))
 
 
 def test_arctan2_is_continuous_across_its_seams():
     """Where the formula changes: at tan(pi / 8), one, and where the larger is the other."""
-    for seam in (math.pi / 8, math.pi / 4, 3 * math.pi / 8, math.pi / 2, 5 * math.pi / 8, 3 * math.pi / 4, 7 * math.pi / 8):
+    for seam in (
+        math.pi / 8,
+        math.pi / 4,
+        3 * math.pi / 8,
+        math.pi / 2,
+        5 * math.pi / 8,
+        3 * math.pi / 4,
+        7 * math.pi / 8,
+    ):
         for angle in (seam - 1e-12, seam, seam + 1e-12):
             for sign in (1.0, -1.0):
-                assert arctan2(sign * math.sin(angle), math.cos(angle)) == pytest.approx(sign * angle, rel=0, abs=1e-15)
+                assert arctan2(sign * math.sin(angle), math.cos(angle)) == pytest.approx(
+                    sign * angle, rel=0, abs=1e-15
+                )
 
 
-# -- sine and cosine --------------------------------------------------------------------------------------------------------------
+# -- sine and cosine
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("size", [1e-3, 0.8, 7.0, 1e3, 1e5])
 def test_sine_and_cosine(size):
-    """Absolute error 2e-16 up to 1e5 rad; within two units of the last place, also near the zeros of either."""
+    """Absolute error 2e-16 up to 1e5 rad; within two units of the last place, also near the zeros
+    of either."""
     near = np.round(spread(-size, size, 200, seed=4) / (math.pi / 2)) * (math.pi / 2)
     for x in [*spread(-size, size).tolist(), *near.tolist()]:
         sine, cosine = sine_cosine(x)
@@ -158,14 +198,26 @@ def test_sine_and_cosine_at_their_edges():
         assert np.isnan(sine_cosine(x)).all()
 
 
-# -- air --------------------------------------------------------------------------------------------------------------------------
+# -- air
+# --------------------------------------------------------------------------------------------------
 
-# NOAA-S/T 76-1562, table 4: base, lapse rate, and with them temperature and pressure at the base by eqs (23), (33) in 60 digits
-BASES = [(0.0, -6.5e-3), (11e3, 0.0), (20e3, 1e-3), (32e3, 2.8e-3), (47e3, 0.0), (51e3, -2.8e-3), (71e3, -2e-3), (84_852.0, 0.0)]
+# NOAA-S/T 76-1562, table 4: base, lapse rate, and with them temperature and pressure at the base by
+# eqs (23), (33) in 60 digits
+BASES = [
+    (0.0, -6.5e-3),
+    (11e3, 0.0),
+    (20e3, 1e-3),
+    (32e3, 2.8e-3),
+    (47e3, 0.0),
+    (51e3, -2.8e-3),
+    (71e3, -2e-3),
+    (84_852.0, 0.0),
+]
 
 
 def exact_air(height):
-    """Density, pressure, temperature at a geometric height, by the standard's own formulas with powers and exponentials, 60 digits."""
+    """Density, pressure, temperature at a geometric height, by the standard's own formulas with
+    powers and exponentials, 60 digits."""
     h = mpmath.mpf(R0) * height / (mpmath.mpf(R0) + height)
     gmr = mpmath.mpf("9.80665") * mpmath.mpf("28.9644") / mpmath.mpf("8314.32")
     t, p = mpmath.mpf("288.15"), mpmath.mpf(101325)
@@ -184,13 +236,21 @@ def geometric(h):
 
 
 def test_air_by_the_standards_own_formulas():
-    """Powers and exponentials of the standard against the one series that stands for both: round-off of exp(-13) and ten operations."""
+    """Powers and exponentials of the standard against the one series that stands for both:
+    round-off of exp(-13) and ten operations."""
     edges = [geometric(base) * (1.0 + s) for base, _ in BASES[1:7] for s in (-1e-12, 0.0, 1e-12)]
     for height in [*spread(0.0, 86e3, 300, seed=5).tolist(), *edges, 0.0, 86e3]:
-        assert_allclose(us1976(height), [float(x) for x in exact_air(height)], rtol=4e-15, atol=0, err_msg=str(height))
+        assert_allclose(
+            us1976(height),
+            [float(x) for x in exact_air(height)],
+            rtol=4e-15,
+            atol=0,
+            err_msg=str(height),
+        )
 
 
-# Base of each layer in geopotential height, m', kelvin, millibar: table 4 and, for pressure and density (kg/m3), table I of the standard
+# Base of each layer in geopotential height, m', kelvin, millibar: table 4 and, for pressure and
+# density (kg/m3), table I of the standard
 @pytest.mark.parametrize(
     ("h", "t", "mb", "rho"),
     [
@@ -214,7 +274,8 @@ def test_air_at_the_printed_bases(h, t, mb, rho):
 
 @pytest.mark.parametrize(("low", "lapse"), BASES[:7])
 def test_air_of_a_layer_goes_on_beyond_its_edges(low, lapse):
-    """Lanes keep the layer they started in for a step: 500 m beyond either end its formula holds to round-off (the case is then lost)."""
+    """Lanes keep the layer they started in for a step: 500 m beyond either end its formula holds to
+    round-off (the case is then lost)."""
     k = [base for base, _ in BASES].index(low)
     base_air = exact_air(geometric(low))
     layer = (low, lapse / float(base_air[2]), 1.0 / float(base_air[2]), float(base_air[1]))
@@ -222,7 +283,11 @@ def test_air_of_a_layer_goes_on_beyond_its_edges(low, lapse):
         up = mpmath.mpf(h) - low
         t = base_air[2] + mpmath.mpf(str(lapse)) * up
         gmr = mpmath.mpf("9.80665") * mpmath.mpf("28.9644") / mpmath.mpf("8314.32")
-        p = base_air[1] * (mpmath.exp(-gmr * up / t) if lapse == 0.0 else (base_air[2] / t) ** (gmr / mpmath.mpf(str(lapse))))
+        p = base_air[1] * (
+            mpmath.exp(-gmr * up / t)
+            if lapse == 0.0
+            else (base_air[2] / t) ** (gmr / mpmath.mpf(str(lapse)))
+        )
         rho = p * mpmath.mpf("28.9644") / (mpmath.mpf("8314.32") * t)
         assert_allclose(in_layer(geometric(h), layer), [float(p), float(t)], rtol=1e-14)
         assert_allclose(density_in_layer(geometric(h), layer), float(rho), rtol=1e-14)
@@ -237,7 +302,8 @@ def test_geopotential():
 
 @pytest.mark.parametrize(("low", "lapse"), BASES[:7])
 def test_density_about_a_height(low, lapse):
-    """The series in the rise against the formula of the layer, to NEAR metres up and down from its base, middle and top: 1e-14."""
+    """The series in the rise against the formula of the layer, to NEAR metres up and down from its
+    base, middle and top: 1e-14."""
     k = [base for base, _ in BASES].index(low)
     base_air = exact_air(geometric(low))
     layer = (low, lapse / float(base_air[2]), 1.0 / float(base_air[2]), float(base_air[1]))
@@ -246,23 +312,36 @@ def test_density_about_a_height(low, lapse):
         series = density_series(height, layer)
         for rise in np.linspace(-NEAR, NEAR, 21):
             above = geopotential(height + rise) - geopotential(height)
-            assert_allclose(density_near(series, above), density_in_layer(height + rise, layer), rtol=2e-14, atol=0)
+            assert_allclose(
+                density_near(series, above),
+                density_in_layer(height + rise, layer),
+                rtol=2e-14,
+                atol=0,
+            )
 
 
 @pytest.mark.parametrize("height", [0.0, 20e3, 86e3, 400e3])
 def test_rises_about_a_height(height):
-    """Geopotential height and gravity after a rise, to NEAR metres up and down, against 60 digits."""
+    """Geopotential height and gravity after a rise, to NEAR metres up and down, against 60
+    digits."""
     one, centre = mpmath.mpf(1), mpmath.mpf(R0) + mpmath.mpf(height)
     for rise in np.linspace(-NEAR, NEAR, 21):
         if rise != 0.0:
-            exact = R0 * (mpmath.mpf(height) + rise) / (centre + rise) - R0 * mpmath.mpf(height) / centre
-            assert units(geopotential_rise(rise, rise / (R0 + height), R0 / (R0 + height)), exact) <= 5.0
+            exact = (
+                R0 * (mpmath.mpf(height) + rise) / (centre + rise)
+                - R0 * mpmath.mpf(height) / centre
+            )
+            assert (
+                units(geopotential_rise(rise, rise / (R0 + height), R0 / (R0 + height)), exact)
+                <= 5.0
+            )
         pull = inverse_square(9.80665, height)
         exact = mpmath.mpf(pull) * (one / (one + rise / centre)) ** 2
         assert units(inverse_square_near(pull, rise / (R0 + height)), exact) <= 3.0
 
 
-# -- lanes ------------------------------------------------------------------------------------------------------------------------
+# -- lanes
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -271,7 +350,8 @@ def test_rises_about_a_height(height):
         (-6.0, 2.0, 0.0, 0.0, 3.0),  # straight on
         (-8.0, 0.0, 4.0, 0.0, 2.0),  # from rest: sqrt(2 s / a)
         (-5.0, 1.0, 2.0, 0.0, 0.5 * (math.sqrt(21.0) - 1.0)),
-        (-1.0, 3.0, -2.0, 0.0, 0.5 * (3.0 - math.sqrt(5.0))),  # decelerates, still gets there: the first of two crossings
+        # decelerates, still gets there: the first of two crossings
+        (-1.0, 3.0, -2.0, 0.0, 0.5 * (3.0 - math.sqrt(5.0))),
         (0.0, 2.0, 1.0, 0.0, 0.0),  # there
         (4.0, 2.0, 0.0, 0.0, -2.0),  # behind
         (3.0, 4.0, 2.0, 0.0, -1.0),
@@ -279,7 +359,9 @@ def test_rises_about_a_height(height):
     ],
 )
 def test_time_left_in_closed_form(value, rate, acceleration, jerk, expected):
-    assert time_left(value, rate, acceleration, jerk) == pytest.approx(expected, rel=1e-14, abs=1e-26)
+    assert time_left(value, rate, acceleration, jerk) == pytest.approx(
+        expected, rel=1e-14, abs=1e-26
+    )
 
 
 @pytest.mark.parametrize(
@@ -292,20 +374,29 @@ def test_time_left_is_infinite_without_a_crossing(value, rate, acceleration):
 
 
 def test_time_left_with_jerk():
-    """Three of Newton's steps to the root of the cubic: to round-off if the jerk is small, closer than without it if it is not."""
-    for wait, rate, acceleration, jerk in ((0.1, 1.0, 0.5, 2.0), (0.5, 2.0, -1.0, 1.5), (2.0, 0.3, 0.8, 0.05), (1.0, 1.0, 1.0, -1.0)):
+    """Three of Newton's steps to the root of the cubic: to round-off if the jerk is small, closer
+    than without it if it is not."""
+    for wait, rate, acceleration, jerk in (
+        (0.1, 1.0, 0.5, 2.0),
+        (0.5, 2.0, -1.0, 1.5),
+        (2.0, 0.3, 0.8, 0.05),
+        (1.0, 1.0, 1.0, -1.0),
+    ):
         value = -(wait * (rate + wait * (0.5 * acceleration + wait * jerk / 6.0)))
         assert time_left(value, rate, acceleration, jerk) == pytest.approx(wait, rel=1e-9)
 
 
 def test_time_left_scales():
-    """Twice as fast in time: half the wait, to the last bit, since the factors are powers of two."""
+    """Twice as fast in time: half the wait, to the last bit, since the factors are powers of
+    two."""
     for value, rate, acceleration, jerk in np.random.default_rng(6).uniform(0.1, 3.0, (50, 4)):
         once = time_left(-value, rate, acceleration, jerk)
         assert time_left(-value, 2.0 * rate, 4.0 * acceleration, 8.0 * jerk) == 0.5 * once
 
 
-@pytest.mark.parametrize("numbers", [(NAN, 1.0, 0.0, 0.0), (-1.0, NAN, 0.0, 0.0), (-1.0, 1.0, NAN, 0.0)])
+@pytest.mark.parametrize(
+    "numbers", [(NAN, 1.0, 0.0, 0.0), (-1.0, NAN, 0.0, 0.0), (-1.0, 1.0, NAN, 0.0)]
+)
 def test_time_left_of_no_number_is_no_finite_wait(numbers):
     """NaN must not become a step that looks sound."""
     assert not math.isfinite(time_left(*numbers))

@@ -1,4 +1,5 @@
-"""One scene with every table there is: it checks, it flies, and its run folder is that scene again, to the last bit of every case."""
+"""One scene with every table there is: it checks, it flies, and its run folder is that scene again,
+to the last bit of every case."""
 
 from pathlib import Path
 
@@ -17,7 +18,8 @@ FILE = Path(__file__).with_name("everything.toml")
 
 @pytest.fixture(scope="module", autouse=True)
 def few_trials():
-    """A case takes tens of milliseconds here, and how well trial cases tell the error is tested elsewhere."""
+    """A case takes tens of milliseconds here, and how well trial cases tell the error is tested
+    elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pilot, "SAMPLE", 16)
         yield
@@ -59,11 +61,13 @@ def test_check_says_what_is_in_it():
         assert any(said in line for line in found.output.splitlines()), said
 
 
-AS_SHARP_AS_A_ROOT = ("_time_s", "_station_m", "_y_m", "_z_m")  # places and times of least distances and peaks
+# places and times of least distances and peaks
+AS_SHARP_AS_A_ROOT = ("_time_s", "_station_m", "_y_m", "_z_m")
 
 
 def test_it_flies(result):
-    """Every case ends well or, if its pins fail, without release; the audit is within its bounds."""
+    """Every case ends well or, if its pins fail, without release; the audit is within its
+    bounds."""
     table = result.to_pandas()
     failed = table["in_joint_pins_fails"] == 1.0
     assert 0 < failed.sum() < len(table)
@@ -85,8 +89,8 @@ def test_columns_have_units_and_stand_in_their_order(campaign, result):
 
 
 def test_run_folder_is_the_campaign_again(campaign, result):
-    """The resolved file reads to the same scene, dispersions and reference; cases replay to the last bit in a batch; one by one, within the
-    errors told."""
+    """The resolved file reads to the same scene, dispersions and reference; cases replay to the
+    last bit in a batch; one by one, within the errors told."""
     again = sepmc.load(result.folder)
     assert again.scene == campaign.scene
     assert again.file.dispersions == campaign.file.dispersions
@@ -99,15 +103,23 @@ def test_run_folder_is_the_campaign_again(campaign, result):
         history = again.simulate(again.case(number), step_s=0.05)
         assert history.attrs["status"] == result.table["status"][number]
         for name in result.outcomes:
-            if name.endswith(AS_SHARP_AS_A_ROOT) and not name.endswith("release_time_s"):  # round bodies are as near in many places
+            # round bodies are as near in many places
+            if name.endswith(AS_SHARP_AS_A_ROOT) and not name.endswith("release_time_s"):
                 continue
             off = 1e-9 + result.accuracy.errors.get(name, 0.0)
             size = np.nanmax(np.abs(result.table[name]), initial=1e-6)
-            assert_allclose(history.attrs["outcomes"][name], result.table[name][number], rtol=0, atol=off * size, err_msg=name)
+            assert_allclose(
+                history.attrs["outcomes"][name],
+                result.table[name][number],
+                rtol=0,
+                atol=off * size,
+                err_msg=name,
+            )
 
 
 def test_full_gives_the_same(campaign, result):
-    """Both formulations on everything there is: 1e-9 of an outcome's size, and what both kernels tell as their errors at the step given."""
+    """Both formulations on everything there is: 1e-9 of an outcome's size, and what both kernels
+    tell as their errors at the step given."""
     full = campaign.with_settings({"solver.formulation": "full"}).run(cases=3)
     for name in result.outcomes:
         found, expected = full.table[name], result.table[name][:3]
@@ -123,7 +135,18 @@ def test_full_gives_the_same(campaign, result):
 def test_replayed_by_the_command(result, tmp_path):
     """``sepmc run FOLDER --case 7`` prints the outcomes of the row."""
     found = CliRunner().invoke(
-        main, ["run", str(result.folder), "--case", "7", "--every-s", "0.05", "--out", str(tmp_path / "one"), "--no-plots"]
+        main,
+        [
+            "run",
+            str(result.folder),
+            "--case",
+            "7",
+            "--every-s",
+            "0.05",
+            "--out",
+            str(tmp_path / "one"),
+            "--no-plots",
+        ],
     )
     assert found.exit_code == 0, found.output
     assert f"{result.table['upper_omega_z_deg_s'][7]:.9g}" in found.output

@@ -1,4 +1,5 @@
-"""Figures: the right files, and in them the right data, units and marks. Degenerate data must neither fail nor warn."""
+"""Figures: the right files, and in them the right data, units and marks. Degenerate data must
+neither fail nor warn."""
 
 import subprocess
 import sys
@@ -19,7 +20,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture
 def drawn(monkeypatch):
-    """The figures by file name; laid out and drawn, but not encoded to a file, which takes the most time."""
+    """The figures by file name; laid out and drawn, but not encoded to a file, which takes the most
+    time."""
     caught = {}
 
     def keep(figure, path, **options):
@@ -59,7 +61,12 @@ def test_campaign_files(tmp_path):
     cases, histories = campaign()
     folder = tmp_path / "new" / "figures"
     written = campaign_figures(cases, histories, folder, UNITS, REFERENCE, outcomes=list(UNITS))
-    names = ["separation_speed", "separation_distance", *(f"hist_{name}" for name in UNITS), "histograms"]
+    names = [
+        "separation_speed",
+        "separation_distance",
+        *(f"hist_{name}" for name in UNITS),
+        "histograms",
+    ]
     assert written == [folder / f"{name}.png" for name in names]
     for path in written:
         assert path.read_bytes().startswith(PNG)
@@ -76,36 +83,51 @@ def test_equal_data_give_equal_bytes(tmp_path):
 def test_bands(tmp_path, drawn):
     cases, histories = campaign()
     cases.loc[7, "status"] = "no_release"
-    histories.loc[histories["case"] == 7, "separation_speed_m_s"] = 1e6  # a failed case must not stretch the envelope
+    # a failed case must not stretch the envelope
+    histories.loc[histories["case"] == 7, "separation_speed_m_s"] = 1e6
     campaign_figures(cases, histories, tmp_path, UNITS, outcomes=[])
     assert set(drawn) == {"separation_speed.png", "separation_distance.png"}
     (ax,) = drawn["separation_speed.png"].axes
     assert ax.get_xlabel() == "time (s)"
     assert ax.get_ylabel() == "axial separation speed (m/s)"
-    ok = histories[histories["case"] != 7].pivot(index="time_s", columns="case", values="separation_speed_m_s")
+    ok = histories[histories["case"] != 7].pivot(
+        index="time_s", columns="case", values="separation_speed_m_s"
+    )
     (median,) = line(ax, "median")
     assert_allclose(median.get_xdata(), ok.index)
     assert_allclose(median.get_ydata(), ok.median(axis=1))
     for band, percents in zip(ax.collections, ((0, 100), (1, 99), (5, 95)), strict=True):
         corners = band.get_paths()[0].vertices
         at_end = corners[corners[:, 0] == ok.index[-1], 1]
-        assert (at_end.min(), at_end.max()) == pytest.approx(tuple(np.percentile(ok.iloc[-1], percents)))
+        assert (at_end.min(), at_end.max()) == pytest.approx(
+            tuple(np.percentile(ok.iloc[-1], percents))
+        )
     singles = line(ax, "single cases")
     assert len(singles) == 5
     assert any(np.allclose(singles[0].get_ydata(), ok[case]) for case in ok)
-    assert texts(drawn["separation_speed.png"]) == ["min to max", "1 to 99 %", "5 to 95 %", "single cases", "median"]
+    assert texts(drawn["separation_speed.png"]) == [
+        "min to max",
+        "1 to 99 %",
+        "5 to 95 %",
+        "single cases",
+        "median",
+    ]
 
 
 def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, drawn):
     cases, _ = campaign(500)
-    campaign_figures(cases, None, tmp_path, UNITS, REFERENCE, labels={"upper_alpha_deg": "angle of attack"})
+    campaign_figures(
+        cases, None, tmp_path, UNITS, REFERENCE, labels={"upper_alpha_deg": "angle of attack"}
+    )
     (ax,) = drawn["hist_upper_alpha_deg.png"].axes
     assert sum(bar.get_height() * bar.get_width() for bar in ax.patches) == pytest.approx(1.0)
     (normal,) = line(ax, "normal, same mean and sigma")
     x, density = normal.get_data()
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-3)
     assert x[density.argmax()] == pytest.approx(cases["upper_alpha_deg"].mean(), abs=0.02)
-    assert density.max() == pytest.approx(1.0 / (cases["upper_alpha_deg"].std() * np.sqrt(2.0 * np.pi)), rel=1e-3)
+    assert density.max() == pytest.approx(
+        1.0 / (cases["upper_alpha_deg"].std() * np.sqrt(2.0 * np.pi)), rel=1e-3
+    )
     assert [one.get_xdata()[0] for one in line(ax, "reference mean")] == [4.06]
     assert [one.get_xdata()[0] for one in line(ax, "reference min and max")] == [2.42, 5.93]
     assert ax.get_xlabel() == "angle of attack (deg)"
@@ -118,8 +140,13 @@ def test_units_and_words_of_a_column(tmp_path, drawn):
     cases, _ = campaign()
     cases["hits"] = cases["upper_alpha_deg"].round()
     campaign_figures(cases, None, tmp_path, UNITS, outcomes=["separation_speed_m_s", "hits"])
-    (speed,), (hits,) = (drawn[f"hist_{name}.png"].axes for name in ("separation_speed_m_s", "hits"))
-    assert (speed.get_xlabel(), speed.get_ylabel()) == ("separation speed (m/s)", "density (1/(m/s))")
+    (speed,), (hits,) = (
+        drawn[f"hist_{name}.png"].axes for name in ("separation_speed_m_s", "hits")
+    )
+    assert (speed.get_xlabel(), speed.get_ylabel()) == (
+        "separation speed (m/s)",
+        "density (1/(m/s))",
+    )
     assert (hits.get_xlabel(), hits.get_ylabel()) == ("hits", "density")
 
 
@@ -131,7 +158,11 @@ def test_long_numbers_do_not_run_into_each_other(tmp_path, drawn, centre, sigma)
     campaign_figures(cases, None, tmp_path, {}, outcomes=["a_m", "b_m", "c_m"])
     for ax in drawn["histograms.png"].axes:
         low, high = ax.get_xlim()
-        boxes = [tick.get_window_extent() for tick in ax.get_xticklabels() if low <= tick.get_position()[0] <= high]
+        boxes = [
+            tick.get_window_extent()
+            for tick in ax.get_xticklabels()
+            if low <= tick.get_position()[0] <= high
+        ]
         assert len(boxes) >= 2
         assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
@@ -142,23 +173,44 @@ def test_overview_shows_the_referenced_outcomes_or_the_first_nine(tmp_path, draw
         cases[f"q{k}_deg"] = cases["upper_alpha_deg"] + k
     outcomes = [f"q{k}_deg" for k in range(10)]
     campaign_figures(cases, None, tmp_path, UNITS, outcomes=outcomes)
-    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [f"q{k} deg" for k in range(9)]
-    campaign_figures(cases, None, tmp_path, UNITS, {name: {"mean": 4.0} for name in outcomes[1:5]}, outcomes=outcomes[:6])
-    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [f"q{k} deg" for k in range(1, 5)]
+    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [
+        f"q{k} deg" for k in range(9)
+    ]
+    campaign_figures(
+        cases,
+        None,
+        tmp_path,
+        UNITS,
+        {name: {"mean": 4.0} for name in outcomes[1:5]},
+        outcomes=outcomes[:6],
+    )
+    assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [
+        f"q{k} deg" for k in range(1, 5)
+    ]
 
 
-@pytest.mark.parametrize("values", [[26.4] * 20, [0.0] * 20, [1e3 + k * 2e-13 for k in range(20)], [3.0]])
+@pytest.mark.parametrize(
+    "values", [[26.4] * 20, [0.0] * 20, [1e3 + k * 2e-13 for k in range(20)], [3.0]]
+)
 def test_degenerate_outcome(tmp_path, drawn, values):
     cases = pd.DataFrame({"case": np.arange(len(values)), "status": "ok", "stroke_mm": values})
     campaign_figures(cases, None, tmp_path, {"stroke_mm": "mm"})
     (ax,) = drawn["hist_stroke_mm.png"].axes
     assert [one.get_xdata()[0] for one in line(ax, "all cases")] == [values[0]]
     assert not ax.patches
-    title = {26.4: "mean 26.40, sigma 0", 0.0: "mean 0, sigma 0", 1e3: "mean 1000, sigma 0", 3.0: "mean 3.000, sigma -"}
+    title = {
+        26.4: "mean 26.40, sigma 0",
+        0.0: "mean 0, sigma 0",
+        1e3: "mean 1000, sigma 0",
+        3.0: "mean 3.000, sigma -",
+    }
     assert ax.get_title() == f"n {len(values)}, {title[values[0]]} mm"
 
 
-@pytest.mark.parametrize("values", [[1.0, 2.0], [-1e-12, 1e-12, 0.0], [1e12, 1e12 + 5e3, 3.0], [1.0, np.nan, np.inf, 4.0]])
+@pytest.mark.parametrize(
+    "values",
+    [[1.0, 2.0], [-1e-12, 1e-12, 0.0], [1e12, 1e12 + 5e3, 3.0], [1.0, np.nan, np.inf, 4.0]],
+)
 def test_few_and_odd_values(tmp_path, drawn, values):
     cases = pd.DataFrame({"case": np.arange(len(values)), "status": "ok", "stroke_mm": values})
     campaign_figures(cases, None, tmp_path, {"stroke_mm": "mm"})
@@ -185,15 +237,21 @@ PHASES = (("locked", 0.0, 0.05), ("guided", 0.05, 0.26), ("free", 0.26, 0.5))
 
 
 def run(phases=PHASES):
-    """Two bodies and a joint: both ends of every phase are rows, and the axial force ends with the first phase."""
-    parts = [pd.DataFrame({"time_s": np.linspace(start, end, 6), "phase": name}) for name, start, end in phases]
+    """Two bodies and a joint: both ends of every phase are rows, and the axial force ends with the
+    first phase."""
+    parts = [
+        pd.DataFrame({"time_s": np.linspace(start, end, 6), "phase": name})
+        for name, start, end in phases
+    ]
     history = pd.concat(parts, ignore_index=True)
     time, locked = history["time_s"], history["phase"] == phases[0][0]
     columns = {"separation_speed_m_s": time, "separation_distance_mm": 500.0 * time**2}
     for sign, body in ((1.0, "upper"), (-1.0, "lower")):
         for k, axis in enumerate("xyz"):
             columns[f"{body}_omega_{axis}_deg_s"] = k + sign * time
-            columns[f"pins_force_on_{body}_{axis}_N"] = sign * np.where(locked, -220.0, 0.0) if axis == "x" else k * sign * time
+            columns[f"pins_force_on_{body}_{axis}_N"] = (
+                sign * np.where(locked, -220.0, 0.0) if axis == "x" else k * sign * time
+            )
             columns[f"pins_moment_on_{body}_{axis}_N_m"] = sign * (k - 1) * 100.0 * time
         for k, angle in enumerate(("alpha", "beta", "pitch", "yaw")):
             columns[f"{body}_{angle}_deg"] = k + sign * time
@@ -205,7 +263,10 @@ def run(phases=PHASES):
 def test_run_files(tmp_path):
     written = run_figures(run(), tmp_path, ["upper", "lower"], ["pins"])
     names = [f"{kind}_on_{body}" for body in ("upper", "lower") for kind in ("force", "moment")]
-    assert written == [tmp_path / f"{name}.png" for name in [*names, "rates", "angles", "axial_acceleration", "separation"]]
+    assert written == [
+        tmp_path / f"{name}.png"
+        for name in [*names, "rates", "angles", "axial_acceleration", "separation"]
+    ]
     assert all(path.read_bytes().startswith(PNG) for path in written)
 
 
@@ -217,7 +278,9 @@ def test_a_step_in_force_is_drawn_as_a_step(tmp_path, drawn):
     assert_allclose(force, history["pins_force_on_upper_x_N"])
     assert list(force[np.asarray(time) == 0.05]) == [-220.0, 0.0]
     assert ax.get_ylabel() == "force at pins (N)"
-    styles = {one.get_label(): one.get_linestyle() for one in ax.lines if one.get_label().startswith("$")}
+    styles = {
+        one.get_label(): one.get_linestyle() for one in ax.lines if one.get_label().startswith("$")
+    }
     assert len(set(styles.values())) == 3  # to be told apart in grey print
     assert drawn["moment_on_lower.png"].axes[0].get_ylabel() == "moment at pins (N m)"
 
@@ -227,7 +290,11 @@ def test_phases_are_marked_and_named(tmp_path, drawn):
     for name, first in (("force_on_upper.png", 1), ("rates.png", 1), ("angles.png", 2)):
         axes = drawn[name].axes
         for ax in axes:
-            assert [one.get_xdata()[0] for one in ax.lines if list(one.get_xdata()) in ([0.05] * 2, [0.26] * 2)] == [0.05, 0.26]
+            assert [
+                one.get_xdata()[0]
+                for one in ax.lines
+                if list(one.get_xdata()) in ([0.05] * 2, [0.26] * 2)
+            ] == [0.05, 0.26]
         for ax in axes[:first]:
             assert [(text.get_text(), text.xy[0]) for text in ax.texts] == [
                 ("locked", pytest.approx(0.025)),
@@ -247,9 +314,17 @@ def test_rates_and_angles(tmp_path, drawn):
     history = run()
     run_figures(history, tmp_path, ["upper", "lower"], ["pins"])
     assert [ax.get_ylabel() for ax in drawn["rates.png"].axes] == ["upper (deg/s)", "lower (deg/s)"]
-    assert_allclose(line(drawn["rates.png"].axes[1], r"$\omega_z$")[0].get_ydata(), history["lower_omega_z_deg_s"])
+    assert_allclose(
+        line(drawn["rates.png"].axes[1], r"$\omega_z$")[0].get_ydata(),
+        history["lower_omega_z_deg_s"],
+    )
     angles = drawn["angles.png"].axes
-    assert [ax.get_ylabel() for ax in angles] == ["alpha (deg)", "pitch (deg)", "yaw (deg)", "roll (deg)"]
+    assert [ax.get_ylabel() for ax in angles] == [
+        "alpha (deg)",
+        "pitch (deg)",
+        "yaw (deg)",
+        "roll (deg)",
+    ]
     assert [line(angles[1], body)[0].get_linestyle() for body in ("upper", "lower")] == ["--", "-."]
     assert_allclose(line(angles[1], "lower")[0].get_ydata(), history["lower_pitch_deg"])
     assert texts(drawn["angles.png"]) == ["upper", "lower"]
@@ -264,7 +339,10 @@ def test_a_joint_draws_only_the_bodies_it_touches(tmp_path, drawn):
     written = run_figures(history, tmp_path, ["upper", "lower", "booster"], ["pins", "strut"])
     assert "moment_on_booster.png" not in {path.name for path in written}
     assert [ax.get_ylabel() for ax in drawn["force_on_booster.png"].axes] == ["force at strut (N)"]
-    assert [ax.get_ylabel() for ax in drawn["force_on_lower.png"].axes] == ["force at pins (N)", "force at strut (N)"]
+    assert [ax.get_ylabel() for ax in drawn["force_on_lower.png"].axes] == [
+        "force at pins (N)",
+        "force at strut (N)",
+    ]
 
 
 def test_little_to_draw(tmp_path):
@@ -272,7 +350,12 @@ def test_little_to_draw(tmp_path):
     assert run_figures(history[:0], tmp_path, ["upper", "lower"], ["pins"]) == []
     assert run_figures(history[["time_s", "phase"]], tmp_path, ["upper"], []) == []
     assert len(run_figures(history[:1], tmp_path, ["upper"], ["pins"])) == 6
-    assert [path.name for path in run_figures(history[["time_s", "upper_alpha_deg"]], tmp_path, ["upper"], ["pins"])] == ["angles.png"]
+    assert [
+        path.name
+        for path in run_figures(
+            history[["time_s", "upper_alpha_deg"]], tmp_path, ["upper"], ["pins"]
+        )
+    ] == ["angles.png"]
 
 
 def test_large_forces_are_written_out(tmp_path, drawn):
@@ -285,7 +368,9 @@ def test_large_forces_are_written_out(tmp_path, drawn):
 
 
 def test_more_bodies_than_line_styles(tmp_path, drawn):
-    history = pd.DataFrame({"time_s": [0.0, 1.0]} | {f"b{k}_alpha_deg": [k, k + 1.0] for k in range(6)})
+    history = pd.DataFrame(
+        {"time_s": [0.0, 1.0]} | {f"b{k}_alpha_deg": [k, k + 1.0] for k in range(6)}
+    )
     run_figures(history, tmp_path, [f"b{k}" for k in range(6)], [])
     assert len(drawn["angles.png"].axes[0].lines) == 6
 

@@ -1,4 +1,5 @@
-"""The classical formulations of `sepmc.trust.lagrange` against equations derived by sympy, and against what any motion must obey."""
+"""The classical formulations of `sepmc.trust.lagrange` against equations derived by sympy, and
+against what any motion must obey."""
 
 import functools
 
@@ -22,7 +23,12 @@ def random_pair(random, axes=None):
         return square @ square.T + 2.0 * np.eye(3)
 
     axes = np.eye(3) if axes is None else axes
-    return Pair(tuple(random.uniform(1.0, 3.0, 2)), (tensor(), tensor()), tuple(random.normal(size=(2, 3))), axes)
+    return Pair(
+        tuple(random.uniform(1.0, 3.0, 2)),
+        (tensor(), tensor()),
+        tuple(random.normal(size=(2, 3))),
+        axes,
+    )
 
 
 def random_motion(random, kind, axes):
@@ -45,7 +51,9 @@ def random_motion(random, kind, axes):
         turned = Rotation.from_euler("YX", angles)
         spin = relative[1] * np.array([0.0, 1.0, 0.0]) + relative[0] * turned.as_matrix()[:, 0]
     r_ab = axes.T @ turned.as_matrix() @ axes
-    return Motion(*random.normal(size=(2, 3)), r, w, gap, gap_rate, r @ r_ab, r_ab.T @ (w + axes.T @ spin))
+    return Motion(
+        *random.normal(size=(2, 3)), r, w, gap, gap_rate, r @ r_ab, r_ab.T @ (w + axes.T @ spin)
+    )
 
 
 def symmetric(name):
@@ -55,10 +63,11 @@ def symmetric(name):
 
 @functools.cache
 def slider_by(method):
-    """The slider pair derived by sympy: by LagrangesMethod (from the kinetic energy) or KanesMethod (with rates as speeds).
+    """The slider pair derived by sympy: by LagrangesMethod (from the kinetic energy) or KanesMethod
+    (with rates as speeds).
 
-    Returns a function of speeds, coordinates and parameters that gives the rates of the body's turning, and mass matrix and forcing
-    of the speeds.
+    Returns a function of speeds, coordinates and parameters that gives the rates of the body's
+    turning, and mass matrix and forcing of the speeds.
     """
     x, y, z, pitch, yaw, roll, gap = q = me.dynamicsymbols("x y z pitch yaw roll gap")
     ground = me.ReferenceFrame("N")
@@ -76,7 +85,12 @@ def slider_by(method):
     origin.set_vel(ground, 0)
     centre_a.set_pos(origin, x * ground.x + y * ground.y + z * ground.z)
     centre_b.set_pos(centre_a, lever)
-    parameters = [*masses, *arms[0], *arms[1], *(t[i, j] for t in tensors for i in range(3) for j in range(i, 3))]
+    parameters = [
+        *masses,
+        *arms[0],
+        *arms[1],
+        *(t[i, j] for t in tensors for i in range(3) for j in range(i, 3)),
+    ]
     parameters += [*forces[0], *forces[1], *moments[0], *moments[1]]
     qd = [sp.diff(c, me.dynamicsymbols._t) for c in q]
     if method == "Lagrange":
@@ -89,20 +103,30 @@ def slider_by(method):
         centre_a.set_vel(ground, vector(speeds[:3]))
     centre_b.set_vel(
         ground,
-        centre_a.vel(ground) + frame.ang_vel_in(ground).cross(lever) + (qd[6] if method == "Lagrange" else speeds[6]) * frame.x,
+        centre_a.vel(ground)
+        + frame.ang_vel_in(ground).cross(lever)
+        + (qd[6] if method == "Lagrange" else speeds[6]) * frame.x,
     )
     parts, loads = [], []
-    for name, centre, mass, tensor, force, moment in zip("ab", (centre_a, centre_b), masses, tensors, forces, moments, strict=True):
-        inertia = me.inertia(frame, *(tensor[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))))
+    for name, centre, mass, tensor, force, moment in zip(
+        "ab", (centre_a, centre_b), masses, tensors, forces, moments, strict=True
+    ):
+        inertia = me.inertia(
+            frame, *(tensor[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)))
+        )
         parts.append(me.RigidBody(name, centre, frame, mass, (inertia, centre)))
         loads += [(centre, vector(force)), (frame, vector(moment))]
     if method == "Lagrange":
-        equations = me.LagrangesMethod(me.Lagrangian(ground, *parts), q, forcelist=loads, frame=ground)
+        equations = me.LagrangesMethod(
+            me.Lagrangian(ground, *parts), q, forcelist=loads, frame=ground
+        )
         equations.form_lagranges_equations()
     else:
         moved = centre_a.pos_from(origin).dt(ground)
         kinematics = [moved.dot(axis) - centre_a.vel(ground).dot(axis) for axis in ground]
-        kinematics += [(rates - frame.ang_vel_in(ground)).dot(axis) for axis in frame] + [qd[6] - speeds[6]]
+        kinematics += [(rates - frame.ang_vel_in(ground)).dot(axis) for axis in frame] + [
+            qd[6] - speeds[6]
+        ]
         equations = me.KanesMethod(ground, q, speeds, kinematics)
         equations.kanes_equations(parts, loads)
     plain = dict(zip([*speeds, *q], sp.symbols("u_:7 q_:7"), strict=True))
@@ -112,8 +136,13 @@ def slider_by(method):
 
 @functools.cache
 def turning():
-    """Body rates from the rates of pitch, yaw, roll (a matrix), and that matrix's rate; functions of (angles, their rates)."""
-    angles, frame, ground = me.dynamicsymbols("pitch yaw roll"), me.ReferenceFrame("A"), me.ReferenceFrame("N")
+    """Body rates from the rates of pitch, yaw, roll (a matrix), and that matrix's rate; functions
+    of (angles, their rates)."""
+    angles, frame, ground = (
+        me.dynamicsymbols("pitch yaw roll"),
+        me.ReferenceFrame("A"),
+        me.ReferenceFrame("N"),
+    )
     rates = [sp.diff(c, me.dynamicsymbols._t) for c in angles]
     frame.orient(ground, "Body", angles, "ZYX")
     matrix = frame.ang_vel_in(ground).to_matrix(frame).jacobian(rates)
@@ -125,21 +154,32 @@ def turning():
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("method", ["Lagrange", "Kane"])
 def test_slider_pair_by_sympy(method, seed):
-    """Accelerations of random states under random loads: 1e-12 of the largest, round-off of two 7 x 7 systems."""
+    """Accelerations of random states under random loads: 1e-12 of the largest, round-off of two 7 x
+    7 systems."""
     random = np.random.default_rng(seed)
     pair, held = random_pair(random), KINDS["slider"]
     place, velocity, angles, angle_rates, *loads = random.normal(size=(8, 3))
     gap, gap_rate = random.normal(size=2)
     matrix, change = turning()(*angle_rates, *angles)
     r, w = Rotation.from_euler("ZYX", angles).as_matrix(), matrix @ angle_rates
-    motion = Motion(place, velocity, r, w, np.array([gap, 0.0, 0.0]), np.array([gap_rate, 0.0, 0.0]), r, w)
+    motion = Motion(
+        place, velocity, r, w, np.array([gap, 0.0, 0.0]), np.array([gap_rate, 0.0, 0.0]), r, w
+    )
     found = accelerate(pair, held, motion, [(loads[0], loads[1]), (loads[2], loads[3])])
     if method == "Lagrange":
         speeds = [*velocity, *angle_rates, gap_rate]
-        ours = [*found.a, *np.linalg.solve(matrix, found.w_rate - change @ angle_rates), found.gap_acceleration[0]]
+        ours = [
+            *found.a,
+            *np.linalg.solve(matrix, found.w_rate - change @ angle_rates),
+            found.gap_acceleration[0],
+        ]
     else:
         speeds = [*(r.T @ velocity), *w, gap_rate]
-        ours = [*(r.T @ found.a - np.cross(w, r.T @ velocity)), *found.w_rate, found.gap_acceleration[0]]
+        ours = [
+            *(r.T @ found.a - np.cross(w, r.T @ velocity)),
+            *found.w_rate,
+            found.gap_acceleration[0],
+        ]
     upper = [tensor[np.triu_indices(3)] for tensor in pair.inertia]
     mass, forcing = slider_by(method)(
         *speeds,
@@ -163,7 +203,8 @@ def test_slider_pair_by_sympy(method, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "free"])
 def test_every_kind_obeys_newton_and_euler(kind, seed):
-    """Both bodies move as their loads and a wrench -F, F tell; the wrench has no part along or about what is free: 1e-11."""
+    """Both bodies move as their loads and a wrench -F, F tell; the wrench has no part along or
+    about what is free: 1e-11."""
     random = np.random.default_rng(seed)
     axes = Rotation.from_quat(random.normal(size=4)).as_matrix()
     pair, held = random_pair(random, axes), KINDS[kind]
@@ -179,7 +220,9 @@ def test_every_kind_obeys_newton_and_euler(kind, seed):
         force = sign * found.force
         total = r.T @ moment + np.cross(pair.arm[i], r.T @ force) + loads[i][1]
         assert_allclose(pair.mass[i] * a, force + r @ loads[i][0], rtol=0, atol=1e-11)
-        assert_allclose(pair.inertia[i] @ w_rate + np.cross(w, pair.inertia[i] @ w), total, rtol=0, atol=1e-11)
+        assert_allclose(
+            pair.inertia[i] @ w_rate + np.cross(w, pair.inertia[i] @ w), total, rtol=0, atol=1e-11
+        )
     force, moment = axes @ motion.r.T @ found.force, axes @ motion.r.T @ found.moment
     if held[0] == "length":
         assert_allclose(np.cross(force, motion.gap), 0.0, rtol=0, atol=1e-11)
@@ -193,13 +236,15 @@ def test_every_kind_obeys_newton_and_euler(kind, seed):
         assert_allclose([moment[1], found.moment @ motion.r_b @ axes[0]], 0.0, rtol=0, atol=1e-11)
 
 
-SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])  # central differences of order 8
+# central differences of order 8
+SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "free"])
 def test_every_kind_keeps_its_constraints(kind, seed):
-    """Along a motion with these rates and accelerations, place of B and constraints have the second derivatives they must: 1e-7."""
+    """Along a motion with these rates and accelerations, place of B and constraints have the second
+    derivatives they must: 1e-7."""
     random = np.random.default_rng(seed)
     axes = Rotation.from_quat(random.normal(size=4)).as_matrix()
     pair, held = random_pair(random, axes), KINDS[kind]
@@ -207,16 +252,21 @@ def test_every_kind_keeps_its_constraints(kind, seed):
     found = accelerate(pair, held, m, list(random.normal(size=(2, 2, 3))))
 
     def at(t):
-        def turned(r, w, w_rate):  # a rotation vector whose second derivative at 0 is that of the body's turning
+        # a rotation vector whose second derivative at 0 is that of the body's turning
+        def turned(r, w, w_rate):
             return r @ Rotation.from_rotvec(w * t + 0.5 * w_rate * t * t).as_matrix()
 
         r_a, r_b = turned(m.r, m.w, found.w_rate), turned(m.r_b, m.w_b, found.w_b_rate)
         gap = m.gap + m.gap_rate * t + 0.5 * found.gap_acceleration * t * t
-        moved = Motion(m.x + m.v * t + 0.5 * found.a * t * t, m.v, r_a, m.w, gap, m.gap_rate, r_b, m.w_b)
+        moved = Motion(
+            m.x + m.v * t + 0.5 * found.a * t * t, m.v, r_a, m.w, gap, m.gap_rate, r_b, m.w_b
+        )
         return bodies(pair, moved)[1][0], axes @ r_a.T @ r_b @ axes.T, gap
 
     h = 0.005
-    places, relative, gaps = (np.array(part) for part in zip(*(at(h * i) for i in range(-4, 5)), strict=True))
+    places, relative, gaps = (
+        np.array(part) for part in zip(*(at(h * i) for i in range(-4, 5)), strict=True)
+    )
     assert_allclose(np.tensordot(SECOND, places, 1) / h**2, found.a_b, rtol=0, atol=1e-7)
     products = {"x": relative[:, 2, 1], "y": relative[:, 2, 0], "z": relative[:, 1, 0]}
     for axis in held[1]:

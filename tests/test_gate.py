@@ -1,4 +1,5 @@
-"""The gate of random scenes: it passes what flies right, finds what does not, makes it small, and every scene it once found is flown."""
+"""The gate of random scenes: it passes what flies right, finds what does not, makes it small, and
+every scene it once found is flown."""
 
 import copy
 import re
@@ -34,11 +35,23 @@ SMALL = {
         "fore": {"mass_kg": 3.0, "inertia_kg_m2": [1.0, 2.0, 2.5], "cg_m": [1.0, 0.0, 0.0]},
         "aft": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 2.0], "cg_m": [3.0, 0.02, 0.0]},
     },
-    "spring": [{"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.1, 0.0], "axis": [-1, 0, 0], "force_N": 20.0}],
+    "spring": [
+        {
+            "name": "push",
+            "bodies": ["fore", "aft"],
+            "point_m": [2.0, 0.1, 0.0],
+            "axis": [-1, 0, 0],
+            "force_N": 20.0,
+        }
+    ],
     "joint": {"pins": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0]}},
     "phase": [
         {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
-        {"name": "guided", "joints": {"pins": "slider"}, "until": {"joint": "pins", "stroke_m": 0.02}},
+        {
+            "name": "guided",
+            "joints": {"pins": "slider"},
+            "until": {"joint": "pins", "stroke_m": 0.02},
+        },
         {"name": "clear"},
     ],
     "initial": {"altitude_m": 100.0, "speed_m_s": 30.0, "omega_deg_s": [5.0, 3.0, -4.0]},
@@ -53,7 +66,8 @@ def test_a_seed_gives_one_scene():
 
 
 def test_scenes_are_rarely_refused_and_hold_everything():
-    """Of 120 scenes without later kinds hardly one is refused; all joint kinds, ends and most kinds of number occur."""
+    """Of 120 scenes without later kinds hardly one is refused; all joint kinds, ends and most kinds
+    of number occur."""
     refused, kinds, ends, dispersed, all_paths = 0, set(), set(), set(), set()
     for seed in range(120):
         tree = scene(seed, ())
@@ -70,16 +84,33 @@ def test_scenes_are_rarely_refused_and_hold_everything():
         all_paths |= set(found.values())
         dispersed |= {found[d.parameter.path] for d in campaign.file.dispersions}
     assert refused <= 4
-    assert {"fixed", "slider", "revolute", "cylindrical", "universal", "spherical", "planar", "rod"} <= kinds
+    assert {
+        "fixed",
+        "slider",
+        "revolute",
+        "cylindrical",
+        "universal",
+        "spherical",
+        "planar",
+        "rod",
+    } <= kinds
     assert {"point-on-line", "point-on-plane", "free"} <= kinds
     assert {"time_s", "stroke_m", "distance_m", "angle_deg", "altitude_m", "burn_out"} <= ends
-    assert {"motor.*.burn", "motor.*.build_up", "motor.*.tail_off", "spring.*.stroke", "load.*.end", "joint.*.delay"} <= dispersed
+    assert {
+        "motor.*.burn",
+        "motor.*.build_up",
+        "motor.*.tail_off",
+        "spring.*.stroke",
+        "load.*.end",
+        "joint.*.delay",
+    } <= dispersed
     settings = {path for path in all_paths if path.startswith(("run.", "solver."))}
     assert len(dispersed) > 0.75 * len(all_paths - settings)
 
 
 def test_later_kinds_occur_and_are_read():
-    """Of 30 scenes with all later kinds hardly one is refused; all kinds occur, and the columns of every other spelling are known."""
+    """Of 30 scenes with all later kinds hardly one is refused; all kinds occur, and the columns of
+    every other spelling are known."""
     refused, found = 0, set()
     for seed in range(30):
         tree = scene(seed, LATE)
@@ -90,13 +121,34 @@ def test_later_kinds_occur_and_are_read():
             except SceneError:
                 refused += 1
                 continue
-            other = Campaign(parse_campaign(SPELLINGS["other names"](copy.deepcopy(tree) | {"dispersion": {}}, Dice(1)), "renamed"))
+            other = Campaign(
+                parse_campaign(
+                    SPELLINGS["other names"](copy.deepcopy(tree) | {"dispersion": {}}, Dice(1)),
+                    "renamed",
+                )
+            )
         known = {column.name for column in other.outcome_columns}
-        assert {spelt(column.name, "other names", tree) for column in campaign.outcome_columns} <= known
+        assert {
+            spelt(column.name, "other names", tree) for column in campaign.outcome_columns
+        } <= known
         found |= set(compare.features(tree))
     assert refused <= 2
-    assert {"until any", "until all", "until force", "until moment", "release", "proximity", "clearance"} <= found
-    assert {"wind profile", "table of the air", "aerodynamic table", "guide", "guide friction"} <= found
+    assert {
+        "until any",
+        "until all",
+        "until force",
+        "until moment",
+        "release",
+        "proximity",
+        "clearance",
+    } <= found
+    assert {
+        "wind profile",
+        "table of the air",
+        "aerodynamic table",
+        "guide",
+        "guide friction",
+    } <= found
     assert {"output loads", "output guide", "output tip_off"} <= found
 
 
@@ -114,7 +166,8 @@ def test_other_spellings_are_read(spelling):
 
 
 def test_faults_are_told_apart():
-    """What rows are called beside a reference that is right, off by 1e-3, of another status, does not know the scene, or breaks."""
+    """What rows are called beside a reference that is right, off by 1e-3, of another status, does
+    not know the scene, or breaks."""
 
     def reference(status, share):
         return lambda case, rtol=1e-12: SimpleNamespace(
@@ -132,7 +185,9 @@ def test_faults_are_told_apart():
         off = compare.judge(SMALL, "off", 2, reference("ok", 1e-3))
         assert off.rows == {"silent": 2}
         assert off.fails
-        assert compare.judge(SMALL, "another", 2, reference("never-released", 0.0)).rows == {"status": 2}
+        assert compare.judge(SMALL, "another", 2, reference("never-released", 0.0)).rows == {
+            "status": 2
+        }
         unknown = compare.judge(SMALL, "unknown", 2, broken(ValueError("motor.x")))
         assert "motor.x" in unknown.not_flown
         assert not unknown.fails
@@ -140,11 +195,17 @@ def test_faults_are_told_apart():
 
 
 def test_a_flat_peak_may_be_told_anywhere_on_it():
-    """Times of peaks count from the nearest at which the peak was as good as reached; a missing number stays one."""
+    """Times of peaks count from the nearest at which the peak was as good as reached; a missing
+    number stays one."""
     flown = SimpleNamespace(reached={"pins_peak_force_time_s": (0.1, 0.2)})
-    columns = [SimpleNamespace(name="pins_peak_force_time_s"), SimpleNamespace(name="release_time_s")]
+    columns = [
+        SimpleNamespace(name="pins_peak_force_time_s"),
+        SimpleNamespace(name="release_time_s"),
+    ]
     for found, expected in ((0.05, 0.1), (0.15, 0.15), (0.3, 0.2), (np.nan, 0.12)):
-        assert compare.as_reached(flown, np.array([found, 0.3]), np.array([0.12, 0.4]), columns).tolist() == [expected, 0.4]
+        assert compare.as_reached(
+            flown, np.array([found, 0.3]), np.array([0.12, 0.4]), columns
+        ).tolist() == [expected, 0.4]
 
 
 def _times(outcomes, share):
@@ -159,7 +220,8 @@ def _times(outcomes, share):
     ],
 )
 def test_a_planted_fault_is_found(planted, monkeypatch):
-    """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets smaller while they stay so."""
+    """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets
+    smaller while they stay so."""
     text = pilot.kernel_text
 
     def wrong(*given, **named):

@@ -1,4 +1,5 @@
-"""Groups of a suite side by side: the same lines in the same order as one after the other; what fails there fails here."""
+"""Groups of a suite side by side: the same lines in the same order as one after the other; what
+fails there fails here."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""Pins and their friction in written kernels: against the independent flight, and the balance of friction against closed forms."""
+"""Pins and their friction in written kernels: against the independent flight, and the balance of
+friction against closed forms."""
 
 import math
 
@@ -12,18 +13,30 @@ from sepmc.routines import friction
 from sepmc.routines.lanes import LANES
 from sepmc.trust import independent
 
-PINS = {"pins": 3, "circle_m": 0.3, "clock_deg": 25.0, "engaged_m": 0.2, "friction": 0.05, "slip_speed_m_s": 0.1}
+PINS = {
+    "pins": 3,
+    "circle_m": 0.3,
+    "clock_deg": 25.0,
+    "engaged_m": 0.2,
+    "friction": 0.05,
+    "slip_speed_m_s": 0.1,
+}
 RELEASE = {"joint": "pins", "stroke_mm": 50.0}
 
 
 def phases(*steps):
     """Phases of (joints, until); the last has no until."""
-    return [{"name": f"p{i}", "joints": joints} | ({"until": until} if until else {}) for i, (joints, until) in enumerate(steps)]
+    return [
+        {"name": f"p{i}", "joints": joints} | ({"until": until} if until else {})
+        for i, (joints, until) in enumerate(steps)
+    ]
 
 
 SCENES = {
     "locked, guided, free": {
-        "phase": phases(({"pins": "fixed"}, {"time_s": 0.1}), ({"pins": "slider"}, RELEASE), ({}, None)),
+        "phase": phases(
+            ({"pins": "fixed"}, {"time_s": 0.1}), ({"pins": "slider"}, RELEASE), ({}, None)
+        ),
         "output": {"guide": ["pins"], "loads": ["pins"]},
     },
     "pins that only hold two rotations": {
@@ -41,13 +54,19 @@ SCENES = {
         "initial.omega_rad_s": [0.0, 0.0, 0.0],
         "initial.speed_m_s": 0.0,
         "joint.hinge": {"bodies": ["aft", "fore"], "point_m": [1.5, 0.0, 0.0]},
-        "phase": phases(({"pins": "slider", "hinge": "spherical"}, RELEASE), ({"hinge": "spherical"}, None)),
+        "phase": phases(
+            ({"pins": "slider", "hinge": "spherical"}, RELEASE), ({"hinge": "spherical"}, None)
+        ),
         "output": {"guide": ["pins"]},
     },
     "two guides that load each other": {
         **MID,
         "joint.pins.bodies": ["fore", "mid"],
-        "joint.other": {"bodies": ["mid", "aft"], "point_m": [2.4, 0.3, 0.1], "guide": PINS | {"pins": 1, "friction": 0.08}},
+        "joint.other": {
+            "bodies": ["mid", "aft"],
+            "point_m": [2.4, 0.3, 0.1],
+            "guide": PINS | {"pins": 1, "friction": 0.08},
+        },
         "phase": phases(
             ({"pins": "slider", "other": "slider"}, {"joint": "other", "stroke_mm": 30.0}),
             ({"pins": "slider"}, {"time_s": 0.35}),
@@ -65,7 +84,9 @@ SCENES = {
             "delay_s": 0.06,
             "guide": PINS | {"pins": 2, "friction": 0.02},
         },
-        "phase": phases(({"pins": "slider", "other": "fixed"}, {"time_s": 0.1}), ({"other": "slider"}, None)),
+        "phase": phases(
+            ({"pins": "slider", "other": "fixed"}, {"time_s": 0.1}), ({"other": "slider"}, None)
+        ),
         "output": {"guide": ["other", "pins"]},
     },
 }
@@ -81,12 +102,23 @@ def test_as_the_independent_flight(pair, name):
 
 @pytest.mark.parametrize(("friction", "status"), [(0.05, "ok"), (0.5, "jammed")])
 def test_a_guide_that_jams(pair, friction, status):
-    """It slides, then a couple bends its short pins: much friction feeds itself, a little does not."""
+    """It slides, then a couple bends its short pins: much friction feeds itself, a little does
+    not."""
     settings = {
         "body.aft.cg_m": [3.0, 0.5, 0.0],
-        "joint.pins.guide": {"pins": 1, "engaged_m": 0.2, "friction": friction, "slip_speed_m_s": 0.05},
+        "joint.pins.guide": {
+            "pins": 1,
+            "engaged_m": 0.2,
+            "friction": friction,
+            "slip_speed_m_s": 0.05,
+        },
         "load": [
-            {"name": "push", "body": "aft", "force_N": [-8.0, 0.0, 0.0], "point_m": [3.0, 0.0, 0.0]},
+            {
+                "name": "push",
+                "body": "aft",
+                "force_N": [-8.0, 0.0, 0.0],
+                "point_m": [3.0, 0.0, 0.0],
+            },
             {"name": "bend", "body": "aft", "moment_N_m": [0.0, 0.0, 20.0], "start_s": 0.1},
         ],
         "phase": phases(({"pins": "slider"}, None)),
@@ -104,7 +136,8 @@ def settled(w, ends, out):
 
 
 def balance(guide_ends, shares, forces):
-    """Friction of guides by `friction.balance`; ``forces`` of each end are rows: y, z alone and by each guide's newton."""
+    """Friction of guides by `friction.balance`; ``forces`` of each end are rows: y, z alone and by
+    each guide's newton."""
     numbers = []
     for share, ends in zip(shares, forces, strict=True):
         numbers += [share, *np.ravel(ends)]
@@ -129,7 +162,8 @@ def test_balance_of_one_end_across():
 
 
 def test_balance_of_two_guides():
-    """Each load is its own plus half of the other's friction, in line and of one sign: two linear equations."""
+    """Each load is its own plus half of the other's friction, in line and of one sign: two linear
+    equations."""
     forces = [[[10.0, 0.0, 0.0, 0.0, 0.5, 0.0]], [[8.0, 0.0, 0.5, 0.0, 0.0, 0.0]]]
     found, friction = balance((1, 1), [-0.2, -0.3], forces)
     assert found
@@ -138,10 +172,14 @@ def test_balance_of_two_guides():
 
 @pytest.mark.parametrize("growth", [5.0, 5.5, 100.0])
 def test_friction_that_feeds_itself_jams(growth):
-    """Every newton of friction presses the pins by ``growth`` more, of which a fifth rubs: none is in balance from five on."""
+    """Every newton of friction presses the pins by ``growth`` more, of which a fifth rubs: none is
+    in balance from five on."""
     assert not balance((1,), [-0.2], [[[10.0, 0.0, -growth, 0.0]]])[0]
     assert balance((1,), [-0.2], [[[10.0, 0.0, -4.0, 0.0]]])[0]
 
 
 def test_nothing_pressed_nothing_rubs():
-    assert balance((2,), [-0.2], [[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0]]]) == (True, np.zeros(1))
+    assert balance((2,), [-0.2], [[[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 0.0]]]) == (
+        True,
+        np.zeros(1),
+    )

@@ -37,7 +37,10 @@ G = 9.80665
 
 def phases(*steps):
     """Phases p0, p1, ... of (kind of pins, until); the last has no until."""
-    return [{"name": f"p{i}", "joints": {"pins": kind}} | ({"until": until} if until else {}) for i, (kind, until) in enumerate(steps)]
+    return [
+        {"name": f"p{i}", "joints": {"pins": kind}} | ({"until": until} if until else {})
+        for i, (kind, until) in enumerate(steps)
+    ]
 
 
 def flown(campaign):
@@ -73,8 +76,11 @@ def test_against_a_single_run(name):
     history, found = campaign.simulate(case, step_s=0.05), fly(case.to_dict())
     assert found.status == history.attrs["status"]
     for column, value in found.outcomes.items():
-        if not column.endswith("_time_s") or "_peak_" not in column:  # of a load that stands all but still any time is the peak's
-            assert_allclose(value, history.attrs["outcomes"][column], rtol=1e-8, atol=1e-9, err_msg=column)
+        # of a load that stands all but still any time is the peak's
+        if not column.endswith("_time_s") or "_peak_" not in column:
+            assert_allclose(
+                value, history.attrs["outcomes"][column], rtol=1e-8, atol=1e-9, err_msg=column
+            )
 
 
 def test_stroke_of_a_pushed_body(pair):
@@ -87,7 +93,8 @@ def test_stroke_of_a_pushed_body(pair):
 
 
 def test_late_joint(pair):
-    """The phase ends at 0.1 s and the joint lets go 0.05 s later; the next phase's stroke of 10 mm is awaited meanwhile."""
+    """The phase ends at 0.1 s and the joint lets go 0.05 s later; the next phase's stroke of 10 mm
+    is awaited meanwhile."""
     settings = {"motor": [RETRO], "joint.pins.delay_s": 0.05}
     steps = (
         ("slider", {"time_s": 0.1}),
@@ -108,7 +115,11 @@ def test_conditions_already_met(pair):
         ("point-on-line", {"joint": "pins", "stroke_mm": 0.0}),
         ("free", None),
     )
-    case = pair({"phase": phases(("fixed", {"time_s": 0.2}), ("slider", {"time_s": 0.3}), *steps[2:])}).nominal().to_dict()
+    case = (
+        pair({"phase": phases(("fixed", {"time_s": 0.2}), ("slider", {"time_s": 0.3}), *steps[2:])})
+        .nominal()
+        .to_dict()
+    )
     case["phase"][1]["until"]["time"] = 0.1
     assert fly(case).outcomes["release_time_s"] == 0.2
 
@@ -128,26 +139,32 @@ def test_any_and_all(pair, any_or_all, expected):
 
 
 def test_height_from_above_and_below(pair):
-    """Thrown up at 10 m/s: the first body passes 1 m above its start on the way up, and half a metre on the way down."""
+    """Thrown up at 10 m/s: the first body passes 1 m above its start on the way up, and half a
+    metre on the way down."""
     up, down = ({"body": "fore", "altitude_m": height} for height in (1001.0, 1000.5))
     settings = UP | {
         "phase": phases(("slider", up), ("point-on-line", down), ("free", None)),
         "run.end_time_s": 3.0,
     }
     _, events = flown(pair(settings))
-    times = [(10.0 + sign * math.sqrt(100.0 - 2.0 * G * rise)) / G for sign, rise in ((-1.0, 1.0), (1.0, 0.5))]
+    times = [
+        (10.0 + sign * math.sqrt(100.0 - 2.0 * G * rise)) / G
+        for sign, rise in ((-1.0, 1.0), (1.0, 0.5))
+    ]
     assert_allclose([time for time, what in events if "ended" in what], times, rtol=0, atol=1e-12)
 
 
 def test_break_load(pair):
-    """2 N (1 - exp(-t / 0.1)) along a locked pair of 3 kg and 1 kg: the joint carries three quarters."""
+    """2 N (1 - exp(-t / 0.1)) along a locked pair of 3 kg and 1 kg: the joint carries three
+    quarters."""
     steps = ("fixed", {"joint": "pins", "force_N": 1.2}), ("free", None)
     time = released(pair, {"motor": [RETRO | {"build_up_s": 0.1}], "phase": phases(*steps)})
     assert_allclose(time, -0.1 * math.log(1.0 - 1.2 / 1.5), rtol=0, atol=1e-12)
 
 
 def test_thrust_from_ignition_to_tail_off(pair):
-    """Speed gained: the integral of build-up times profile over the burn, then of the tail, over 1 kg."""
+    """Speed gained: the integral of build-up times profile over the burn, then of the tail, over 1
+    kg."""
     profile = {"time_s": [0.0, 0.1, 0.3], "fraction": [0.2, 1.0, 0.5]}
     motor = RETRO | {
         "build_up_s": 0.04,
@@ -162,26 +179,32 @@ def test_thrust_from_ignition_to_tail_off(pair):
     def thrust(t):
         return 2.0 * -math.expm1(-t / 0.04) * np.interp(t, profile["time_s"], profile["fraction"])
 
-    burnt = quad(thrust, 0.0, 0.2, points=[0.1], epsabs=1e-14)[0] + thrust(0.2) * 0.05 * -math.expm1(-0.25 / 0.05)
+    burnt = quad(thrust, 0.0, 0.2, points=[0.1], epsabs=1e-14)[0] + thrust(
+        0.2
+    ) * 0.05 * -math.expm1(-0.25 / 0.05)
     assert_allclose(found["separation_speed_m_s"], burnt, rtol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [None, [-1.0, 0.0, 0.0]])
 def test_spring_to_its_stroke(pair, axis):
-    """24 N less 100 N/m over 0.2 m, between 3 kg and 1 kg: energy 24 x 0.2 - 50 x 0.04 = 2.8 J; speed sqrt(2 E / 0.75 kg)."""
+    """24 N less 100 N/m over 0.2 m, between 3 kg and 1 kg: energy 24 x 0.2 - 50 x 0.04 = 2.8 J;
+    speed sqrt(2 E / 0.75 kg)."""
     spring = {
         "name": "push",
         "bodies": ["fore", "aft"],
         "point_m": [2.0, 0.0, 0.0],
         "second_point_m": [2.3, 0.0, 0.0],
     }
-    spring |= {"force_N": 24.0, "stiffness_N_per_m": 100.0, "stroke_mm": 200.0} | ({"axis": axis} if axis else {})
+    spring |= {"force_N": 24.0, "stiffness_N_per_m": 100.0, "stroke_mm": 200.0} | (
+        {"axis": axis} if axis else {}
+    )
     found, _ = flown(pair({"spring": [spring], "phase": phases(("slider", None))}))
     assert_allclose(found["separation_speed_m_s"], math.sqrt(2.0 * 2.8 / 0.75), rtol=1e-12)
 
 
 def test_load_from_start_to_end(pair):
-    """3 N in ground axes across a body of 1 kg that pitches at 1 rad/s, for 0.2 s: 0.6 m/s upward whatever its attitude."""
+    """3 N in ground axes across a body of 1 kg that pitches at 1 rad/s, for 0.2 s: 0.6 m/s upward
+    whatever its attitude."""
     load = {
         "name": "side",
         "body": "aft",
@@ -195,12 +218,15 @@ def test_load_from_start_to_end(pair):
     still, _ = flown(pair(turning | {"phase": phases(("free", None))}))
     alpha = math.radians(found["aft_pitch_deg"] - found["aft_alpha_deg"])
     before = math.radians(still["aft_pitch_deg"] - still["aft_alpha_deg"])
-    # the aft mass centre moves down at 1.5 m/s beside 1 m/s ahead, as it turns about a point 1.5 m before it
+    # the aft mass centre moves down at 1.5 m/s beside 1 m/s ahead, as it turns about a point 1.5 m
+    # before it
     assert_allclose(math.tan(alpha) - math.tan(before), 0.6, rtol=1e-11)
 
 
 def test_turns_are_counted(pair):
-    found, _ = flown(pair({"initial.omega_deg_s": [0.0, 0.0, 1000.0], "phase": phases(("fixed", None))}))
+    found, _ = flown(
+        pair({"initial.omega_deg_s": [0.0, 0.0, 1000.0], "phase": phases(("fixed", None))})
+    )
     assert_allclose([found["fore_pitch_deg"], found["aft_pitch_deg"]], 500.0, rtol=1e-12)
 
 
@@ -277,9 +303,12 @@ KINDS = [
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_rates_are_those_of_the_constraints(kind):
-    """C' against differences of C, the bias against differences of C', for two bodies in any motion."""
+    """C' against differences of C, the bias against differences of C', for two bodies in any
+    motion."""
     scene = copy.deepcopy(_ANY) | {"phase": [{"name": "only", "joints": {"pin": kind}}]}
-    scene["joint"]["pin"]["second_point_m"] = [2.4, 0.3, -0.2] if kind == "rod" else scene["joint"]["pin"]["point_m"]
+    scene["joint"]["pin"]["second_point_m"] = (
+        [2.4, 0.3, -0.2] if kind == "rod" else scene["joint"]["pin"]["point_m"]
+    )
     case = parse_campaign(scene, "any").scene
     flight = _flight(case)
     rng = np.random.default_rng(1)
@@ -296,16 +325,23 @@ def test_rates_are_those_of_the_constraints(kind):
             moved[b, 6:10] = _turned(moved[b, 6:10], s.w[b], h)
         return flight.state(0.0, moved.ravel())
 
-    rates = [constraints.rates(s.x, s.r, s.v[:, :, None], s.w[:, :, None])[:, 0] for s in (at(-step), at(0.0), at(step))]
+    rates = [
+        constraints.rates(s.x, s.r, s.v[:, :, None], s.w[:, :, None])[:, 0]
+        for s in (at(-step), at(0.0), at(step))
+    ]
     values = [constraints.values(at(h)) for h in (-step, step)]
     assert_allclose(rates[1], (values[1] - values[0]) / (2.0 * step), rtol=0, atol=1e-8)
-    assert_allclose(constraints.at(at(0.0)).bias, (rates[2] - rates[0]) / (2.0 * step), rtol=0, atol=1e-8)
+    assert_allclose(
+        constraints.at(at(0.0)).bias, (rates[2] - rates[0]) / (2.0 * step), rtol=0, atol=1e-8
+    )
 
 
 def _turned(q, w, h):
     half = 0.5 * h * np.linalg.norm(w)
     p = np.array([math.cos(half), *(math.sin(half) * w / np.linalg.norm(w))])
-    return np.array([q[0] * p[0] - q[1:] @ p[1:], *(q[0] * p[1:] + p[0] * q[1:] + np.cross(q[1:], p[1:]))])
+    return np.array(
+        [q[0] * p[0] - q[1:] @ p[1:], *(q[0] * p[1:] + p[0] * q[1:] + np.cross(q[1:], p[1:]))]
+    )
 
 
 def _flight(scene):
@@ -349,6 +385,10 @@ end_time_s = 1.0
 
 def test_roots_between_samples():
     """A touch between two looks is found, a miss is not, and the first of several counts."""
-    assert_allclose(first_root(lambda t: 1e-6 - (t - 0.4321) ** 2, 0.0, 1.0), 0.4311, rtol=0, atol=1e-9)
+    assert_allclose(
+        first_root(lambda t: 1e-6 - (t - 0.4321) ** 2, 0.0, 1.0), 0.4311, rtol=0, atol=1e-9
+    )
     assert first_root(lambda t: -1e-6 - (t - 0.4321) ** 2, 0.0, 1.0) is None
-    assert_allclose(first_root(lambda t: math.sin(9.0 * t - 1.0), 0.0, 1.0), 1.0 / 9.0, rtol=0, atol=1e-14)
+    assert_allclose(
+        first_root(lambda t: math.sin(9.0 * t - 1.0), 0.0, 1.0), 1.0 / 9.0, rtol=0, atol=1e-14
+    )

@@ -1,4 +1,5 @@
-"""Kernels as plain Python: Python's numbers, which do where they divide, round and take roots what compiled code does."""
+"""Kernels as plain Python: Python's numbers, which do where they divide, round and take roots what
+compiled code does."""
 
 import itertools
 import math
@@ -46,12 +47,16 @@ def plain():
 
 @pytest.mark.parametrize("name", ["over", "within", "power", "root"])
 def test_numbers_without_an_answer(plain, name):
-    """As numpy's, bit for bit, signs of zeros and infinities among them; and Python's own numbers."""
+    """As numpy's, bit for bit, signs of zeros and infinities among them; and Python's own
+    numbers."""
     numpy_s = {}
     exec(compile(TEXT.replace("math.sqrt", "np.sqrt"), "numpy's", "exec"), numpy_s)
     with np.errstate(all="ignore"):
         for a, b in itertools.product(NUMBERS, NUMBERS):
-            found, expected = getattr(plain, name)(a, b), numpy_s[name](np.float64(a), np.float64(b))
+            found, expected = (
+                getattr(plain, name)(a, b),
+                numpy_s[name](np.float64(a), np.float64(b)),
+            )
             assert type(found) is float
             assert_array_equal(found, expected, err_msg=f"{name}({a}, {b})")
             assert math.copysign(1.0, found) == math.copysign(1.0, expected) or math.isnan(found)
@@ -60,7 +65,8 @@ def test_numbers_without_an_answer(plain, name):
 @pytest.mark.parametrize("n", [2, 24])
 @pytest.mark.parametrize("spoilt", ["", "rows alike", "zero row", "NaN", "last NaN"])
 def test_lu_by_rows_gives_the_same_bits(plain, n, spoilt):
-    """As the routine of the kernels, number by number; half of the numbers are zero, so that rows change places."""
+    """As the routine of the kernels, number by number; half of the numbers are zero, so that rows
+    change places."""
     random = np.random.default_rng(7)
     for _ in range(20):
         matrix = random.normal(size=(n, n)) * (random.random((n, n)) < 0.5) + np.eye(n)
@@ -81,15 +87,24 @@ def test_lu_by_rows_gives_the_same_bits(plain, n, spoilt):
 def test_the_compiled_formulas_stay_as_they_are(plain):
     """The second copies are modules of their own, with lines where the files have them."""
     assert plain.vec3 is not vec3
-    assert plain.vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) == 32.0
+    assert (
+        plain.vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+        == vec3.dot((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+        == 32.0
+    )
     assert plain.vec3.dot.__code__.co_firstlineno == vec3.dot.py_func.__code__.co_firstlineno
-    assert plain.elementary.sine_cosine(0.3) == pytest.approx((math.sin(0.3), math.cos(0.3)), abs=1e-15)
+    assert plain.elementary.sine_cosine(0.3) == pytest.approx(
+        (math.sin(0.3), math.cos(0.3)), abs=1e-15
+    )
     assert type(plain.elementary.sine_cosine(0.3)[0]) is float
 
 
-@pytest.mark.parametrize("name", ["table2.toml", str(Path(__file__).parent / "everything.toml"), "hyper-x.toml"])
+@pytest.mark.parametrize(
+    "name", ["table2.toml", str(Path(__file__).parent / "everything.toml"), "hyper-x.toml"]
+)
 def test_a_flight_is_in_pythons_numbers(name):
-    """No number of the workspace is one of numpy's, which would make all that follows from it slow."""
+    """No number of the workspace is one of numpy's, which would make all that follows from it
+    slow."""
     campaign = sepmc.load(name)
     kernel = interpreted.load(pilot.kernel_text(campaign))
     kept, one = [], kernel.plain.fly_block
@@ -99,7 +114,10 @@ def test_a_flight_is_in_pythons_numbers(name):
         kept.extend(w)
 
     kernel.plain.fly_block = fly_block
-    steps, usual = np.full(kernel.stages, 2), np.full(kernel.stages, campaign.scene.run.end_time / 3.0)
+    steps, usual = (
+        np.full(kernel.stages, 2),
+        np.full(kernel.stages, campaign.scene.run.end_time / 3.0),
+    )
     fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, pilot.sample(campaign, 1))
     kernel.plain.fly_block = one
     assert {type(x) for x in kept} == {float}

@@ -1,4 +1,5 @@
-"""Kernels written for one scene: they fly what the independent flight flies, to the accuracy asked for, and say so where they cannot."""
+"""Kernels written for one scene: they fly what the independent flight flies, to the accuracy asked
+for, and say so where they cannot."""
 
 import dataclasses
 import json
@@ -31,22 +32,39 @@ from sepmc.trust import lagrange
 from sepmc.trust.independent import fly
 
 LOADS = ("N", "N m", "N s", "N m s")  # what joints carry
-COUNT, FEW = 40, 4  # cases flown, five blocks of lanes; those that are flown independently, each some seconds
+# cases flown, five blocks of lanes; those that are flown independently, each some seconds
+COUNT, FEW = 40, 4
 QUIET = {"run.history_step_s": 0.0}
-SHIPPED = ("table1", "table2", "nasa-fixed-joint", "spring-pushers", "residual-thrust", "srb", "hyper-x", "missile-rail")
+SHIPPED = (
+    "table1",
+    "table2",
+    "nasa-fixed-joint",
+    "spring-pushers",
+    "residual-thrust",
+    "srb",
+    "hyper-x",
+    "missile-rail",
+)
 
 
 def shipped(name, settings=None):
     """A shipped campaign without histories and without a fixed step."""
     campaign = sepmc.load(name)
     tree = dict(campaign.file.tree)
-    tree["solver"] = {key: value for key, value in tree.get("solver", {}).items() if key != "step_s"}
+    tree["solver"] = {
+        key: value for key, value in tree.get("solver", {}).items() if key != "step_s"
+    }
     return Campaign(parse_campaign(tree, name, QUIET | (settings or {})))
 
 
 def draws(campaign, count=COUNT, seed=None):
     """Draws in SI, (count, d)."""
-    return cases.draw(campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count) * campaign.factors
+    return (
+        cases.draw(
+            campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count
+        )
+        * campaign.factors
+    )
 
 
 def outcomes(campaign, block, sound=slice(None)):
@@ -55,14 +73,25 @@ def outcomes(campaign, block, sound=slice(None)):
 
 def special(campaign, flight, drawn, steps=None):
     """A block of the kernel alone, status -1 where it cannot vouch for a case."""
-    return fly_cases(flight.kernel, campaign.plan, flight.steps if steps is None else steps, flight.usual, campaign.slots, drawn)[0]
+    return fly_cases(
+        flight.kernel,
+        campaign.plan,
+        flight.steps if steps is None else steps,
+        flight.usual,
+        campaign.slots,
+        drawn,
+    )[0]
 
 
 def difference(campaign, found, expected):
-    """Largest relative difference; of one that is zero but for round-off (a joint that holds), over the largest of that unit. Times and
-    places of extremes are left out: they are as uncertain as the extreme is flat. Impulses are quadratures, good to 1e-9: their
-    differences count a hundredth."""
-    decides, loads = decisive(campaign.outcome_columns), [column.unit in LOADS for column in campaign.outcome_columns]
+    """Largest relative difference; of one that is zero but for round-off (a joint that holds), over
+    the largest of that unit. Times and places of extremes are left out: they are as uncertain as
+    the extreme is flat. Impulses are quadratures, good to 1e-9: their differences count a
+    hundredth."""
+    decides, loads = (
+        decisive(campaign.outcome_columns),
+        [column.unit in LOADS for column in campaign.outcome_columns],
+    )
     units = [column.unit for column in campaign.outcome_columns]
     errors = pilot.relative_error(found, expected, units)
     sizes = np.abs(np.where(np.isnan(expected), 0.0, expected)).max(axis=0, initial=0.0)
@@ -77,16 +106,21 @@ def difference(campaign, found, expected):
 
 
 def agree(campaign, most=1e-9):
-    """At four times the steps, and by independent flights; returns how many cases the kernel does not vouch for."""
+    """At four times the steps, and by independent flights; returns how many cases the kernel does
+    not vouch for."""
     flight = pilot.plan_flight(campaign)
     assert flight.achieved.met
     drawn = draws(campaign)
-    failing = [i for i, d in enumerate(campaign.file.dispersions) if d.parameter.path.endswith(".fails")]
+    failing = [
+        i for i, d in enumerate(campaign.file.dispersions) if d.parameter.path.endswith(".fails")
+    ]
     fast = special(campaign, flight, drawn, 4 * flight.steps)
     statuses, expected = by_independent_flights(campaign, FEW)
     told = fast.status[:FEW] >= 0
     assert told.sum() >= FEW - len(failing)
-    assert_array_equal([Status(int(one)).label for one in fast.status[:FEW][told]], np.array(statuses)[told])
+    assert_array_equal(
+        [Status(int(one)).label for one in fast.status[:FEW][told]], np.array(statuses)[told]
+    )
     sound = np.flatnonzero(fast.status[:FEW] == 0)
     assert difference(campaign, outcomes(campaign, fast, sound), expected[sound]) <= most
     return int(np.count_nonzero(fast.status))
@@ -103,11 +137,14 @@ def flight(quiet):
     return pilot.plan_flight(quiet)
 
 
-# -- agreement --------------------------------------------------------------------------------------------------------------------
+# -- agreement
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["table1", "table2", "nasa-fixed-joint", "spring-pushers", "residual-thrust"])
+@pytest.mark.parametrize(
+    "name", ["table1", "table2", "nasa-fixed-joint", "spring-pushers", "residual-thrust"]
+)
 def test_shipped_campaigns_agree(name):
     """With independent flights: 1e-9 of every outcome's size or scatter."""
     assert agree(shipped(name)) == 0
@@ -116,11 +153,16 @@ def test_shipped_campaigns_agree(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "steps", "most"),
-    [("missile-rail", [4, 60, 20, 10], 1e-9), ("hyper-x", [6, 20, 4, 200], 3e-9), ("srb", [4, 3, 8], 1e-9)],
+    [
+        ("missile-rail", [4, 60, 20, 10], 1e-9),
+        ("hyper-x", [6, 20, 4, 200], 3e-9),
+        ("srb", [4, 3, 8], 1e-9),
+    ],
 )
 def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
-    """One case by the kernel written for each, interpreted, against an independent flight: phases that a load ends, joints that are late
-    one by one, tables over Mach number and angles, increments over a distance, clearances."""
+    """One case by the kernel written for each, interpreted, against an independent flight: phases
+    that a load ends, joints that are late one by one, tables over Mach number and angles,
+    increments over a distance, clearances."""
     campaign = shipped(name, {"clearance": [], "run.end_time_s": 0.5} if name == "srb" else {})
     drawn = draws(campaign, 1)
     (status,), expected = by_independent_flights(campaign, 1)
@@ -128,7 +170,8 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
         kernel = load_kernel(pilot.kernel_text(campaign))
     assert len(pilot.stage_names(campaign)) == kernel.stages
     steps, usual = np.array(steps), np.full(kernel.stages, np.inf)
-    for _ in range(2 if name == "missile-rail" else 1):  # how long it is latched sets the length of the steps until then
+    # how long it is latched sets the length of the steps until then
+    for _ in range(2 if name == "missile-rail" else 1):
         fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.diff(ends[:, 0], prepend=0.0)
     assert (status, fast.status[0]) == ("ok", 0)
@@ -163,15 +206,20 @@ def test_small_scenes_are_flown_whole(name):
 
 @pytest.mark.slow
 def test_table2_against_the_oracle(quiet):
-    """50 cases by Lagrange's equations and scipy: every outcome to 1e-8, at the default accuracy of 1e-9."""
+    """50 cases by Lagrange's equations and scipy: every outcome to 1e-8, at the default accuracy of
+    1e-9."""
     result = quiet.run(cases=50)
     expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(50)]
     names = [column.name for column in quiet.outcome_columns]
     found = np.array([result.table[name] for name in names]).T
-    assert difference(quiet, found, np.array([[case[name] for name in names] for case in expected])) <= 1e-8
+    assert (
+        difference(quiet, found, np.array([[case[name] for name in names] for case in expected]))
+        <= 1e-8
+    )
 
 
-# -- accuracy ---------------------------------------------------------------------------------------------------------------------
+# -- accuracy
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -180,7 +228,8 @@ def test_table2_against_the_oracle(quiet):
     [("dop853", (1e-3, 1e-6, 1e-9, 1e-11)), ("dopri5", (1e-3, 1e-6)), ("rk4", (1e-3, 1e-6))],
 )
 def test_accuracy_is_kept(quiet, flight, name, accuracies):
-    """500 cases, none of them the pilot's, against many steps of the method of order 8; coarser accuracy takes fewer steps."""
+    """500 cases, none of them the pilot's, against many steps of the method of order 8; coarser
+    accuracy takes fewer steps."""
     drawn = draws(quiet, 500, seed=77)
     fine = special(quiet, flight, drawn, np.array([4, 24, 16]))
     finer = special(quiet, flight, drawn, np.array([8, 36, 24]))
@@ -189,7 +238,9 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
     for accuracy in accuracies:
         campaign = quiet.with_settings({"solver.accuracy": accuracy, "solver.method": name})
         found = pilot.plan_flight(campaign)
-        error = difference(quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer))
+        error = difference(
+            quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer)
+        )
         print(f"{name} at {accuracy}: steps {found.steps}, the pilot found {found.error:.1e}")
         assert error <= accuracy
         steps.append(int(found.steps.sum()))
@@ -197,14 +248,20 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "counts"), [("rk4", (8, 16, 32)), ("dopri5", (8, 16, 32)), ("dop853", (6, 9, 13))])
+@pytest.mark.parametrize(
+    ("name", "counts"), [("rk4", (8, 16, 32)), ("dopri5", (8, 16, 32)), ("dop853", (6, 9, 13))]
+)
 def test_order_of_the_lanes(quiet, flight, name, counts):
-    """A whole flight of table 2, twenty times faster turning, in so many steps a phase: the slope is the method's order, less 0.4."""
+    """A whole flight of table 2, twenty times faster turning, in so many steps a phase: the slope
+    is the method's order, less 0.4."""
     assert set(METHODS) == {"rk4", "dopri5", "dop853"}
     campaign = quiet.with_settings({"solver.method": name, "solver.accuracy": 1e-3})
     kernel = pilot.plan_flight(campaign).kernel
     drawn = draws(campaign, 16)
-    places = [[d.parameter.path for d in campaign.file.dispersions].index(f"initial.omega.{axis}") for axis in "xy"]
+    places = [
+        [d.parameter.path for d in campaign.file.dispersions].index(f"initial.omega.{axis}")
+        for axis in "xy"
+    ]
     drawn[:, places] *= 20.0  # up to 100 deg/s
     energy = [column.name for column in campaign.result_columns].index("energy_residual")
 
@@ -212,7 +269,8 @@ def test_order_of_the_lanes(quiet, flight, name, counts):
         steps = np.full(3, n, dtype=np.int64)
         block, _ = fly_cases(kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn)
         lost = block.outcomes[:, energy]
-        assert_array_equal(block.status == 0, lost <= schema.AUDIT_BOUNDS["energy_residual"])  # few steps lose more than a row may
+        # few steps lose more than a row may
+        assert_array_equal(block.status == 0, lost <= schema.AUDIT_BOUNDS["energy_residual"])
         return outcomes(campaign, block)
 
     reference = flown(flight.kernel, 64)
@@ -223,7 +281,8 @@ def test_order_of_the_lanes(quiet, flight, name, counts):
     assert order >= method(name).order - 0.4
 
 
-# -- same bits --------------------------------------------------------------------------------------------------------------------
+# -- same bits
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +295,9 @@ def sample(quiet):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_same_bits_however_the_work_is_split(quiet, sample, threads, chunk):
     count = 24 if chunk == 1 else 300
-    found = quiet.with_settings({"run.history_step_s": 0.02, "run.chunk": chunk}).run(cases=count, threads=min(threads, max_threads()))
+    found = quiet.with_settings({"run.history_step_s": 0.02, "run.chunk": chunk}).run(
+        cases=count, threads=min(threads, max_threads())
+    )
     for name, values in sample.table.items():
         assert_array_equal(found.table[name], values[:count], err_msg=name)
     mine, all_of_it = found.histories(), sample.histories()
@@ -254,7 +315,11 @@ def test_same_bits_in_any_lane(quiet, flight):
     """Alone, in reverse, shuffled, shifted by one lane."""
     drawn = draws(quiet, 100)
     base = special(quiet, flight, drawn)
-    for order in (np.arange(100)[::-1], np.random.default_rng(5).permutation(100), np.roll(np.arange(100), 1)):
+    for order in (
+        np.arange(100)[::-1],
+        np.random.default_rng(5).permutation(100),
+        np.roll(np.arange(100), 1),
+    ):
         found = special(quiet, flight, drawn[order])
         assert_array_equal(found.outcomes, base.outcomes[order])
         assert_array_equal(found.status, base.status[order])
@@ -265,7 +330,8 @@ def test_same_bits_in_any_lane(quiet, flight):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_same_bits_where_lanes_are_through_at_different_times(name):
-    """Scenes with switches, strokes and late joints within their phases, alone, in reverse and shuffled."""
+    """Scenes with switches, strokes and late joints within their phases, alone, in reverse and
+    shuffled."""
     campaign = with_all_loads(scene(name))
     flight, drawn = pilot.plan_flight(campaign), draws(campaign, 5 * LANES)
     assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
@@ -275,7 +341,9 @@ def test_same_bits_where_lanes_are_through_at_different_times(name):
         assert_array_equal(found.outcomes, base.outcomes[order])
         assert_array_equal(found.guards, base.guards[order])
     for i in (0, LANES, len(drawn) - 1):
-        assert_array_equal(special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i])
+        assert_array_equal(
+            special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i]
+        )
 
 
 @pytest.mark.slow
@@ -310,22 +378,33 @@ def test_same_bits_beside_a_lost_case(quiet, flight):
     assert_array_equal(found.outcomes[rest], base.outcomes[rest])
 
 
-# -- cases it cannot vouch for ----------------------------------------------------------------------------------------------------
+# -- cases it cannot vouch for
+# --------------------------------------------------------------------------------------------------
 
 
 def flown_independently(campaign, drawn, numbers):
-    """Statuses (n,) and outcomes (n, o), SI, of some of the draws (n, d), SI, each by an independent flight."""
+    """Statuses (n,) and outcomes (n, o), SI, of some of the draws (n, d), SI, each by an
+    independent flight."""
     laws = campaign.file.dispersions
     flown = []
     for number in numbers:
         values = {law.parameter.path: float(x) for law, x in zip(laws, drawn[number], strict=True)}
-        flown.append(fly(dataclasses.replace(campaign.nominal(), scene=parameters.replace(campaign.nominal().scene, values)).to_dict()))
+        flown.append(
+            fly(
+                dataclasses.replace(
+                    campaign.nominal(), scene=parameters.replace(campaign.nominal().scene, values)
+                ).to_dict()
+            )
+        )
     columns = campaign.outcome_columns
-    return [one.status for one in flown], np.array([[one.outcomes.get(c.name, np.nan) / c.scale for c in columns] for one in flown])
+    return [one.status for one in flown], np.array(
+        [[one.outcomes.get(c.name, np.nan) / c.scale for c in columns] for one in flown]
+    )
 
 
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
-    """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the statuses of all."""
+    """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the
+    statuses of all."""
     found = pilot.fly(campaign, pilot.plan_flight(campaign), drawn)
     numbers = np.array(numbers)
     statuses, expected = flown_independently(campaign, drawn, numbers)
@@ -360,7 +439,8 @@ def test_beyond_the_atmosphere(quiet):
     drawn = draws(quiet, 40)
     height = [d.parameter.path for d in quiet.file.dispersions].index("initial.altitude")
     drawn[[3, 17], height] = 86_010.0, -5.0
-    drawn[[5, 30], height] = 85_999.0, 71_802.0  # leaves it; crosses the edge of a layer, 71 km', on the way
+    # leaves it; crosses the edge of a layer, 71 km', on the way
+    drawn[[5, 30], height] = 85_999.0, 71_802.0
     status = compare_statuses(quiet, drawn, [0, 3, 5, 17, 30])
     assert (status[[3, 17]] == Status.OUTSIDE_ATMOSPHERE).all()
     assert status[30] == Status.OK
@@ -369,13 +449,26 @@ def test_beyond_the_atmosphere(quiet):
 def test_across_an_edge_of_the_air(quiet):
     """Flights from one layer of the standard into the next end a step there."""
     edge = 6_356_766.0 * 71e3 / (6_356_766.0 - 71e3)
-    steep = quiet.with_settings({"initial.pitch_deg": 40.0, "initial.alpha_deg": 0.0, "initial.altitude_m": edge - 500.0, "dispersion": {}})
-    campaign = steep.with_settings({"dispersion.initial.altitude_m": {"uniform": 3000.0}, "dispersion.initial.roll_deg": {"uniform": 3.0}})
+    steep = quiet.with_settings(
+        {
+            "initial.pitch_deg": 40.0,
+            "initial.alpha_deg": 0.0,
+            "initial.altitude_m": edge - 500.0,
+            "dispersion": {},
+        }
+    )
+    campaign = steep.with_settings(
+        {
+            "dispersion.initial.altitude_m": {"uniform": 3000.0},
+            "dispersion.initial.roll_deg": {"uniform": 3.0},
+        }
+    )
     flight = pilot.plan_flight(campaign)
     drawn = draws(campaign, 64)
     alone = special(campaign, flight, drawn)
     crossing = (drawn[:, 0] < edge) & (drawn[:, 0] > edge - 2000.0)
-    assert (alone.status[crossing] == 0).mean() > 0.5  # others fly 500 m in a step, as some beside the edge do
+    # others fly 500 m in a step, as some beside the edge do
+    assert (alone.status[crossing] == 0).mean() > 0.5
     assert (alone.status[~crossing & (np.abs(drawn[:, 0] - edge) > 2500.0)] == 0).all()
     compare_statuses(campaign, drawn, np.flatnonzero(crossing)[:4])
 
@@ -400,7 +493,8 @@ def test_never_released_in_most_cases(quiet):
 
 
 def test_a_stroke_of_nothing(quiet):
-    """Released as the guided phase begins, not when it would have ended otherwise: an event that is met before it can be foretold."""
+    """Released as the guided phase begins, not when it would have ended otherwise: an event that is
+    met before it can be foretold."""
     campaign = quiet.with_settings({"phase.guided.until.stroke_mm": 0.0})
     table = campaign.run(cases=100).table
     assert set(table["status"]) == {"ok"}
@@ -410,20 +504,30 @@ def test_a_stroke_of_nothing(quiet):
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [500.0, 30.0, 41.0])
 def test_an_event_that_is_over_as_its_phase_begins(distance):
-    """The upper joint, released at 40 mm of stroke, some 45 mm away by then: a phase until less of it is over at once, never earlier."""
+    """The upper joint, released at 40 mm of stroke, some 45 mm away by then: a phase until less of
+    it is over at once, never earlier."""
     phases = [dict(phase) for phase in scene("stack").file.tree["phase"]]
     phases[2]["until"] = {"joint": "upper", "distance_mm": distance}
-    campaign = scene("stack", {"phase": phases, "dispersion": {"body.top.mass_kg": {"uniform": 5.0}}})
+    campaign = scene(
+        "stack", {"phase": phases, "dispersion": {"body.top.mass_kg": {"uniform": 5.0}}}
+    )
     compare_statuses(campaign, draws(campaign, 24), range(3))
 
 
 @pytest.mark.slow
 def test_a_stroke_just_missed(pair):
-    """A spring that would be spent 1 to 10 um beyond where it turns back: x = (1 - cos(w t)) / 2, to the end.
+    """A spring that would be spent 1 to 10 um beyond where it turns back: x = (1 - cos(w t)) / 2,
+    to the end.
 
-    The stroke is foretold until the springs turn; the way that is then left to the end is no short one.
+    The stroke is foretold until the springs turn; the way that is then left to the end is no short
+    one.
     """
-    spring = {"name": "s", "bodies": ["aft", "fore"], "point_m": [2.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0]}
+    spring = {
+        "name": "s",
+        "bodies": ["aft", "fore"],
+        "point_m": [2.0, 0.0, 0.0],
+        "axis": [1.0, 0.0, 0.0],
+    }
     settings = {
         "spring": [spring | {"force_N": 1000.0, "stiffness_N_per_m": 2000.0, "stroke_m": 1.0}],
         "phase": [
@@ -441,25 +545,37 @@ def test_a_stroke_just_missed(pair):
     found = pilot.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
-    distance = outcomes(campaign, found, found.status == Status.OK)[:, names.index("separation_distance_mm")]
+    distance = outcomes(campaign, found, found.status == Status.OK)[
+        :, names.index("separation_distance_mm")
+    ]
     assert len(distance) == 24
-    assert_allclose(np.abs(distance), 0.5 * (1.0 - np.cos(turn)), rtol=3.0 * campaign.scene.solver.accuracy)
+    assert_allclose(
+        np.abs(distance), 0.5 * (1.0 - np.cos(turn)), rtol=3.0 * campaign.scene.solver.accuracy
+    )
 
 
 def test_an_event_touched_but_not_crossed(quiet):
-    """Strokes of all lengths under a weak motor: most phases last far longer than the trial cases say. Released where the independent
-    flight says."""
-    campaign = shipped("table2", {"motor.retro.thrust_N": 150.0, "phase.guided.until.stroke_mm": 5.0})
-    campaign = campaign.with_settings({"dispersion": {"phase.guided.until.stroke_mm": {"uniform": [0.01, 12.0]}}})
+    """Strokes of all lengths under a weak motor: most phases last far longer than the trial cases
+    say. Released where the independent flight says."""
+    campaign = shipped(
+        "table2", {"motor.retro.thrust_N": 150.0, "phase.guided.until.stroke_mm": 5.0}
+    )
+    campaign = campaign.with_settings(
+        {"dispersion": {"phase.guided.until.stroke_mm": {"uniform": [0.01, 12.0]}}}
+    )
     drawn = draws(campaign, 64)
     grazing = np.argsort(drawn[:, 0])[24:40:2]
     assert (compare_statuses(campaign, drawn, grazing, most=1e-8) == Status.OK).all()
 
 
-@pytest.mark.parametrize(("stroke", "release", "missed"), [(4.26, 0.8521001, False), (4.26478, 0.8766800, True), (4.2652, 2.8127990, True)])
+@pytest.mark.parametrize(
+    ("stroke", "release", "missed"),
+    [(4.26, 0.8521001, False), (4.26478, 0.8766800, True), (4.2652, 2.8127990, True)],
+)
 def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
-    """A slide that turns back 4.264980 m out and is pushed on later. Long steps may jump over a stroke just short of that: such a case,
-    and one whose stroke is just beyond, is on its own, however it ends; short steps find it."""
+    """A slide that turns back 4.264980 m out and is pushed on later. Long steps may jump over a
+    stroke just short of that: such a case, and one whose stroke is just beyond, is on its own,
+    however it ends; short steps find it."""
     campaign = sepmc.load(Path(__file__).parent / "grazed.toml")
     with interpreted():
         kernel = load_kernel(pilot.kernel_text(campaign))
@@ -471,28 +587,37 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 
 
-# -- histories --------------------------------------------------------------------------------------------------------------------
+# -- histories
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 def test_histories_agree(quiet):
-    """Separations every 10 ms by the continuous extension, against single runs, which settle by themselves: 1e-8 of the largest."""
+    """Separations every 10 ms by the continuous extension, against single runs, which settle by
+    themselves: 1e-8 of the largest."""
     campaign = quiet.with_settings({"run.history_step_s": 0.01})
     result = campaign.run(cases=5)
     histories = result.histories()
     for number in range(5):
         mine = histories[histories["case"] == number]
-        alone = campaign.simulate(result.case(number), step_s=0.01).drop_duplicates("time_s", keep="last")
+        alone = campaign.simulate(result.case(number), step_s=0.01).drop_duplicates(
+            "time_s", keep="last"
+        )
         assert_allclose(mine["time_s"], 0.01 * np.arange(51), rtol=1e-12)
         at = [int(np.abs(alone["time_s"] - t).to_numpy().argmin()) for t in mine["time_s"]]
         for column in ("separation_speed_m_s", "separation_distance_mm"):
-            error = np.abs(mine[column].to_numpy() - alone[column].to_numpy()[at]).max() / alone[column].abs().max()
+            error = (
+                np.abs(mine[column].to_numpy() - alone[column].to_numpy()[at]).max()
+                / alone[column].abs().max()
+            )
             assert error <= 1e-8, column
 
 
 def test_histories_of_cases_that_are_never_released(quiet):
     """They go on to the end."""
-    result = quiet.with_settings({"run.history_step_s": 0.01, "run.end_time_s": 0.285}).run(cases=60)
+    result = quiet.with_settings({"run.history_step_s": 0.01, "run.end_time_s": 0.285}).run(
+        cases=60
+    )
     late = np.flatnonzero(result.table["status"] == "never-released")
     assert 0 < len(late) < 30
     histories = result.histories()
@@ -502,7 +627,8 @@ def test_histories_of_cases_that_are_never_released(quiet):
     assert (np.diff(rows["separation_distance_mm"])[6:] > 0.0).all()
 
 
-# -- texts ------------------------------------------------------------------------------------------------------------------------
+# -- texts
+# --------------------------------------------------------------------------------------------------
 
 NUMBERS = [
     {"body.upper.mass_kg": 500.0},
@@ -528,7 +654,12 @@ STRUCTURE = [
     {"solver.method": "rk4"},
     {"solver.drift": "none"},
     {"output.tip_off": ["pins"]},
-    {"phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}}, {"name": "free"}]},
+    {
+        "phase": [
+            {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
+            {"name": "free"},
+        ]
+    },
 ]
 
 
@@ -548,7 +679,20 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
     ("settings", "history", "apart"),
     [
         ({}, True, {"advance", "approach", "fly_block"}),
-        ({"solver.step_s": 0.05}, False, {"advance", "aim_phase2", "approach", "fly_block", "meet", "set_rest", "set_step", "settle"}),
+        (
+            {"solver.step_s": 0.05},
+            False,
+            {
+                "advance",
+                "aim_phase2",
+                "approach",
+                "fly_block",
+                "meet",
+                "set_rest",
+                "set_step",
+                "settle",
+            },
+        ),
         ({"solver.method": "rk4"}, False, {"advance", "fly_block"}),
         ({"output.tip_off": ["pins"]}, False, {"fly_block", "prepare"}),
     ],
@@ -556,14 +700,25 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 )
 def test_only_what_differs_is_compiled(quiet, settings, history, apart):
     """Of the pieces of table 2, those that another flight of it does not share."""
-    other = {piece.text for piece in split(pilot.kernel_text(quiet.with_settings(settings), history=history))}
-    assert {piece.name for piece in split(pilot.kernel_text(quiet)) if piece.text not in other} == apart
+    other = {
+        piece.text
+        for piece in split(pilot.kernel_text(quiet.with_settings(settings), history=history))
+    }
+    assert {
+        piece.name for piece in split(pilot.kernel_text(quiet)) if piece.text not in other
+    } == apart
 
 
 def test_a_dispersed_delay_has_a_kernel_of_its_own():
     campaign = shipped("spring-pushers")
-    laws = {key: law for key, law in campaign.file.tree["dispersion"].items() if key != "joint.clamp.delay_s"}
-    assert pilot.kernel_text(campaign) != pilot.kernel_text(campaign.with_settings({"dispersion": laws}))
+    laws = {
+        key: law
+        for key, law in campaign.file.tree["dispersion"].items()
+        if key != "joint.clamp.delay_s"
+    }
+    assert pilot.kernel_text(campaign) != pilot.kernel_text(
+        campaign.with_settings({"dispersion": laws})
+    )
 
 
 @pytest.mark.parametrize("name", [*SHIPPED, *SCENES])
@@ -579,7 +734,8 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
         assert f"phase{number} {phase.name}" in text
 
 
-# -- machine code -----------------------------------------------------------------------------------------------------------------
+# -- machine code
+# --------------------------------------------------------------------------------------------------
 
 ASSEMBLY = """
 import json, re
@@ -605,8 +761,10 @@ for line in code:
         counts = found.setdefault(function, {"packed": 0, "scalar": 0, "calls": 0})
         word = line.split()[0] if line.split() else ""
         wide = "%ymm" in line or "%zmm" in line or "ymmword" in line or "zmmword" in line
-        counts["packed"] += bool(re.fullmatch(r"v(f?n?m(ul|add|sub)\\d*|add|sub|mul|div|sqrt|fn?madd\\d+|fn?msub\\d+)pd", word)) and wide
-        counts["scalar"] += bool(re.fullmatch(r"v?(add|sub|mul|div|sqrt|fn?madd\\d+|fn?msub\\d+)sd", word))
+        plain = r"add|sub|mul|div|sqrt|fn?madd\\d+|fn?msub\\d+"
+        packed = re.fullmatch(rf"v(f?n?m(ul|add|sub)\\d*|{plain})pd", word)
+        counts["packed"] += bool(packed) and wide
+        counts["scalar"] += bool(re.fullmatch(rf"v?({plain})sd", word))
         counts["calls"] += word.startswith("call")
 print(json.dumps(found))
 """
@@ -614,12 +772,22 @@ print(json.dumps(found))
 
 @pytest.mark.slow
 def test_machine_code_is_straight_and_wide(tmp_path):
-    """The derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar 20 to 1, and nothing is called."""
+    """The derivative of every phase: packed arithmetic of four or eight cases outnumbers scalar 20
+    to 1, and nothing is called."""
     flags = Path("/proc/cpuinfo")
-    if not flags.is_file() or " avx2 " not in flags.read_text(encoding="utf-8").replace("\n", " \n"):
+    if not flags.is_file() or " avx2 " not in flags.read_text(encoding="utf-8").replace(
+        "\n", " \n"
+    ):
         pytest.skip("no AVX2, or no way to know")
-    environment = {**os.environ, "SEPMC_CACHE_DIR": str(tmp_path)}  # code from a cache cannot be looked at
-    done = subprocess.run([sys.executable, "-c", ASSEMBLY], capture_output=True, text=True, env=environment, check=False)
+    # code from a cache cannot be looked at
+    environment = {**os.environ, "SEPMC_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", ASSEMBLY],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     print(found)
@@ -634,25 +802,47 @@ WITHOUT_JIT = """
 import json, sepmc
 from sepmc.campaign import pilot
 pilot.CORNERS, pilot.SAMPLE = 3, 16
-result = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(cases=2, seed=7)
-print(json.dumps({"table": result.to_pandas().drop(columns="status").to_dict("list"), "steps": result.flight.steps.tolist()}))
+campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3})
+result = campaign.run(cases=2, seed=7)
+table = result.to_pandas().drop(columns="status").to_dict("list")
+print(json.dumps({"table": table, "steps": result.flight.steps.tolist()}))
 """
 
 
 @pytest.mark.slow
 def test_python_and_compiled_agree(monkeypatch):
-    """With the JIT off the written module is plain Python too, pilot and histories included; trial cases are few there."""
+    """With the JIT off the written module is plain Python too, pilot and histories included; trial
+    cases are few there."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run([sys.executable, "-c", WITHOUT_JIT], capture_output=True, text=True, env=environment, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_JIT],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     python = json.loads(done.stdout)
     monkeypatch.setattr(pilot, "CORNERS", 3)
     monkeypatch.setattr(pilot, "SAMPLE", 16)
-    compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(cases=2, seed=7)
+    compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(
+        cases=2, seed=7
+    )
     assert python["steps"] == compiled.flight.steps.tolist()
     for name, values in python["table"].items():
-        if not name.endswith(("_residual_m", "_residual_rad", "_residual_m_s", "_residual_rad_s", "_residual_s", "attitude_drift")):
-            np.testing.assert_allclose(compiled.table[name], values, rtol=1e-9, atol=1e-10, err_msg=name)
+        if not name.endswith(
+            (
+                "_residual_m",
+                "_residual_rad",
+                "_residual_m_s",
+                "_residual_rad_s",
+                "_residual_s",
+                "attitude_drift",
+            )
+        ):
+            np.testing.assert_allclose(
+                compiled.table[name], values, rtol=1e-9, atol=1e-10, err_msg=name
+            )
 
 
 def test_a_flight_at_twice_the_resolution(flight):

@@ -15,7 +15,10 @@ CLIMBING = {
     "environment": {"atmosphere": "us1976", "gravity": "inverse-square"},
     "body.fore.aerodynamics": AIR | {"axial": {"const": 0.003}},
     "body.aft.aerodynamics": AIR | {"axial": {"const": 0.008}},
-    "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.2}}, {"name": "free", "joints": {}}],
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.2}},
+        {"name": "free", "joints": {}},
+    ],
     "initial": {"altitude_m": BORDER - 101.0, "speed_m_s": 600.0, "pitch_deg": 30.0},
     "output.loads": ["pins"],
 }
@@ -29,20 +32,40 @@ def outcomes(campaign, step_s=0.05):
 
 @pytest.mark.parametrize("pitch", [30.0, -30.0])
 def test_a_border_is_passed_in_long_steps_as_in_short_ones(pair, pitch):
-    """Both bodies pass at 300 m/s, free and at different times, in the middle of a step: 1e-11, where it was 1e-6."""
+    """Both bodies pass at 300 m/s, free and at different times, in the middle of a step: 1e-11,
+    where it was 1e-6."""
     side = math.copysign(1.0, pitch)
-    campaign = pair(CLIMBING).with_settings({"initial.altitude_m": BORDER - side * 101.0, "initial.pitch_deg": pitch})
+    campaign = pair(CLIMBING).with_settings(
+        {"initial.altitude_m": BORDER - side * 101.0, "initial.pitch_deg": pitch}
+    )
     long, short = outcomes(campaign), outcomes(campaign, 0.001)
-    for name in ("separation_distance_mm", "separation_speed_m_s", "pins_force_impulse_N_s", "fore_alpha_deg"):
+    for name in (
+        "separation_distance_mm",
+        "separation_speed_m_s",
+        "pins_force_impulse_N_s",
+        "fore_alpha_deg",
+    ):
         assert_allclose(long[name], short[name], rtol=1e-11, err_msg=name)
     assert long["steps"] <= 10 + 2 * 4  # two borders, each with steps up to it and from there on
 
 
 def test_a_top_just_beyond_a_border(pair):
-    """A lob that comes some 4 m into the next layer and falls back, all within one step of 1 s: both borders cut it."""
+    """A lob that comes some 4 m into the next layer and falls back, all within one step of 1 s:
+    both borders cut it."""
     climb = 40.0 * math.sin(math.radians(80.0))
-    lob = {"altitude_m": BORDER + 6.0 - climb**2 / (2.0 * 9.773), "speed_m_s": 40.0, "pitch_deg": 80.0}
-    campaign = pair(CLIMBING | {"initial": lob, "phase": [{"name": "locked", "joints": {"pins": "fixed"}}], "run.end_time_s": 8.0})
+    lob = {
+        "altitude_m": BORDER + 6.0 - climb**2 / (2.0 * 9.773),
+        "speed_m_s": 40.0,
+        "pitch_deg": 80.0,
+    }
+    campaign = pair(
+        CLIMBING
+        | {
+            "initial": lob,
+            "phase": [{"name": "locked", "joints": {"pins": "fixed"}}],
+            "run.end_time_s": 8.0,
+        }
+    )
     long, short = outcomes(campaign, 1.0), outcomes(campaign, 0.01)
     expected = fly(campaign.nominal().to_dict()).outcomes
     for name in ("pins_peak_force_N", "fore_alpha_deg"):
@@ -56,7 +79,11 @@ def test_a_start_on_a_border(pair):
     one = {name: value for name, value in CLIMBING.items() if name != "body.aft.aerodynamics"}
     for pitch in (30.0, -30.0):
         ahead = 0.5 * math.sin(math.radians(pitch))  # of the mass centre
-        found = outcomes(pair(one).with_settings({"initial.altitude_m": BORDER - ahead, "initial.pitch_deg": pitch}))
+        found = outcomes(
+            pair(one).with_settings(
+                {"initial.altitude_m": BORDER - ahead, "initial.pitch_deg": pitch}
+            )
+        )
         assert found["steps"] == 10.0
         assert np.isfinite(found["fore_alpha_deg"])
 
@@ -65,5 +92,7 @@ def test_layers_are_nothing_to_bodies_without_aerodynamics(pair):
     """They pass a border of the default air as if there were none."""
     bare = {name: value for name, value in CLIMBING.items() if not name.endswith("aerodynamics")}
     found = outcomes(pair(bare))
-    empty = outcomes(pair(bare | {"environment": {"atmosphere": "none", "gravity": "inverse-square"}}))
+    empty = outcomes(
+        pair(bare | {"environment": {"atmosphere": "none", "gravity": "inverse-square"}})
+    )
     assert found == pytest.approx(empty, rel=1e-13, nan_ok=True)

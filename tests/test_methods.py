@@ -1,4 +1,5 @@
-"""Every Runge-Kutta method proves its order, through the engine and over a whole flight with its release."""
+"""Every Runge-Kutta method proves its order, through the engine and over a whole flight with its
+release."""
 
 import dataclasses
 
@@ -9,11 +10,12 @@ from scipy.integrate import DOP853
 
 from sepmc.kernel.methods import METHODS, method
 
-# By method: the largest of five steps, each half of the one before, chosen so that errors lie between 1e-2 and round-off; and the
-# order that a straight line through them must at least have.
+# By method: the largest of five steps, each half of the one before, chosen so that errors lie
+# between 1e-2 and round-off; and the order that a straight line through them must at least have.
 STUDIES = {"rk4": (0.0125, 3.7), "dopri5": (0.02, 4.7), "dop853": (0.1, 7.3)}
 DENSE_STUDIES = {"rk4": 0.05, "dopri5": 0.1, "dop853": 0.4}
-# Table 2, lightly modified so that errors stand above round-off: it spins and flies longer, and its moments stay stable at large angles.
+# Table 2, lightly modified so that errors stand above round-off: it spins and flies longer, and its
+# moments stay stable at large angles.
 RAPID = {
     "initial.omega_deg_s": [300.0, 60.0, -60.0],
     "initial.yaw_deg": 5.0,
@@ -29,7 +31,17 @@ RAPID = {
     "body.lower.aerodynamics.axial": {"const": 0.3, "alpha2": 0.5},
 }
 ROUND_OFF = 1e-12
-OUTCOMES = ("release_time_s", "_distance_mm", "_speed_m_s", "deg_s", "roll_deg", "yaw_deg", "pitch_deg", "alpha_deg", "beta_deg")
+OUTCOMES = (
+    "release_time_s",
+    "_distance_mm",
+    "_speed_m_s",
+    "deg_s",
+    "roll_deg",
+    "yaw_deg",
+    "pitch_deg",
+    "alpha_deg",
+    "beta_deg",
+)
 
 
 def halved(largest):
@@ -37,7 +49,8 @@ def halved(largest):
 
 
 def order(steps, errors):
-    """Slope of a straight line through log error over log step; errors near round-off say nothing of it."""
+    """Slope of a straight line through log error over log step; errors near round-off say nothing
+    of it."""
     steps, errors = np.array(steps), np.array(errors)
     above = errors > ROUND_OFF
     assert np.count_nonzero(above) >= 2
@@ -49,7 +62,9 @@ def rapid(table2):
     """Outcomes of the modified flight by method and step."""
 
     def fly(name, step):
-        history = table2.with_settings(RAPID | {"solver.method": name, "solver.step_s": step}).simulate(step_s=2.0)
+        history = table2.with_settings(
+            RAPID | {"solver.method": name, "solver.step_s": step}
+        ).simulate(step_s=2.0)
         assert history.attrs["status"] == "ok"
         assert history["phase"].iloc[-1] == "free"
         return {k: v for k, v in history.attrs["outcomes"].items() if k.endswith(OUTCOMES)}
@@ -59,7 +74,8 @@ def rapid(table2):
 
 @pytest.fixture(scope="module")
 def reference(rapid):
-    """The same flight with steps of 2 ms; with 4 ms it differs by less than 1e-12, so its error is below all that is measured."""
+    """The same flight with steps of 2 ms; with 4 ms it differs by less than 1e-12, so its error is
+    below all that is measured."""
     fine, coarser = rapid("dop853", 0.002), rapid("dop853", 0.004)
     assert_allclose(list(coarser.values()), list(fine.values()), rtol=1e-12, atol=1e-12)
     return fine
@@ -71,35 +87,48 @@ def test_every_method_is_studied():
 
 @pytest.mark.parametrize("name", METHODS)
 def test_order_over_a_whole_flight(rapid, reference, name):
-    """Largest error of all outcomes, relative to the outcome, and the error of the release time, over five steps halved."""
+    """Largest error of all outcomes, relative to the outcome, and the error of the release time,
+    over five steps halved."""
     largest, least = STUDIES[name]
     steps = halved(largest)
     flown = [rapid(name, step) for step in steps]
-    errors = [max(abs(found[k] - value) / abs(value) for k, value in reference.items()) for found in flown]
+    errors = [
+        max(abs(found[k] - value) / abs(value) for k, value in reference.items()) for found in flown
+    ]
     release = [abs(found["release_time_s"] - reference["release_time_s"]) for found in flown]
-    print(f"{name}: order {order(steps, errors):.2f}, of the release time {order(steps, release):.2f}")
+    print(
+        f"{name}: order {order(steps, errors):.2f}, of the release time {order(steps, release):.2f}"
+    )
     assert order(steps, errors) >= least
-    assert order(steps, release) >= min(least, 5.5)  # the last of the way to it is a short step of order 4
+    # the last of the way to it is a short step of order 4
+    assert order(steps, release) >= min(least, 5.5)
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_order_of_the_continuous_extension(table2, name):
-    """Rows inside a single step: an extension of order p leaves an error of h^(p+1), less 0.3 for what is not yet asymptotic."""
+    """Rows inside a single step: an extension of order p leaves an error of h^(p+1), less 0.3 for
+    what is not yet asymptotic."""
     guided = {"phase": [{"name": "guided", "joints": {"pins": "slider"}}]}
     steps, errors = halved(DENSE_STUDIES[name]), []
     settings = {k: v for k, v in RAPID.items() if not k.startswith("phase.")} | guided
     for h in steps:
-        single = table2.with_settings(settings | {"solver.method": name, "solver.step_s": h, "run.end_time_s": h}).simulate(step_s=h / 8)
-        fine = table2.with_settings(settings | {"solver.step_s": h / 32, "run.end_time_s": h}).simulate(step_s=h / 8)
+        single = table2.with_settings(
+            settings | {"solver.method": name, "solver.step_s": h, "run.end_time_s": h}
+        ).simulate(step_s=h / 8)
+        fine = table2.with_settings(
+            settings | {"solver.step_s": h / 32, "run.end_time_s": h}
+        ).simulate(step_s=h / 8)
         assert single.attrs["outcomes"]["steps"] == 1
         columns = [c for c in single if c.endswith(OUTCOMES)]
-        errors.append(np.abs(single[columns] - fine[columns]).to_numpy()[1:-1].max())  # between the ends, where the step itself is
+        # between the ends, where the step itself is
+        errors.append(np.abs(single[columns] - fine[columns]).to_numpy()[1:-1].max())
     print(f"{name}: extension {order(steps, errors):.2f}")
     assert order(steps, errors) >= method(name).dense_order + 1 - 0.3
 
 
 def test_dop853_is_scipys():
-    """Coefficients of an independent source, to the last digit but one (some are printed there with one digit more)."""
+    """Coefficients of an independent source, to the last digit but one (some are printed there with
+    one digit more)."""
     found = method("dop853")
     stages = len(found.b)
     assert_allclose(found.a[:stages, :stages], DOP853.A[:stages, :stages], rtol=4e-16, atol=0)
@@ -110,7 +139,8 @@ def test_dop853_is_scipys():
 
 
 def test_dop853_extension_is_scipys():
-    """The polynomial per stage against scipy's nested form, F of its D, on stage derivatives drawn at random (round-off of some tens)."""
+    """The polynomial per stage against scipy's nested form, F of its D, on stage derivatives drawn
+    at random (round-off of some tens)."""
     found = method("dop853")
     k = np.random.default_rng(1).normal(size=16)
     delta = k[:12] @ found.b
@@ -129,6 +159,7 @@ def test_a_wrong_coefficient_is_refused(name, part):
     """A method checks itself: 1e-8 on one entry is enough."""
     good = method(name)
     wrong = getattr(good, part).copy()
-    wrong.flat[-1 if part == "b" else wrong.shape[-1] * (len(good.b) - 1)] += 1e-8  # in the last stage's row
+    # in the last stage's row
+    wrong.flat[-1 if part == "b" else wrong.shape[-1] * (len(good.b) - 1)] += 1e-8
     with pytest.raises(ValueError, match=name):
         dataclasses.replace(good, **{part: wrong})

@@ -1,4 +1,5 @@
-"""Names of a kernel: none comes from a file, so none of a file can meet another, and what things are called changes nothing."""
+"""Names of a kernel: none comes from a file, so none of a file can meet another, and what things
+are called changes nothing."""
 
 import ast
 import keyword
@@ -12,7 +13,26 @@ from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
-HOSTILE = ["a", "b", "A", "p", "q", "p_q", "l", "w", "x", "t", "spin_a", "Stage", "stage", "if", "lambda", "LANES", "vec3", "numbers"]
+HOSTILE = [
+    "a",
+    "b",
+    "A",
+    "p",
+    "q",
+    "p_q",
+    "l",
+    "w",
+    "x",
+    "t",
+    "spin_a",
+    "Stage",
+    "stage",
+    "if",
+    "lambda",
+    "LANES",
+    "vec3",
+    "numbers",
+]
 
 
 def _body_of(text):
@@ -32,7 +52,12 @@ def _renamed(tree, names):
 @pytest.mark.parametrize("name", SCENES)
 def test_what_things_are_called_changes_nothing(name):
     campaign = scene(name)
-    own = [*campaign.scene.body, *campaign.scene.joint, *(m.name for m in campaign.scene.motor), *(p.name for p in campaign.scene.phase)]
+    own = [
+        *campaign.scene.body,
+        *campaign.scene.joint,
+        *(m.name for m in campaign.scene.motor),
+        *(p.name for p in campaign.scene.phase),
+    ]
     called = dict(zip(dict.fromkeys(own), HOSTILE, strict=False))
     other = Campaign(parse_campaign(_renamed(campaign.file.tree, called), name))
     assert set(other.scene.body) != set(campaign.scene.body)
@@ -42,7 +67,11 @@ def test_what_things_are_called_changes_nothing(name):
 def test_no_name_of_a_file_stands_in_a_kernel():
     text = _body_of(pilot.kernel_text(sepmc.load("table2.toml")))
     words = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)}
-    assert not any(part in ("upper", "lower", "pins", "retro", "locked", "guided") for word in words for part in word.lower().split("_"))
+    assert not any(
+        part in ("upper", "lower", "pins", "retro", "locked", "guided")
+        for word in words
+        for part in word.lower().split("_")
+    )
 
 
 @pytest.mark.parametrize("name", ["if", "l", "w", "LANES", "spin_a"])

@@ -1,4 +1,5 @@
-"""Peak, its time and the integral of the size of a vector over a step, from its components at the nodes."""
+"""Peak, its time and the integral of the size of a vector over a step, from its components at the
+nodes."""
 
 import math
 
@@ -40,7 +41,9 @@ def exact(vector):
     grid = np.linspace(0.0, 1.0, 2001)
     best = int(np.argmax([size(theta) for theta in grid]))
     low, high = grid[max(best - 1, 0)], grid[min(best + 1, 2000)]
-    inside = minimize_scalar(lambda theta: -size(theta), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+    inside = minimize_scalar(
+        lambda theta: -size(theta), bounds=(low, high), method="bounded", options={"xatol": 1e-12}
+    )
     place = max((float(grid[best]), float(inside.x)), key=size)
     return size(place), place, quad(size, 0.0, 1.0, limit=1000, points=[0.37], epsabs=1e-14)[0]
 
@@ -86,7 +89,8 @@ def test_what_was_seen_before():
 
 
 def test_order():
-    """What the polynomials leave out of a load that is none falls with the eighth power of the step's length."""
+    """What the polynomials leave out of a load that is none falls with the eighth power of the
+    step's length."""
 
     def load(time):
         return math.exp(-time), math.sin(2.0 * time), 0.5
@@ -94,9 +98,13 @@ def test_order():
     def error(count):
         found = NOTHING
         for n in range(count):
-            found = follow(lambda x, n=n: load((n + x) / count), n / count, 1.0 / count, tuple(found))
+            found = follow(
+                lambda x, n=n: load((n + x) / count), n / count, 1.0 / count, tuple(found)
+            )
         size = lambda time: math.sqrt(sum(x * x for x in load(time)))  # noqa: E731
-        best = minimize_scalar(lambda time: -size(time), bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-12})
+        best = minimize_scalar(
+            lambda time: -size(time), bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-12}
+        )
         return abs(found[0] - size(best.x))
 
     coarse, fine = error(1), error(2)

@@ -1,4 +1,5 @@
-"""Other engines fly our cases: `sepmc.trust.peers`. Each test is skipped where its engine is not installed."""
+"""Other engines fly our cases: `sepmc.trust.peers`. Each test is skipped where its engine is not
+installed."""
 
 import numpy as np
 import pytest
@@ -12,13 +13,19 @@ TREES = ("heyoka", "pinocchio")
 
 def engines(*names):
     """``fly`` of these engines."""
-    return {name: pytest.importorskip(f"sepmc.trust.peers.{name}", exc_type=ImportError).fly for name in names}
+    return {
+        name: pytest.importorskip(f"sepmc.trust.peers.{name}", exc_type=ImportError).fly
+        for name in names
+    }
 
 
 def apart(data, one, two, times):
     """Largest relative difference of every quantity between the flights of two engines."""
     case = Case(data)
-    a, b = (compare.peer_record(case, getattr(f, "flight", f)) for f in (one(data, times), two(data, times)))
+    a, b = (
+        compare.peer_record(case, getattr(f, "flight", f))
+        for f in (one(data, times), two(data, times))
+    )
     return compare.differences(a, b, compare.one_value(case, np.array(times)))
 
 
@@ -35,11 +42,13 @@ def test_our_flight_beside_theirs(name):
     [
         ("nasa-fixed-joint.toml", 0, [0.0, 9.5, 11.0]),
         ("spring-pushers.toml", 1, [0.0, 0.03, 0.1, 2.0]),  # springs
-        ("missile-rail.toml", 0, [0.0, 0.1, 0.17, 0.3]),  # ground, break load, a joint of its own kind
+        # ground, break load, a joint of its own kind
+        ("missile-rail.toml", 0, [0.0, 0.1, 0.17, 0.3]),
     ],
 )
 def test_minimal_coordinates_twice(campaign, number, times):
-    """Kane's equations in heyoka, the articulated-body algorithm in Pinocchio: round-off (measured: 6e-14)."""
+    """Kane's equations in heyoka, the articulated-body algorithm in Pinocchio: round-off (measured:
+    6e-14)."""
     flown = engines(*TREES)
     found = apart(sepmc.load(campaign).case(number).to_dict(), *flown.values(), times)
     assert max(found.values()) < 1e-11, found
@@ -48,7 +57,9 @@ def test_minimal_coordinates_twice(campaign, number, times):
 def test_multipliers_and_minimal_coordinates():
     """Exudyn has redundant coordinates and multipliers, heyoka neither."""
     flown = engines("heyoka", "exudyn")
-    found = apart(sepmc.load("missile-rail.toml").case(0).to_dict(), *flown.values(), [0.0, 0.1, 0.17, 0.3])
+    found = apart(
+        sepmc.load("missile-rail.toml").case(0).to_dict(), *flown.values(), [0.0, 0.1, 0.17, 0.3]
+    )
     assert max(found.values()) < 1e-6, found
 
 
@@ -56,7 +67,9 @@ def test_exudyn_is_of_second_order():
     """Halving the step divides the error by four, before extrapolation."""
     fly = engines("exudyn")["exudyn"]
     found = fly(sepmc.load("missile-rail.toml").case(0).to_dict(), [0.3])
-    coarse, fine, _ = (abs(level.release["shoe"] - found.flight.release["shoe"]) for level in found.levels)
+    coarse, fine, _ = (
+        abs(level.release["shoe"] - found.flight.release["shoe"]) for level in found.levels
+    )
     assert 3.5 < coarse / fine < 4.5
 
 

@@ -1,4 +1,5 @@
-"""How a campaign is flown, and how large its error is: corners, relative errors, the pilot's steps, what a run tells of them."""
+"""How a campaign is flown, and how large its error is: corners, relative errors, the pilot's steps,
+what a run tells of them."""
 
 import json
 from dataclasses import replace
@@ -23,22 +24,28 @@ INF, NAN = np.inf, np.nan
 
 def error(found, reference, units=None):
     """`relative_error` of plain rows."""
-    found, reference = np.atleast_2d(np.array(found, dtype=float)), np.atleast_2d(np.array(reference, dtype=float))
+    found, reference = (
+        np.atleast_2d(np.array(found, dtype=float)),
+        np.atleast_2d(np.array(reference, dtype=float)),
+    )
     return pilot.relative_error(found, reference, units or ["m"] * reference.shape[1])
 
 
-# -- corners ----------------------------------------------------------------------------------------------------------------------
+# -- corners
+# --------------------------------------------------------------------------------------------------
 
 
 def test_corners_do_not_depend_on_the_seed(table2):
-    """Nor on how many cases there are: how a campaign is flown is a matter of its scene and laws."""
+    """Nor on how many cases there are: how a campaign is flown is a matter of its scene and
+    laws."""
     base = pilot.corners(table2)
     assert base.shape == (pilot.CORNERS + 1, len(table2.file.dispersions))
     assert_array_equal(pilot.corners(table2.with_settings({"run.seed": 1, "run.cases": 5})), base)
 
 
 def test_corners_are_the_nominal_and_the_edges(table2):
-    """The middle of every law first; then of each parameter a thousandth of the probability from either end, both ends often."""
+    """The middle of every law first; then of each parameter a thousandth of the probability from
+    either end, both ends often."""
     found = pilot.corners(table2) / table2.factors
     middle = [cases.quantile(d, np.array([0.5]))[0] for d in table2.file.dispersions]
     assert_allclose(found[0], middle, rtol=1e-12, atol=1e-12)
@@ -46,18 +53,30 @@ def test_corners_are_the_nominal_and_the_edges(table2):
         if law.numbers == (0.0, 360.0):
             continue
         low, high = cases.quantile(law, np.array([0.001, 0.999]))
-        assert_allclose(np.unique(np.round((values - low) / (high - low), 9)), [0.0, 1.0], atol=1e-9)
+        assert_allclose(
+            np.unique(np.round((values - low) / (high - low), 9)), [0.0, 1.0], atol=1e-9
+        )
         assert 4 <= np.sum(values > 0.5 * (low + high)) <= pilot.CORNERS - 4
     assert len(np.unique(found[1:] > found[0], axis=0)) == pilot.CORNERS
 
 
 @pytest.mark.parametrize(
     ("law", "wide"),
-    [({"uniform": [0.0, 360.0]}, True), ({"uniform": [-60.0, 60.0]}, True), ({"normal": [0.0, 40.0]}, True), ({"uniform": 40.0}, False)],
+    [
+        ({"uniform": [0.0, 360.0]}, True),
+        ({"uniform": [-60.0, 60.0]}, True),
+        ({"normal": [0.0, 40.0]}, True),
+        ({"uniform": 40.0}, False),
+    ],
 )
 def test_corners_of_an_angle_all_round(table2, law, wide):
-    """Both ends of a full turn are one direction: angles that spread over more than 90 deg are spaced over all of it."""
-    found = np.sort(pilot.corners(table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}}))[1:, 0])
+    """Both ends of a full turn are one direction: angles that spread over more than 90 deg are
+    spaced over all of it."""
+    found = np.sort(
+        pilot.corners(
+            table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}})
+        )[1:, 0]
+    )
     if not wide:
         assert len(np.unique(found)) == 2
         return
@@ -68,10 +87,14 @@ def test_corners_of_an_angle_all_round(table2, law, wide):
 
 
 def test_corners_have_every_value_of_a_discrete_law(table2):
-    """However rare, each at least three times; there are more corners if there are many values. A weight of 0 is never drawn."""
+    """However rare, each at least three times; there are more corners if there are many values. A
+    weight of 0 is never drawn."""
     values = [440.0 + i for i in range(12)]
     weights = [1.0] * 10 + [1e-12, 0.0]
-    laws = {"body.upper.mass_kg": {"discrete": values, "weights": weights}, "body.lower.mass_kg": {"uniform": 25.0}}
+    laws = {
+        "body.upper.mass_kg": {"discrete": values, "weights": weights},
+        "body.lower.mass_kg": {"uniform": 25.0},
+    }
     campaign = table2.with_settings({"dispersion": laws})
     found = pilot.corners(campaign)
     assert len(found) == 3 * 11 + 1
@@ -82,20 +105,31 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
 
 
 def test_the_sample_covers_every_law(table2):
-    """A Latin hypercube in each half: one case in every share of the probability of each parameter; not of the seed."""
+    """A Latin hypercube in each half: one case in every share of the probability of each parameter;
+    not of the seed."""
     found = pilot.sample(table2, 32)
     assert_array_equal(found, pilot.sample(table2.with_settings({"run.seed": 5}), 32))
     for values, law, factor in zip(found.T, table2.file.dispersions, table2.factors, strict=True):
         low, high = law.numbers
         for half in (values[:16], values[16:]):
-            assert_array_equal(np.sort(((half / factor - low) / (high - low) * 16.0).astype(int)), np.arange(16))
+            assert_array_equal(
+                np.sort(((half / factor - low) / (high - low) * 16.0).astype(int)), np.arange(16)
+            )
 
 
 def test_corners_without_dispersion(table2):
     assert pilot.corners(table2.with_settings({"dispersion": {}})).shape == (pilot.CORNERS + 1, 0)
 
 
-@pytest.mark.parametrize("law", [{"normal": 5.0}, {"triangular": [440.0, 458.0, 480.0]}, {"discrete": [450.0, 460.0]}, {"constant": 458.0}])
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"normal": 5.0},
+        {"triangular": [440.0, 458.0, 480.0]},
+        {"discrete": [450.0, 460.0]},
+        {"constant": 458.0},
+    ],
+)
 def test_corners_of_every_law(table2, law):
     """Finite: tails are cut at a thousandth, a discrete law gives its own values."""
     campaign = table2.with_settings({"dispersion": {"body.upper.mass_kg": law}})
@@ -106,7 +140,8 @@ def test_corners_of_every_law(table2, law):
         assert set(found[1:, 0]) == {450.0, 460.0}
 
 
-# -- relative errors --------------------------------------------------------------------------------------------------------------
+# -- relative errors
+# --------------------------------------------------------------------------------------------------
 
 
 def test_error_is_over_size():
@@ -124,13 +159,15 @@ def test_error_is_over_scatter_if_that_is_larger():
 
 
 def test_error_of_what_cancels():
-    """Zero but for round-off: measured against a ten-thousandth of the largest of the same unit, and only of the same."""
+    """Zero but for round-off: measured against a ten-thousandth of the largest of the same unit,
+    and only of the same."""
     reference, found = [[5.0, 1e-16, 1e-16]], [[5.0, 2e-16, 2e-16]]
     assert_allclose(error(found, reference, ["m", "m", "rad"]), [0.0, 1e-16 / 5e-4, 1.0], rtol=1e-9)
 
 
 def test_error_of_nan():
-    """At the same place it agrees; at one only, nothing is worse. It does not enter the scatter as a number."""
+    """At the same place it agrees; at one only, nothing is worse. It does not enter the scatter as
+    a number."""
     assert_array_equal(error([[NAN, 1.0], [2.0, 1.0]], [[NAN, 1.0], [2.0, 1.0]]), [0.0, 0.0])
     assert_array_equal(error([[NAN, 1.0]], [[2.0, 1.0]]), [INF, 0.0])
     assert_array_equal(error([[2.0, 1.0]], [[NAN, 1.0]]), [INF, 0.0])
@@ -138,13 +175,16 @@ def test_error_of_nan():
 
 
 def test_error_of_zero():
-    """Equal zeros agree although there is nothing to divide by; a number where the reference is nothing but zero is infinitely wrong."""
+    """Equal zeros agree although there is nothing to divide by; a number where the reference is
+    nothing but zero is infinitely wrong."""
     assert_array_equal(error([[0.0, 0.0]], [[0.0, 0.0]]), [0.0, 0.0])
     assert_array_equal(error([[1e-30]], [[0.0]]), [INF])
 
 
 def test_error_of_no_cases():
-    assert_array_equal(pilot.relative_error(np.empty((0, 3)), np.empty((0, 3)), ["m"] * 3), [0.0] * 3)
+    assert_array_equal(
+        pilot.relative_error(np.empty((0, 3)), np.empty((0, 3)), ["m"] * 3), [0.0] * 3
+    )
 
 
 def test_error_does_not_change_what_it_is_given():
@@ -153,11 +193,13 @@ def test_error_does_not_change_what_it_is_given():
     assert_array_equal(found, reference)
 
 
-# -- how a campaign is flown --------------------------------------------------------------------------------------------------------
+# -- how a campaign is flown
+# --------------------------------------------------------------------------------------------------
 
 
 def test_bodies_that_turn_far_in_a_step():
-    """In the eight steps that first tell how far outcomes spread no case can be vouched for: then more steps tell it."""
+    """In the eight steps that first tell how far outcomes spread no case can be vouched for: then
+    more steps tell it."""
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
     flight = pilot.plan_flight(campaign)
     names = [column.name for column in campaign.outcome_columns]
@@ -176,7 +218,8 @@ def test_a_given_step_is_taken(table2):
 
 
 def test_a_case_that_is_never_released_settles_too(table2):
-    """Its outcomes are numbers as any other's: a single run must not be cut into the most steps there are."""
+    """Its outcomes are numbers as any other's: a single run must not be cut into the most steps
+    there are."""
     history = table2.with_settings({"run.end_time_s": 0.2}).simulate(step_s=0.1)
     assert history.attrs["status"] == "never-released"
     assert history.attrs["outcomes"]["steps"] <= 1000
@@ -184,7 +227,8 @@ def test_a_case_that_is_never_released_settles_too(table2):
 
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-9])
 def test_the_pilot_keeps_within_its_share(table2, accuracy):
-    """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any phase is too few."""
+    """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any
+    phase is too few."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
     flight = pilot.plan_flight(campaign)
     assert flight.error <= 0.5 * accuracy
@@ -195,28 +239,44 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     assert again.error == flight.error
 
 
-# -- what a run tells ---------------------------------------------------------------------------------------------------------------
+# -- what a run tells
+# --------------------------------------------------------------------------------------------------
 
 
 def told(folder, name):
     return json.loads((folder / name).read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("settings", [{}, {"solver.formulation": "full"}, {"solver.step_s": 0.02}], ids=["reduced", "full", "step"])
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"solver.formulation": "full"}, {"solver.step_s": 0.02}],
+    ids=["reduced", "full", "step"],
+)
 def test_a_run_tells_its_error(table2, settings, tmp_path):
-    """In the result, the manifest and the statistics: what was asked for, what was achieved over trial cases, by outcome."""
+    """In the result, the manifest and the statistics: what was asked for, what was achieved over
+    trial cases, by outcome."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | settings)
     result = campaign.run(cases=80, out=tmp_path / "run")
     achieved, written = result.accuracy, told(tmp_path / "run", "manifest.json")["accuracy"]
     assert (achieved.asked, achieved.cases) == (1e-9, pilot.CORNERS + 1 + pilot.SAMPLE)
     assert set(achieved.errors) == set(result.outcomes)
     name, worst = achieved.worst
-    assert worst == max(error for key, error in achieved.errors.items() if key not in achieved.places) == achieved.errors[name]
-    assert achieved.places == {key for key in result.outcomes if "peak" in key and key.endswith("time_s")}
+    assert (
+        worst
+        == max(error for key, error in achieved.errors.items() if key not in achieved.places)
+        == achieved.errors[name]
+    )
+    assert achieved.places == {
+        key for key in result.outcomes if "peak" in key and key.endswith("time_s")
+    }
     assert written.get("places", []) == sorted(achieved.places)
     formulation = campaign.scene.solver.formulation
     assert (written["formulation"], written["method"]) == (formulation, "dop853")
-    assert (written["achieved"], written["worst_outcome"], written["cases"]) == (worst, name, achieved.cases)
+    assert (written["achieved"], written["worst_outcome"], written["cases"]) == (
+        worst,
+        name,
+        achieved.cases,
+    )
     given = campaign.scene.solver.step is not None
     assert ("asked" in written) is not given
     assert given or (written["asked"], written["met"]) == (1e-9, worst <= 1e-9)
@@ -226,19 +286,29 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
         assert worst <= 1e-9
     else:
         assert written["step_s"] == result.flight.step
-    printed = CliRunner().invoke(cli.main, ["stats", str(tmp_path / "run")], catch_exceptions=False).stdout
+    printed = (
+        CliRunner()
+        .invoke(cli.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
+        .stdout
+    )
     assert f"numerical error at most {worst:.1e} ({name})" in printed
     assert ("full system, dop853, " if formulation == "full" else "; dop853, ") in printed
     table = pd.read_csv(tmp_path / "run" / "statistics.csv", index_col="outcome")
     assert_allclose(table["error"], [achieved.errors[name] for name in table.index], rtol=1e-9)
 
 
-# Laws of table2 that trial cases might miss: the same parameters vary, so that the same kernel flies them.
+# Laws of table2 that trial cases might miss: the same parameters vary, so that the same kernel
+# flies them.
 HARD = {
     "shipped": {},
     "coarse": {"solver.accuracy": 1e-4},
-    "angles all round": {"dispersion.motor.retro.deflection_deg": {"uniform": [0.0, 20.0]}, "environment.wind.speed_m_s": 300.0},
-    "a rare value": {"dispersion.body.lower.mass_kg": {"discrete": [587.0, 60.0], "weights": [0.999, 0.001]}},
+    "angles all round": {
+        "dispersion.motor.retro.deflection_deg": {"uniform": [0.0, 20.0]},
+        "environment.wind.speed_m_s": 300.0,
+    },
+    "a rare value": {
+        "dispersion.body.lower.mass_kg": {"discrete": [587.0, 60.0], "weights": [0.999, 0.001]}
+    },
     "a fast spin": {
         "dispersion.initial.omega_deg_s.x": {"discrete": [0.0, 3000.0], "weights": [0.95, 0.05]},
         "solver.accuracy": 1e-5,
@@ -248,20 +318,26 @@ HARD = {
 
 
 def true_error(campaign, flight, count):
-    """Largest error of the first cases of a campaign, and what is told of those that were flown again."""
-    drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    """Largest error of the first cases of a campaign, and what is told of those that were flown
+    again."""
+    drawn = (
+        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    )
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
     here = pilot.fly(campaign, flight, drawn)
     fine = pilot.fly(exact, flight.sharper().sharper().sharper(), drawn)
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
-    return pilot.relative_error(here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale).max(), here.again
+    return pilot.relative_error(
+        here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale
+    ).max(), here.again
 
 
 @pytest.mark.parametrize("name", HARD)
 def test_the_error_told_is_the_error_there_is(table2, name):
-    """2,000 cases against eight times the steps: never below a third of the true one, nor met when it is not."""
+    """2,000 cases against eight times the steps: never below a third of the true one, nor met when
+    it is not."""
     campaign = table2.with_settings({"run.history_step_s": 0.0} | HARD[name])
     result = campaign.run(cases=2000)
     error, again = true_error(campaign, result.flight, 2000)
@@ -284,7 +360,9 @@ def test_what_trial_cases_tell_does_not_depend_on_seed_or_cases(table2):
 
 def test_the_error_of_failed_cases_does_not_count(table2):
     """Trial cases some of which are invalid or never released: the others are compared."""
-    campaign = table2.with_settings({"run.history_step_s": 0.0, "dispersion.body.upper.mass_kg": {"normal": 250.0}})
+    campaign = table2.with_settings(
+        {"run.history_step_s": 0.0, "dispersion.body.upper.mass_kg": {"normal": 250.0}}
+    )
     result = campaign.run(cases=64)
     failed = 64 - result.status_counts[Status.OK.label]
     assert 0 < failed < 30
@@ -293,7 +371,8 @@ def test_the_error_of_failed_cases_does_not_count(table2):
 
 
 def test_outcomes_of_round_off_alone(table2):
-    """A joint that stays shut: its separation is zero but for round-off, and the pilot is not put off by that."""
+    """A joint that stays shut: its separation is zero but for round-off, and the pilot is not put
+    off by that."""
     shut = {"run.history_step_s": 0.0, "phase": [{"name": "locked", "joints": {"pins": "fixed"}}]}
     result = table2.with_settings(shut).run(cases=20)
     assert result.accuracy.met
@@ -303,14 +382,26 @@ def test_outcomes_of_round_off_alone(table2):
 
 def test_the_program_tells_it(tmp_path):
     """The line after a campaign, and what `check` says of a scene's kernel."""
-    arguments = ["campaign", "table2.toml", "--cases", "10", "--no-plots", "--out", str(tmp_path / "run")]
+    arguments = [
+        "campaign",
+        "table2.toml",
+        "--cases",
+        "10",
+        "--no-plots",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     found = CliRunner().invoke(cli.main, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     assert "numerical error at most" in found.output
     assert "asked 1e-09" in found.output
     checked = CliRunner().invoke(cli.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
-    code = CliRunner().invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False).stdout
+    code = (
+        CliRunner()
+        .invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False)
+        .stdout
+    )
     assert "def rates_phase2(w):" in code
     full = ["check", "table2.toml", "--code", "--set", "solver.formulation=full"]
     assert "linear.eliminate" in CliRunner().invoke(cli.main, full, catch_exceptions=False).stdout
@@ -324,9 +415,12 @@ def test_sepmc_load_is_not_slowed(table2):
 
 
 def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
-    """The error is known before the flight: leaving a run flies no case more, and what is left behind tells it."""
+    """The error is known before the flight: leaving a run flies no case more, and what is left
+    behind tells it."""
     calls = []
-    monkeypatch.setattr(chunks, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named))
+    monkeypatch.setattr(
+        chunks, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named)
+    )
 
     def stop(done, total, failures):
         if done:
@@ -340,13 +434,17 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     assert written["complete"] is False
     assert 0.0 < written["accuracy"]["achieved"] <= 1e-9
     resumed = table2.run(cases=2000, out=tmp_path / "run", resume=True)
-    assert all(error >= written["accuracy"]["errors"][name] for name, error in resumed.accuracy.errors.items())
+    assert all(
+        error >= written["accuracy"]["errors"][name]
+        for name, error in resumed.accuracy.errors.items()
+    )
     assert resumed.accuracy.met
 
 
 @pytest.mark.parametrize("settings", [{}, {"run.history_step_s": 0.1}], ids=["rows", "histories"])
 def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
-    """Every case then finds its own: the same rows, to the accuracy asked, and its error is told."""
+    """Every case then finds its own: the same rows, to the accuracy asked, and its error is
+    told."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
     expected = campaign.run(cases=60)
     monkeypatch.setattr(pilot, "_choose_steps", lambda *given: None)
@@ -355,13 +453,17 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     assert result.accuracy.met
     assert result.accuracy.cases > 50
     n, columns = 60, campaign.outcome_columns
-    one, two = (np.column_stack([of.table[c.name] / c.scale for c in columns])[:n] for of in (result, expected))
+    one, two = (
+        np.column_stack([of.table[c.name] / c.scale for c in columns])[:n]
+        for of in (result, expected)
+    )
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     assert pilot.relative_error(one, two, [c.unit for c in columns], scale).max() <= 1e-7
 
 
 def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
-    """No number of steps below the most allowed meets the goal: as many as bring the cases to what the reference settles to, and said."""
+    """No number of steps below the most allowed meets the goal: as many as bring the cases to what
+    the reference settles to, and said."""
     monkeypatch.setattr(search, "_MOST_STEPS", 16)
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
@@ -379,7 +481,8 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
 @pytest.mark.parametrize(("corners", "sample"), [(0, 0), (1, 1), (3, 4)])
 @pytest.mark.parametrize("settings", [{}, {"solver.step_s": 0.05}], ids=["fast", "step"])
 def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
-    """Both numbers are read when they are needed, and may be small: for flights that are interpreted."""
+    """Both numbers are read when they are needed, and may be small: for flights that are
+    interpreted."""
     monkeypatch.setattr(pilot, "CORNERS", corners)
     monkeypatch.setattr(pilot, "SAMPLE", sample)
     law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
@@ -388,9 +491,13 @@ def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
 
 
 def test_the_end_of_a_long_tail_is_flown_at_finer_steps(pair):
-    """Rates of a normal law that is not cut, in 20,000 cases: those at 4 sigma would err by more than any trial case."""
+    """Rates of a normal law that is not cut, in 20,000 cases: those at 4 sigma would err by more
+    than any trial case."""
     settings = {
-        "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.5}}, {"name": "free"}],
+        "phase": [
+            {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.5}},
+            {"name": "free"},
+        ],
         "run.end_time_s": 5.0,
         "solver": {"accuracy": 1e-9},
         "dispersion": {"initial.omega_deg_s.z": {"normal": 30.0}},
@@ -399,7 +506,9 @@ def test_the_end_of_a_long_tail_is_flown_at_finer_steps(pair):
     table = result.to_pandas()
     # the bodies turn as one until 0.5 s and go on evenly: 5 s at the rate of the start
     exact = 5.0 * table["in_initial_omega_z_deg_s"]
-    off = (table["fore_pitch_deg"] - exact).abs() / np.maximum(exact.abs(), table["fore_pitch_deg"].std())
+    off = (table["fore_pitch_deg"] - exact).abs() / np.maximum(
+        exact.abs(), table["fore_pitch_deg"].std()
+    )
     assert off.max() <= result.accuracy.errors["fore_pitch_deg"]
     assert result.accuracy.met
 
@@ -408,10 +517,19 @@ REEL = {
     "environment": {"atmosphere": "none", "gravity": "constant"},
     "body.fore": {"mass_kg": 300.0, "inertia_kg_m2": [60.0, 200.0, 200.0], "cg_m": [1.0, 0.0, 0.0]},
     "body.aft": {"mass_kg": 100.0, "inertia_kg_m2": [20.0, 80.0, 80.0], "cg_m": [3.0, 0.0, 0.0]},
-    "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}}, {"name": "free"}],
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
+        {"name": "free"},
+    ],
     "motor": [{"name": "retro", "body": "aft", "thrust_N": 2000.0, "station_m": 4.0}],
     "spring": [
-        {"name": "reel", "bodies": ["fore", "aft"], "point_m": [3.0, 0.0, 0.0], "second_point_m": [2.75, 0.0, 0.0], "force_N": -300.0}
+        {
+            "name": "reel",
+            "bodies": ["fore", "aft"],
+            "point_m": [3.0, 0.0, 0.0],
+            "second_point_m": [2.75, 0.0, 0.0],
+            "force_N": -300.0,
+        }
     ],
     "initial": {"altitude_m": 60000.0, "speed_m_s": 1000.0},
     "run.end_time_s": 0.4,
@@ -422,17 +540,35 @@ REEL = {
 
 @pytest.mark.parametrize("settings", [{}, {"solver.step_s": 5e-4}], ids=["settled", "given"])
 def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
-    """A spring of constant force along a line that shrinks to nothing in one case of a thousand: such are seen and settled, or told."""
+    """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
+    such are seen and settled, or told."""
     campaign = pair(REEL | settings)
     flight = pilot.plan_flight(campaign)
     places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
-    block, names = pilot.fly(campaign, flight, places), [column.name for column in campaign.outcome_columns]
+    block, names = (
+        pilot.fly(campaign, flight, places),
+        [column.name for column in campaign.outcome_columns],
+    )
     once = pilot.fly(campaign, replace(flight, limits=None), places)
-    expected = [fly_independently(pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()) for (y,) in places]
-    right = np.array([[one.outcomes.get(name, 0.0) / column.scale for name, column in zip(names, campaign.outcome_columns, strict=True)]
+    expected = [
+        fly_independently(
+            pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()
+        )
+        for (y,) in places
+    ]
+    right = np.array([[one.outcomes.get(name, 0.0) / column.scale for name, column in zip(names,
+    campaign.outcome_columns, strict=True)]
                       for one in expected])  # fmt: skip
-    judged = np.array([names.index(name) for name in ("fore_omega_z_deg_s", "separation_speed_m_s", "aft_pitch_deg")])
-    before, now = (errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1) for flown in (once, block))
+    judged = np.array(
+        [
+            names.index(name)
+            for name in ("fore_omega_z_deg_s", "separation_speed_m_s", "aft_pitch_deg")
+        ]
+    )
+    before, now = (
+        errors(flown.outcomes[:, judged], right[:, judged], flight.scale[judged]).max(axis=1)
+        for flown in (once, block)
+    )
     told = SAFETY * max(flight.error, block.again.change[decisive(campaign.outcome_columns)].max())
     assert block.again.finer == 2
     assert before[0] > 50.0 * SAFETY * flight.error
@@ -440,10 +576,16 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     assert "solver.step_s" in settings or told <= campaign.scene.solver.accuracy
 
 
-SHOT = {  # a spring pushes two bodies apart and pulls them back, unless they come as far as its stroke
+# a spring pushes two bodies apart and pulls them back, unless they come as far as its stroke
+SHOT = {
     "phase": [{"name": "free"}],
     "spring": [
-        {"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [-1.0, 0.0, 0.0]}
+        {
+            "name": "push",
+            "bodies": ["fore", "aft"],
+            "point_m": [2.0, 0.0, 0.0],
+            "axis": [-1.0, 0.0, 0.0],
+        }
         | {"force_N": 30.0, "stiffness_N_per_m": 75.0, "stroke_m": 0.93}
     ],
     "run.end_time_s": 0.38,
@@ -456,9 +598,17 @@ SHOT = {  # a spring pushes two bodies apart and pulls them back, unless they co
 
 
 def shot(force, stiffness, stroke, time):
-    """Speed and distance in closed form: a harmonic motion about F / k, until 2 F / k >= stroke ends it."""
+    """Speed and distance in closed form: a harmonic motion about F / k, until 2 F / k >= stroke
+    ends it."""
     rate, reach = np.sqrt(stiffness / 0.75), force / stiffness
-    end = np.minimum(time, np.where(2.0 * reach >= stroke, np.arccos(np.clip(1.0 - stroke / reach, -1.0, 1.0)) / rate, np.inf))
+    end = np.minimum(
+        time,
+        np.where(
+            2.0 * reach >= stroke,
+            np.arccos(np.clip(1.0 - stroke / reach, -1.0, 1.0)) / rate,
+            np.inf,
+        ),
+    )
     speed = reach * rate * np.sin(rate * end)
     return speed, reach * (1.0 - np.cos(rate * end)) + speed * (time - end)
 
@@ -471,29 +621,47 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     stroke, beyond = campaign.scene.spring[0].stroke, np.geomspace(1e-5, 1e-2, 40)
     stiffness = 75.0 + 5.0 * np.sin(np.arange(80))
     force = 0.5 * stroke * stiffness * (1.0 + np.concatenate([beyond, -beyond]))
-    places = np.array([[("force" in law.parameter.path, "stiffness" in law.parameter.path) for law in campaign.file.dispersions]])
+    places = np.array(
+        [
+            [
+                ("force" in law.parameter.path, "stiffness" in law.parameter.path)
+                for law in campaign.file.dispersions
+            ]
+        ]
+    )
     draws = np.where(places[0, :, 0], force[:, None], stiffness[:, None])
-    block, names = pilot.fly(campaign, flight, draws), [column.name for column in campaign.outcome_columns]
+    block, names = (
+        pilot.fly(campaign, flight, draws),
+        [column.name for column in campaign.outcome_columns],
+    )
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)
     assert (block.status == Status.OK).all()
     for name, right in (("separation_speed_m_s", speed), ("separation_distance_mm", distance)):
         k = names.index(name)
         told = max(flight.achieved.errors[name], SAFETY * block.again.change[k])
-        assert errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]]).max() <= max(told, 1e-12)
+        assert errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]]).max() <= max(
+            told, 1e-12
+        )
 
 
 def test_a_trial_case_that_would_be_flown_again_tells_no_error():
-    """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps what such a step gives."""
+    """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps
+    what such a step gives."""
     campaign = sepmc.load(str(Path(__file__).parent / "grazing.toml"))
     accuracy = pilot.plan_flight(campaign).achieved
     assert accuracy.met, accuracy.worst
 
 
 def test_a_flow_almost_from_the_side(pair):
-    """Alpha turns about where sideslip is 90 deg, and an error of the attitude with it: 57 times what trial cases told."""
+    """Alpha turns about where sideslip is 90 deg, and an error of the attitude with it: 57 times
+    what trial cases told."""
     campaign = pair(
         {
-            "environment": {"atmosphere": "none", "gravity": "none", "wind": {"speed_m_s": 60.0, "direction_deg": 90.0}},
+            "environment": {
+                "atmosphere": "none",
+                "gravity": "none",
+                "wind": {"speed_m_s": 60.0, "direction_deg": 90.0},
+            },
             "body.fore.inertia_kg_m2": [30.0, 80.0, 100.0],
             "phase": [{"name": "free"}],
             "initial": {"altitude_m": 1e4, "speed_m_s": 60.0, "omega_deg_s": [100.0, 15.0, 20.0]},
@@ -511,23 +679,33 @@ def test_a_flow_almost_from_the_side(pair):
     worst = int(rows["fore_beta_deg"].abs().argmax())
     right = fly_independently(result.case(worst).to_dict()).outcomes["fore_alpha_deg"]
     assert abs(rows["fore_beta_deg"][worst]) > 89.8
-    assert abs(rows["fore_alpha_deg"][worst] - right) <= result.accuracy.errors["fore_alpha_deg"] * abs(right)
+    assert abs(rows["fore_alpha_deg"][worst] - right) <= result.accuracy.errors[
+        "fore_alpha_deg"
+    ] * abs(right)
 
 
 def test_histories_have_an_error_of_their_own(pair):
     """Between the ends of steps the motion is interpolated; against the closed form."""
-    campaign = pair(SHOT | {"run.history_step_s": 0.007, "spring.push.stroke_m": 0.85, "solver.accuracy": 1e-6})
+    campaign = pair(
+        SHOT | {"run.history_step_s": 0.007, "spring.push.stroke_m": 0.85, "solver.accuracy": 1e-6}
+    )
     result = campaign.run(cases=300)
     rows, histories = result.to_pandas(), result.histories()
-    force, stiffness = (rows[f"in_spring_push_{name}"].to_numpy()[histories["case"]] for name in ("force_N", "stiffness_N_per_m"))
+    force, stiffness = (
+        rows[f"in_spring_push_{name}"].to_numpy()[histories["case"]]
+        for name in ("force_N", "stiffness_N_per_m")
+    )
     speed, _ = shot(force, stiffness, 0.85, histories["time_s"].to_numpy())
-    off = np.abs(histories["separation_speed_m_s"] - speed) / np.maximum(np.abs(speed), rows["separation_speed_m_s"].std())
+    off = np.abs(histories["separation_speed_m_s"] - speed) / np.maximum(
+        np.abs(speed), rows["separation_speed_m_s"].std()
+    )
     assert off.max() <= result.accuracy.history < 1e-4
 
 
 def test_the_error_of_histories_is_that_of_the_middle_of_a_law_too():
-    """Tail-offs of 0.1 ms to 3 s: the shortest have steps of their own and the longest are smooth; in between, steps are interpolated least
-    exactly. v = F / m (0.1 + tau (1 - exp(-(t - 0.2) / tau))) after burn-out at 0.2 s, let go at 0.1 s."""
+    """Tail-offs of 0.1 ms to 3 s: the shortest have steps of their own and the longest are smooth;
+    in between, steps are interpolated least exactly. v = F / m (0.1 + tau (1 - exp(-(t - 0.2) /
+    tau))) after burn-out at 0.2 s, let go at 0.1 s."""
     campaign = sepmc.load(Path(__file__).parent / "scenes" / "tail-off-of-any-length.toml")
     result = campaign.run(cases=500)
     rows, inputs = result.histories(), result.to_pandas()
@@ -540,7 +718,8 @@ def test_the_error_of_histories_is_that_of_the_middle_of_a_law_too():
 
 
 def test_no_trial_case_tells_no_error(table2):
-    """The error is not known then, which is not that it is zero; a step that is given does not change that."""
+    """The error is not known then, which is not that it is zero; a step that is given does not
+    change that."""
     told = achieved(table2, np.zeros(len(table2.outcome_columns)), 0)
     assert set(told.errors.values()) == {np.inf}
     assert not told.met

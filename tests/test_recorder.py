@@ -1,4 +1,5 @@
-"""The recorder of kernels: what is written, once, in which order; what is computed before a flight; and that it means what was wired."""
+"""The recorder of kernels: what is written, once, in which order; what is computed before a flight;
+and that it means what was wired."""
 
 import math
 
@@ -22,29 +23,46 @@ def test_the_same_call_is_written_once(scope):
     one, again = vec3.dot(x, x), vec3.dot(x, x)
     vec3.cross(x, x)
     scope.store("OUT", one * again + one)
-    assert scope.lines() == ["x = get3(w, X + l)", "dot = vec3.dot(x, x)", "w[OUT + l] = dot * dot + dot"]
+    assert scope.lines() == [
+        "x = get3(w, X + l)",
+        "dot = vec3.dot(x, x)",
+        "w[OUT + l] = dot * dot + dot",
+    ]
 
 
 def test_what_depends_on_the_case_alone_is_computed_before_the_flight(scope):
-    """A parameter is read where it stands; what follows from parameters is kept in a slab; what nobody uses is not."""
+    """A parameter is read where it stands; what follows from parameters is kept in a slab; what
+    nobody uses is not."""
     mass = scope.case.parameter(7)
     inverse = (1.0 / mass).called("inverse_mass")
     vec3.scale(mass, (1.0, 2.0, 3.0))
     scope.store("OUT", inverse * scope.load("FORCE") + mass)
-    assert scope.lines() == ["w[OUT + l] = w[INVERSE_MASS_1 + l] * w[FORCE + l] + w[P + 7 * LANES + l]"]
-    assert scope.case.lines() == ["inverse_mass = 1.0 / w[P + 7 * LANES + l]", "w[INVERSE_MASS_1 + l] = inverse_mass"]
+    assert scope.lines() == [
+        "w[OUT + l] = w[INVERSE_MASS_1 + l] * w[FORCE + l] + w[P + 7 * LANES + l]"
+    ]
+    assert scope.case.lines() == [
+        "inverse_mass = 1.0 / w[P + 7 * LANES + l]",
+        "w[INVERSE_MASS_1 + l] = inverse_mass",
+    ]
     assert scope.slabs.counts == {"INVERSE_MASS_1": 1}
 
 
 def test_a_symmetric_matrix_is_kept_as_six_numbers(scope):
-    tensor = vehicle.inertia_tensor(1.0, *(tuple(scope.case.parameter(start + i) for i in range(3)) for start in (0, 3)))
-    scope.store("OUT", vec3.rotate(vec3.symmetric_inverse(tensor).called("inverse"), scope.load("X", 3)))
-    assert scope.lines()[-1] == "put3(w, OUT + l, vec3.rotate(get6(w, INVERSE_1 + l), get3(w, X + l)))"
+    tensor = vehicle.inertia_tensor(
+        1.0, *(tuple(scope.case.parameter(start + i) for i in range(3)) for start in (0, 3))
+    )
+    scope.store(
+        "OUT", vec3.rotate(vec3.symmetric_inverse(tensor).called("inverse"), scope.load("X", 3))
+    )
+    assert (
+        scope.lines()[-1] == "put3(w, OUT + l, vec3.rotate(get6(w, INVERSE_1 + l), get3(w, X + l)))"
+    )
     assert scope.slabs.counts == {"INVERSE_1": 6}
 
 
 def test_what_was_stored_is_what_is_read(scope):
-    """Only what stands at a place in the end is written, and a value read before that is read before it is written over."""
+    """Only what stands at a place in the end is written, and a value read before that is read
+    before it is written over."""
     before = scope.load("T")
     scope.store("T", before + 1.0)
     scope.store("T", scope.load("T") * 2.0)
@@ -56,7 +74,11 @@ def test_choices_are_between_values_that_are_there(scope):
     """Both are computed first, so that lanes do not part."""
     x = scope.load("X")
     scope.store("OUT", where((x > 0.0) & (x < math.inf), 1.0 / x, 0.0))
-    assert scope.lines() == ["x = w[X + l]", "x_2 = 1.0 / x", "w[OUT + l] = x_2 if x > 0.0 and x < math.inf else 0.0"]
+    assert scope.lines() == [
+        "x = w[X + l]",
+        "x_2 = 1.0 / x",
+        "w[OUT + l] = x_2 if x > 0.0 and x < math.inf else 0.0",
+    ]
     with pytest.raises(TypeError, match="use where"):
         bool(x > 0.0)
 
@@ -85,7 +107,11 @@ def test_what_lanes_share_is_read_before_their_loop(scope):
     text = Text()
     scope.store("OUT", scope.case.shared(9) * vec3.dot(scope.case.shared(0, 3), scope.load("X", 3)))
     scope.write(text)
-    assert text.lines[:3] == ["shared_0 = vec3.get(w, SHARED + 0)", "shared_9 = w[SHARED + 9]", "for l in range(LANES):"]
+    assert text.lines[:3] == [
+        "shared_0 = vec3.get(w, SHARED + 0)",
+        "shared_9 = w[SHARED + 9]",
+        "for l in range(LANES):",
+    ]
     assert text.lines[3:] == ["    w[OUT + l] = shared_9 * vec3.dot(shared_0, get3(w, X + l))"]
 
 
@@ -94,27 +120,40 @@ def test_long_statements_are_broken(scope):
     scope.store("OUT", total([scope.load(f"QUANTITY_{i}") for i in range(20)]))
     scope.write(text)
     assert len(text.lines) > 2
-    assert max(map(len, text.lines)) <= 132
+    assert max(map(len, text.lines)) <= 100
     compile("\n".join(text.lines), "broken", "exec")
 
 
 HOMES = {
-    vec3: ["vec3"], quat: ["quat"], joints: ["joints"], loads: ["aerodynamics", "gravity", "propulsion", "springs", "wind"],
+    vec3: ["vec3"], quat: ["quat"], joints: ["joints"], loads: ["aerodynamics", "gravity",
+    "propulsion", "springs", "wind"],
     air: ["atmosphere"], vehicle: ["vehicle"], scalar: ["lanes", "elementary"], guides: ["guides"],
 }  # fmt: skip
-ALL = [(module, name) for module in HOMES for name in module._shapes if not name.startswith("math.") and name != "abs"]
+ALL = [
+    (module, name)
+    for module in HOMES
+    for name in module._shapes
+    if not name.startswith("math.") and name != "abs"
+]
 
 
 @pytest.fixture(scope="module")
 def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names if home != "lanes")
-    text = f"GUARDS, STAGES, CHANGES = 0, 0, 0\nfrom sepmc.physics import {homes}\nfrom sepmc.routines import lanes"
+    text = (
+        f"GUARDS, STAGES, CHANGES = 0, 0, 0\nfrom sepmc.physics import {homes}\nfrom "
+        "sepmc.routines import lanes"
+    )
     return interpreted.load(text).plain
 
 
 def _sizes(value):
-    return tuple(_sizes(part) if isinstance(part, tuple) else 1 for part in value) if isinstance(value, tuple) else 1
+    return (
+        tuple(_sizes(part) if isinstance(part, tuple) else 1 for part in value)
+        if isinstance(value, tuple)
+        else 1
+    )
 
 
 def _expected(shape):
@@ -127,21 +166,36 @@ def _expected(shape):
 def test_formulas_give_what_the_recorder_thinks(plain, module, name):
     """Shapes are told by hand in `sepmc.kernel.formulas`: each against what the formula gives."""
     last = name.rpartition(".")[2]
-    real = next(getattr(getattr(plain, home), last) for home in HOMES[module] if hasattr(getattr(plain, home), last))
-    known = {"3": (0.1, 0.2, 0.3), "4": (0.9, 0.1, 0.2, 0.3), "9": (2.0, 0.1, 0.2, 0.1, 3.0, 0.3, 0.2, 0.3, 4.0), "1": 0.5}
+    real = next(
+        getattr(getattr(plain, home), last)
+        for home in HOMES[module]
+        if hasattr(getattr(plain, home), last)
+    )
+    known = {
+        "3": (0.1, 0.2, 0.3),
+        "4": (0.9, 0.1, 0.2, 0.3),
+        "9": (2.0, 0.1, 0.2, 0.1, 3.0, 0.3, 0.2, 0.3, 4.0),
+        "1": 0.5,
+    }
     given = _ARGUMENTS.get(name, "3" * real.__code__.co_argcount)
     assert _sizes(real(*(known[a] for a in given))) == _expected(module._shapes[name])
 
 
 _ARGUMENTS = {
-    "scale": "13", "rotate": "93", "unrotate": "93", "add_matrices": "99", "symmetric_inverse": "9", "is_positive_definite": "9",
-    "matrix": "4", "rate": "43", "from_angles": "111", "pitch": "9", "yaw": "9", "roll": "9", "flow_angles": "3", "aero_force": "13",
-    "aero_moment": "13", "thrust_direction": "1111", "thrust_arm": "311111", "wind": "11", "inverse_square": "11",
-    "inverse_square_near": "11", "building_up": "111", "tail_off": "11", "springs.spring_force": "11111", "density_near": "91",
-    "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14", "layer": "1", "inertia_tensor": "133",
+    "scale": "13", "rotate": "93", "unrotate": "93", "add_matrices": "99",
+    "symmetric_inverse": "9", "is_positive_definite": "9",
+    "matrix": "4", "rate": "43", "from_angles": "111", "pitch": "9", "yaw": "9", "roll": "9",
+    "flow_angles": "3", "aero_force": "13",
+    "aero_moment": "13", "thrust_direction": "1111", "thrust_arm": "311111", "wind": "11",
+    "inverse_square": "11",
+    "inverse_square_near": "11", "building_up": "111", "tail_off": "11",
+    "springs.spring_force": "11111", "density_near": "91",
+    "geopotential": "1", "sound_speed": "1", "geopotential_rise": "111", "density_series": "14",
+    "layer": "1", "inertia_tensor": "133",
     "flight_direction": "11", "larger": "11", "arctan2": "11", "exponential": "1",
     "heading": "9", "turns_unclear": "44331",
-    "bearing_forces": "3311", "around_circle": "1111", "pin_force": "3131", "friction_force": "1111",
+    "bearing_forces": "3311", "around_circle": "1111", "pin_force": "3131",
+    "friction_force": "1111",
     "nearest_turn": "11", "time_left": "1111", "largest3": "3", "largest4": "4",
 }  # fmt: skip
 

@@ -1,4 +1,5 @@
-"""Rows that follow from others, in written kernels: left out of the motion, and what joints carry shared by least squares."""
+"""Rows that follow from others, in written kernels: left out of the motion, and what joints carry
+shared by least squares."""
 
 import numpy as np
 import pytest
@@ -17,8 +18,16 @@ SCENES = {
         {
             "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
             "phase": [
-                {"name": "bolted", "joints": {"pins": "fixed", "again": "fixed"}, "until": {"time_s": 0.2}},
-                {"name": "guided", "joints": {"pins": "slider", "again": "slider"}, "until": {"joint": "pins", "stroke_mm": 30.0}},
+                {
+                    "name": "bolted",
+                    "joints": {"pins": "fixed", "again": "fixed"},
+                    "until": {"time_s": 0.2},
+                },
+                {
+                    "name": "guided",
+                    "joints": {"pins": "slider", "again": "slider"},
+                    "until": {"joint": "pins", "stroke_mm": 30.0},
+                },
                 {"name": "free"},
             ],
             "output": {"loads": ["pins", "again"], "tip_off": ["pins"]},
@@ -30,7 +39,16 @@ SCENES = {
             "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
             "joint.third": {"bodies": BOTH, "point_m": [2.1, -0.2, 0.3]},
             "load": [PUSH | {"end_s": 0.3}],
-            "motor": [{"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}],
+            "motor": [
+                {
+                    "name": "pull",
+                    "body": "aft",
+                    "thrust_N": 9.0,
+                    "build_up_s": 0.2,
+                    "station_m": 3.0,
+                    "cant_deg": 180.0,
+                }
+            ],
             "phase": [
                 {
                     "name": "held",
@@ -47,7 +65,11 @@ SCENES = {
         {
             "joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]},
             "phase": [
-                {"name": "bolted", "joints": {"pins": "fixed", "again": "spherical"}, "until": {"time_s": 0.2}},
+                {
+                    "name": "bolted",
+                    "joints": {"pins": "fixed", "again": "spherical"},
+                    "until": {"time_s": 0.2},
+                },
                 {"name": "hinged", "joints": {"again": "spherical"}, "until": {"time_s": 0.3}},
                 {"name": "free"},
             ],
@@ -60,7 +82,12 @@ SCENES = {
             "body.mid": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2.0, 0.1, 0.5]},
             "body.bar": {"mass_kg": 2.0, "inertia_kg_m2": [1.0, 1.5, 1.2], "cg_m": [2.0, 0.1, 1.5]},
             "joint": {
-                name: {"bodies": [a, b], "point_m": point, "x_axis": [0.0, 1.0, 0.0], "y_axis": [1.0, 0.0, 0.0]}
+                name: {
+                    "bodies": [a, b],
+                    "point_m": point,
+                    "x_axis": [0.0, 1.0, 0.0],
+                    "y_axis": [1.0, 0.0, 0.0],
+                }
                 for name, (a, b, point) in HINGES.items()
             },
             "phase": [{"name": "linked", "joints": dict.fromkeys(HINGES, "revolute")}],
@@ -75,8 +102,16 @@ SCENES = {
             "joint.first": {"bodies": ["ground", "fore"], "point_m": [0.5, 0.0, 0.0]},
             "joint.second": {"bodies": ["ground", "aft"], "point_m": [3.5, 0.0, 0.0]},
             "phase": [
-                {"name": "bolted", "joints": {"first": "fixed", "second": "fixed", "pins": "fixed"}, "until": {"time_s": 0.2}},
-                {"name": "cut", "joints": {"first": "fixed", "pins": "fixed"}, "until": {"time_s": 0.3}},
+                {
+                    "name": "bolted",
+                    "joints": {"first": "fixed", "second": "fixed", "pins": "fixed"},
+                    "until": {"time_s": 0.2},
+                },
+                {
+                    "name": "cut",
+                    "joints": {"first": "fixed", "pins": "fixed"},
+                    "until": {"time_s": 0.3},
+                },
                 {"name": "free"},
             ],
             "output": {"loads": ["first", "second", "pins"]},
@@ -88,7 +123,8 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name):
-    """Motion, release and what each joint carries; the audit says how many rows follow from others."""
+    """Motion, release and what each joint carries; the audit says how many rows follow from
+    others."""
     settings, redundant = SCENES[name]
     campaign = pair(TURNING | settings)
     at_rest = ("alpha_deg", "beta_deg") if campaign.scene.initial.speed == 0.0 else ()
@@ -97,10 +133,14 @@ def test_as_the_independent_flight(pair, name):
 
 
 def test_rows_that_follow_only_at_the_start(pair):
-    """Two rods in one line, from one point to two of the other body, hold the same direction; to first order they let that body turn, and
-    as it does they no longer hold the same: no multipliers are a motion of that, and no number is told."""
+    """Two rods in one line, from one point to two of the other body, hold the same direction; to
+    first order they let that body turn, and as it does they no longer hold the same: no multipliers
+    are a motion of that, and no number is told."""
     rod = {"bodies": BOTH, "point_m": [1.5, 0.0, 0.0], "second_point_m": [2.5, 0.0, 0.0]}
-    settings = {"joint": {"one": rod, "other": rod | {"second_point_m": [2.0, 0.0, 0.0]}}, "phase": [{"name": "held"}]}
+    settings = {
+        "joint": {"one": rod, "other": rod | {"second_point_m": [2.0, 0.0, 0.0]}},
+        "phase": [{"name": "held"}],
+    }
     settings["phase"][0]["joints"] = {"one": "rod", "other": "rod"}
     campaign = pair(TURNING | settings | {"load": [], "initial.omega_rad_s": [0.0, 0.0, 0.0]})
     assert len(dependent_rows(campaign.scene, [("one", 12), ("other", 12)], [])) == 1
@@ -112,9 +152,11 @@ def test_rows_that_follow_only_at_the_start(pair):
 
 
 def test_dependent_rows_are_those_that_come_later(pair):
-    """Of two joints that hold the same the first counts; bodies that turn as one leave nothing for rows of rotation."""
+    """Of two joints that hold the same the first counts; bodies that turn as one leave nothing for
+    rows of rotation."""
     scene = pair({"joint.again": {"bodies": BOTH, "point_m": [2.1, 0.2, 0.0]}}).scene
     rows = [(joint, code) for joint in ("pins", "again") for code in (0, 1, 2)]
-    assert dependent_rows(scene, rows, []) == [4]  # two points fix all but a turn about the line through them
+    # two points fix all but a turn about the line through them
+    assert dependent_rows(scene, rows, []) == [4]
     assert dependent_rows(scene, rows, [("fore", "aft")]) == [3, 4, 5]
     assert dependent_rows(scene, [], []) == []

@@ -8,9 +8,19 @@ from turning_pair import BOTH, MID, TURNING, agrees, alone
 
 from sepmc.trust import independent
 
-PULL = {"name": "pull", "body": "aft", "thrust_N": 9.0, "build_up_s": 0.2, "station_m": 3.0, "cant_deg": 180.0}
+PULL = {
+    "name": "pull",
+    "body": "aft",
+    "thrust_N": 9.0,
+    "build_up_s": 0.2,
+    "station_m": 3.0,
+    "cant_deg": 180.0,
+}
 PULLED = {"motor": [PULL]}
-ONE = {"phase": [{"name": "held", "joints": {"pins": "fixed"}}], "output": {"loads": ["pins"], "tip_off": ["pins"]}}
+ONE = {
+    "phase": [{"name": "held", "joints": {"pins": "fixed"}}],
+    "output": {"loads": ["pins"], "tip_off": ["pins"]},
+}
 TWO = {
     **MID,
     "joint.pins.bodies": ["fore", "mid"],
@@ -35,7 +45,10 @@ PUSHER = {
 
 def until(condition, kind="fixed"):
     """Held until a condition, then free."""
-    return {"phase": [{"name": "held", "joints": {"pins": kind}, "until": condition}, {"name": "free"}], "output": {"loads": ["pins"]}}
+    return {
+        "phase": [{"name": "held", "joints": {"pins": kind}, "until": condition}, {"name": "free"}],
+        "output": {"loads": ["pins"]},
+    }
 
 
 def cut(joint, when, name="cut"):
@@ -49,11 +62,23 @@ SCENES = {
     "not within the flight": (ONE, [cut("pins", {"time_s": 0.9})], math.nan),
     "of another joint than a phase's": (TWO, [cut("other", {"time_s": 0.3})], 0.3),
     "before the phase that would let go": (TWO, [cut("pins", {"time_s": 0.1})], None),
-    "by the stroke of another joint": (TWO, [cut("other", {"joint": "pins", "stroke_mm": 5.0})], None),
+    "by the stroke of another joint": (
+        TWO,
+        [cut("other", {"joint": "pins", "stroke_mm": 5.0})],
+        None,
+    ),
     "by several conditions, and a second one": (
         TWO,
         [
-            cut("other", {"any": [{"all": [{"time_s": 0.2}, {"joint": "pins", "distance_mm": 3.0}]}, {"time_s": 0.39}]}),
+            cut(
+                "other",
+                {
+                    "any": [
+                        {"all": [{"time_s": 0.2}, {"joint": "pins", "distance_mm": 3.0}]},
+                        {"time_s": 0.39},
+                    ]
+                },
+            ),
             cut("pins", {"time_s": 0.22}, "second"),
         ],
         None,
@@ -63,14 +88,22 @@ SCENES = {
         [cut("pins", {"time_s": 0.2})],
         0.28,
     ),
-    "of a joint that its phase lets go late, after that": (TWO | {"joint.pins.delay_s": 0.05}, [cut("pins", {"time_s": 0.27})], 0.3),
+    "of a joint that its phase lets go late, after that": (
+        TWO | {"joint.pins.delay_s": 0.05},
+        [cut("pins", {"time_s": 0.27})],
+        0.3,
+    ),
     "of one of two joints that let go late": (
         TWO
         | {
             "joint.pins.delay_s": 0.08,
             "joint.other.delay_s": 0.04,
             "phase": [
-                {"name": "held", "joints": {"pins": "fixed", "other": "fixed"}, "until": {"joint": "other", "force_N": 2.0}},
+                {
+                    "name": "held",
+                    "joints": {"pins": "fixed", "other": "fixed"},
+                    "until": {"joint": "other", "force_N": 2.0},
+                },
                 {"name": "free"},
             ],
             "motor": [PULL],
@@ -79,14 +112,26 @@ SCENES = {
         None,
     ),
     "by a load": (ONE | PULLED, [cut("pins", {"joint": "pins", "force_N": 9.0})], None),
-    "by a load, late": (ONE | PULLED | {"joint.pins.delay_s": 0.03}, [cut("pins", {"joint": "pins", "force_N": 9.0})], None),
-    "by a load, or before it": (ONE | PULLED, [cut("pins", {"joint": "pins", "force_N": 9.0, "time_s": 0.05})], 0.05),
+    "by a load, late": (
+        ONE | PULLED | {"joint.pins.delay_s": 0.03},
+        [cut("pins", {"joint": "pins", "force_N": 9.0})],
+        None,
+    ),
+    "by a load, or before it": (
+        ONE | PULLED,
+        [cut("pins", {"joint": "pins", "force_N": 9.0, "time_s": 0.05})],
+        0.05,
+    ),
     "of a joint that breaks before another ends the phase": (
         TWO
         | PULLED
         | {
             "phase": [
-                {"name": "held", "joints": {"pins": "fixed", "other": "fixed"}, "until": {"joint": "other", "force_N": 6.0}},
+                {
+                    "name": "held",
+                    "joints": {"pins": "fixed", "other": "fixed"},
+                    "until": {"joint": "other", "force_N": 6.0},
+                },
                 {"name": "rest", "joints": {"pins": "slider"}},
             ]
         },
@@ -99,7 +144,11 @@ SCENES = {
         None,
     ),
     "none, but a phase ends by a load or a stroke": (
-        PULLED | until({"any": [{"joint": "pins", "moment_N_m": 90.0}, {"joint": "pins", "stroke_mm": 60.0}]}, "slider"),
+        PULLED
+        | until(
+            {"any": [{"joint": "pins", "moment_N_m": 90.0}, {"joint": "pins", "stroke_mm": 60.0}]},
+            "slider",
+        ),
         [],
         None,
     ),
@@ -123,5 +172,11 @@ def test_as_the_independent_flight(pair, name):
 
 def test_a_joint_that_was_told_and_holds_at_the_end(pair):
     """Its delay ends after the flight."""
-    campaign = pair(TURNING | ONE | {"joint.pins.delay_s": 0.5, "release": [cut("pins", {"time_s": 0.2})]})
-    assert alone(campaign)[0] == independent.fly(campaign.nominal().to_dict()).status == "never-released"
+    campaign = pair(
+        TURNING | ONE | {"joint.pins.delay_s": 0.5, "release": [cut("pins", {"time_s": 0.2})]}
+    )
+    assert (
+        alone(campaign)[0]
+        == independent.fly(campaign.nominal().to_dict()).status
+        == "never-released"
+    )

@@ -1,4 +1,5 @@
-"""The road around the kernel: calls, parts and the writer beside the flight never change a row; --stats-only keeps no rows."""
+"""The road around the kernel: calls, parts and the writer beside the flight never change a row;
+--stats-only keeps no rows."""
 
 import json
 
@@ -24,7 +25,9 @@ def call(*arguments):
 @pytest.fixture(scope="module")
 def campaign():
     """Never released in some cases, so that there are failures to count."""
-    return sepmc.load("table2", {"run.chunk": 20, "run.history_step_s": 0.1, "run.end_time_s": 0.26})
+    return sepmc.load(
+        "table2", {"run.chunk": 20, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +75,8 @@ def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monke
 
 
 def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
-    """A full disk in the second part: a sentence, no traceback, and the finished part goes on from there."""
+    """A full disk in the second part: a sentence, no traceback, and the finished part goes on from
+    there."""
     folder, write, written = tmp_path / "run", store.pq.write_table, []
 
     def full(table, path, **options):
@@ -83,14 +87,26 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(store.pq, "write_table", full)
-        with pytest.raises(StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"):
+        with pytest.raises(
+            StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"
+        ):
             campaign.run(cases=50, seed=7, out=folder)
-        assert json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["complete"] is False
+        assert (
+            json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["complete"] is False
+        )
         failed = call("campaign", folder, "--out", folder, "--resume", "--quiet")
-        assert (failed.exit_code, "No space left" in failed.stderr, "Traceback" in failed.output) == (2, True, False)
+        assert (
+            failed.exit_code,
+            "No space left" in failed.stderr,
+            "Traceback" in failed.output,
+        ) == (2, True, False)
     same(campaign.run(cases=50, seed=7, out=folder, resume=True), result)
     told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert (told["complete"], told["cases_held"], told["failures"]) == (True, 50, result.status_counts["never-released"])
+    assert (told["complete"], told["cases_held"], told["failures"]) == (
+        True,
+        50,
+        result.status_counts["never-released"],
+    )
 
 
 def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_path):
@@ -128,7 +144,9 @@ def test_statistics_only(campaign, result, tmp_path):
         with pytest.raises(ValueError, match="statistics only"):
             rows_of()
     assert found.case(3).inputs == result.case(3).inputs
-    other = campaign.with_settings({"run.chunk": 7}).run(cases=50, seed=7, stats_only=True, threads=1)
+    other = campaign.with_settings({"run.chunk": 7}).run(
+        cases=50, seed=7, stats_only=True, threads=1
+    )
     pd.testing.assert_frame_equal(other.statistics(), table, check_exact=True)
     with pytest.raises(ValueError, match="stats_only keeps no cases"):
         campaign.run(cases=50, stats_only=True, resume=True, out=tmp_path / "run")
@@ -137,7 +155,16 @@ def test_statistics_only(campaign, result, tmp_path):
 
 
 def test_statistics_only_on_the_command_line(result, tmp_path):
-    options = ["--set", "run.end_time_s=0.26", "--set", "run.history_step_s=0.1", "--cases", 50, "--seed", 7]
+    options = [
+        "--set",
+        "run.end_time_s=0.26",
+        "--set",
+        "run.history_step_s=0.1",
+        "--cases",
+        50,
+        "--seed",
+        7,
+    ]
     folder = tmp_path / "run"
     told = call("campaign", "table2.toml", *options, "--stats-only", "--out", folder)
     assert told.exit_code == 0, told.output
@@ -146,22 +173,40 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
     assert f"{failures} cases never-released" in told.stdout
     assert f"(case {first}" in told.stdout
     names = {path.name for path in folder.iterdir()}
-    assert {"campaign.toml", "manifest.json", "statistics.csv", "statistics.json", "histograms.png"} <= names
+    assert {
+        "campaign.toml",
+        "manifest.json",
+        "statistics.csv",
+        "statistics.json",
+        "histograms.png",
+    } <= names
     assert not names & {"cases", "histories", "separation_speed.png"}
     manifest = store.read_manifest(folder)
-    assert (manifest["complete"], manifest["stats_only"], manifest["cases"], manifest["cases_held"]) == (True, True, 50, 0)
+    assert (
+        manifest["complete"],
+        manifest["stats_only"],
+        manifest["cases"],
+        manifest["cases_held"],
+    ) == (True, True, 50, 0)
     data = json.loads((folder / "statistics.json").read_text(encoding="utf-8"))
     assert data["cases"] == {"ok": 50 - failures, "never-released": failures}
     assert data["failed_cases"]["never-released"][0] == first
     whole = tmp_path / "whole"
-    assert call("campaign", "table2.toml", *options, "--no-plots", "--quiet", "--out", whole).exit_code == 0
+    assert (
+        call("campaign", "table2.toml", *options, "--no-plots", "--quiet", "--out", whole).exit_code
+        == 0
+    )
     one, other = (pd.read_csv(at / "statistics.csv", index_col="outcome") for at in (folder, whole))
     pd.testing.assert_frame_equal(one[FIGURES], other[FIGURES], rtol=1e-9)
-    assert json.loads((whole / "statistics.json").read_text(encoding="utf-8"))["audit"] == data["audit"]
+    assert (
+        json.loads((whole / "statistics.json").read_text(encoding="utf-8"))["audit"]
+        == data["audit"]
+    )
 
 
 def test_a_folder_of_statistics_only(tmp_path):
-    """What needs rows says that there are none; a case is flown again from it, and it is replaced when asked."""
+    """What needs rows says that there are none; a case is flown again from it, and it is replaced
+    when asked."""
     folder = tmp_path / "run"
     options = ["table2.toml", "--cases", 5, "--no-plots", "--quiet", "--out", folder]
     assert call("campaign", *options, "--stats-only").exit_code == 0
@@ -169,7 +214,12 @@ def test_a_folder_of_statistics_only(tmp_path):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
     assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
-    assert call("run", folder, "--case", 3, "--no-plots", "--quiet", "--out", tmp_path / "one").exit_code == 0
+    assert (
+        call(
+            "run", folder, "--case", 3, "--no-plots", "--quiet", "--out", tmp_path / "one"
+        ).exit_code
+        == 0
+    )
     assert call("campaign", *options, "--overwrite").exit_code == 0
     assert len(pd.read_parquet(folder / "cases")) == 5
     assert call("campaign", *options, "--overwrite", "--stats-only").exit_code == 0
@@ -178,8 +228,21 @@ def test_a_folder_of_statistics_only(tmp_path):
 
 def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
     monkeypatch.setattr(chunks.Chunks, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    said = call("campaign", "table2.toml", "--cases", 5, "--stats-only", "--quiet", "--out", tmp_path / "run")
-    assert (said.exit_code, "nothing is kept" in said.stderr, "--resume" in said.stderr) == (130, True, False)
+    said = call(
+        "campaign",
+        "table2.toml",
+        "--cases",
+        5,
+        "--stats-only",
+        "--quiet",
+        "--out",
+        tmp_path / "run",
+    )
+    assert (said.exit_code, "nothing is kept" in said.stderr, "--resume" in said.stderr) == (
+        130,
+        True,
+        False,
+    )
 
 
 def test_status_of_a_part_is_a_dictionary_of_what_occurs(result, campaign, tmp_path):
@@ -188,7 +251,11 @@ def test_status_of_a_part_is_a_dictionary_of_what_occurs(result, campaign, tmp_p
     assert set(frame["status"].cat.categories) == {"ok", "never-released"}
     assert (frame["status"].to_numpy() == result.to_pandas()["status"].to_numpy()).all()
     metadata = store.pq.read_metadata(tmp_path / "cases" / "part-0000000000.parquet").row_group(0)
-    coded = {metadata.column(i).path_in_schema for i in range(metadata.num_columns) if metadata.column(i).has_dictionary_page}
+    coded = {
+        metadata.column(i).path_in_schema
+        for i in range(metadata.num_columns)
+        if metadata.column(i).has_dictionary_page
+    }
     assert coded == {"status"}
     assert np.isfinite(frame["upper_roll_deg"]).any()
 
@@ -198,6 +265,11 @@ def test_scipy_is_left_alone_where_nothing_needs_it():
     import subprocess
     import sys
 
-    program = "import sys, sepmc; sepmc.load('table2'); import sepmc.campaign.store, sepmc.analysis.stream; print('scipy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    program = (
+        "import sys, sepmc; sepmc.load('table2'); import sepmc.campaign.store, "
+        "sepmc.analysis.stream; print('scipy' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
     assert done.stdout == "False\n"

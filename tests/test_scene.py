@@ -1,4 +1,5 @@
-"""TOML to a scene and back: units, parameters by path, settings; and no tree whatever ends in anything but a message."""
+"""TOML to a scene and back: units, parameters by path, settings; and no tree whatever ends in
+anything but a message."""
 
 import copy
 import math
@@ -22,24 +23,62 @@ from sepmc.scene.units import UNITS, split_unit
 FILE = Path(__file__).parents[1] / "campaigns" / "table2.toml"
 TREE = tomllib.loads(FILE.read_text(encoding="utf-8"))
 SCENE = parse_campaign(TREE, "t.toml").scene
-PINT = {"t": "metric_ton", "in": "inch", "m_s": "m/s", "km_s": "km/s", "km_h": "km/hour", "ft_s": "ft/s", "deg_s": "deg/s"}
-PINT |= {"rad_s": "rad/s", "m_s2": "m/s^2", "ft_s2": "ft/s^2", "lbf": "force_pound", "kg_m2": "kg*m^2", "t_m2": "metric_ton*m^2"}
-PINT |= {"N_m": "N*m", "kN_m": "kN*m", "lbf_ft": "force_pound*ft", "N_per_m": "N/m", "N_per_mm": "N/mm", "kN_per_m": "kN/m"}
-PINT |= {"lbf_per_in": "force_pound/inch", "N_s_per_m": "N*s/m", "kN_s_per_m": "kN*s/m", "lbf_s_per_in": "force_pound*s/inch"}
+PINT = {
+    "t": "metric_ton",
+    "in": "inch",
+    "m_s": "m/s",
+    "km_s": "km/s",
+    "km_h": "km/hour",
+    "ft_s": "ft/s",
+    "deg_s": "deg/s",
+}
+PINT |= {
+    "rad_s": "rad/s",
+    "m_s2": "m/s^2",
+    "ft_s2": "ft/s^2",
+    "lbf": "force_pound",
+    "kg_m2": "kg*m^2",
+    "t_m2": "metric_ton*m^2",
+}
+PINT |= {
+    "N_m": "N*m",
+    "kN_m": "kN*m",
+    "lbf_ft": "force_pound*ft",
+    "N_per_m": "N/m",
+    "N_per_mm": "N/mm",
+    "kN_per_m": "kN/m",
+}
+PINT |= {
+    "lbf_per_in": "force_pound/inch",
+    "N_s_per_m": "N*s/m",
+    "kN_s_per_m": "kN*s/m",
+    "lbf_s_per_in": "force_pound*s/inch",
+}
 PINT |= {"kg_per_m3": "kg/m^3", "g_per_cm3": "g/cm^3", "slug_per_ft3": "slug/ft^3"}
-PINT |= {"slug_ft2": "slug*ft^2", "in2": "inch^2", "m2": "m^2", "cm2": "cm^2", "mm2": "mm^2", "ft2": "ft^2"}
+PINT |= {
+    "slug_ft2": "slug*ft^2",
+    "in2": "inch^2",
+    "m2": "m^2",
+    "cm2": "cm^2",
+    "mm2": "mm^2",
+    "ft2": "ft^2",
+}
 
 
 def set_to(**at):
     """table2.toml with values put in place; ``__`` stands for the dot of a path."""
-    return parse_campaign(TREE, "t.toml", {key.replace("__", "."): given for key, given in at.items()}).scene
+    return parse_campaign(
+        TREE, "t.toml", {key.replace("__", "."): given for key, given in at.items()}
+    ).scene
 
 
 @pytest.mark.parametrize("kind", UNITS)
 def test_factors_are_those_of_pint(kind):
     registry = pint.UnitRegistry()
     for suffix, factor in UNITS[kind].items():
-        assert factor == pytest.approx(registry.Quantity(1.0, PINT.get(suffix, suffix)).to_base_units().magnitude, rel=1e-14), suffix
+        assert factor == pytest.approx(
+            registry.Quantity(1.0, PINT.get(suffix, suffix)).to_base_units().magnitude, rel=1e-14
+        ), suffix
 
 
 @pytest.mark.parametrize(
@@ -64,15 +103,24 @@ def test_to_si():
     assert (upper.mass, SCENE.initial.speed, SCENE.initial.altitude) == (458.0, 6800.0, 70000.0)
     assert upper.cg == pytest.approx((1.3162, 0.0056, 0.0001), rel=1e-15)
     assert SCENE.motor[0].cant == pytest.approx(math.pi, rel=1e-15)
-    assert set_to(body__upper__mass_slug=2.0).body["upper"].mass == pytest.approx(29.18780587, rel=1e-9)
-    assert set_to(motor__retro__thrust_lbf=100.0).motor[0].thrust == pytest.approx(444.82216152605, rel=1e-14)
-    assert set_to(initial__omega_deg_s=[180.0, 0.0, -90.0]).initial.omega == pytest.approx((math.pi, 0.0, -math.pi / 2))
-    assert set_to(body__upper__inertia_kg_m2={"xx": 18.6, "yy": 156.3, "zz": 157.2}).body == SCENE.body
+    assert set_to(body__upper__mass_slug=2.0).body["upper"].mass == pytest.approx(
+        29.18780587, rel=1e-9
+    )
+    assert set_to(motor__retro__thrust_lbf=100.0).motor[0].thrust == pytest.approx(
+        444.82216152605, rel=1e-14
+    )
+    assert set_to(initial__omega_deg_s=[180.0, 0.0, -90.0]).initial.omega == pytest.approx(
+        (math.pi, 0.0, -math.pi / 2)
+    )
+    assert (
+        set_to(body__upper__inertia_kg_m2={"xx": 18.6, "yy": 156.3, "zz": 157.2}).body == SCENE.body
+    )
     assert set_to(motor__retro__offset_mm={"z": 3.0}).motor[0].offset == (0.0, 0.003)
 
 
 def test_parameters_round_trip():
-    """Every number a kernel reads can be found, read and replaced, and replacing one changes no other."""
+    """Every number a kernel reads can be found, read and replaced, and replacing one changes no
+    other."""
     plan = make_plan(SCENE)
     before = {path: value(SCENE, path) for path in plan.slots}
     for path, number in before.items():
@@ -86,10 +134,25 @@ def test_parameters_round_trip():
     ("key", "path", "unit", "column"),
     [
         ("body.upper.cg_mm.x", "body.upper.cg.x", "mm", "in_body_upper_cg_x_mm"),
-        ("body.lower.inertia_t_m2.zz", "body.lower.inertia.zz", "t_m2", "in_body_lower_inertia_zz_t_m2"),
+        (
+            "body.lower.inertia_t_m2.zz",
+            "body.lower.inertia.zz",
+            "t_m2",
+            "in_body_lower_inertia_zz_t_m2",
+        ),
         ("motor.retro.thrust_kN", "motor.retro.thrust", "kN", "in_motor_retro_thrust_kN"),
-        ("phase.guided.until.stroke_m", "phase.guided.until.stroke", "m", "in_phase_guided_until_stroke_m"),
-        ("body.upper.aerodynamics.pitch.alpha3", "body.upper.aerodynamics.pitch.alpha3", "", "in_body_upper_aerodynamics_pitch_alpha3"),
+        (
+            "phase.guided.until.stroke_m",
+            "phase.guided.until.stroke",
+            "m",
+            "in_phase_guided_until_stroke_m",
+        ),
+        (
+            "body.upper.aerodynamics.pitch.alpha3",
+            "body.upper.aerodynamics.pitch.alpha3",
+            "",
+            "in_body_upper_aerodynamics_pitch_alpha3",
+        ),
     ],
 )
 def test_find(key, path, unit, column):
@@ -99,7 +162,17 @@ def test_find(key, path, unit, column):
 
 
 @pytest.mark.parametrize(
-    "key", ["", ".", "body", "body.upper", "body.upper.cg_mm", "body.upper.mass", "body.upper.mass_kg.x", "motor.0.thrust_N"]
+    "key",
+    [
+        "",
+        ".",
+        "body",
+        "body.upper",
+        "body.upper.cg_mm",
+        "body.upper.mass",
+        "body.upper.mass_kg.x",
+        "motor.0.thrust_N",
+    ],
 )
 def test_find_nothing(key):
     with pytest.raises(UnknownPath):
@@ -110,9 +183,16 @@ def test_find_nothing(key):
 def test_toml_round_trip(name):
     """What a run folder keeps reads back as the same campaign."""
     heaviest = max(read_campaign(name).scene.body.items(), key=lambda item: item[1].mass)[0]
-    first = read_campaign(name, {f"body.{heaviest}.mass_lb": 1e6, "run.seed": 5, "solver.step_s": 0.0123})
+    first = read_campaign(
+        name, {f"body.{heaviest}.mass_lb": 1e6, "run.seed": 5, "solver.step_s": 0.0123}
+    )
     again = parse_campaign(tomllib.loads(first.toml), name)
-    assert (again.scene, again.dispersions, again.reference, again.title) == (first.scene, first.dispersions, first.reference, first.title)
+    assert (again.scene, again.dispersions, again.reference, again.title) == (
+        first.scene,
+        first.dispersions,
+        first.reference,
+        first.title,
+    )
     assert Campaign(again).digest == Campaign(first).digest != Campaign(read_campaign(name)).digest
 
 
@@ -140,13 +220,59 @@ def test_parse_setting(text, parsed):
     assert parse_setting(text) == parsed
 
 
-_NAMES = ["", "x", "mass_kg", "mass", "a.b", "name", "uniform", "normal", "relative", "discrete", "source", "upper"]
-_VALUES = [True, 0, -1, 1e308, -0.0, 5e-324, 10**400, math.nan, math.inf, -math.inf, "", "upper", "\n", ["upper", "lower"], [1.0, 2.0, 3.0]]
-_VALUES += [[], [[]], [{}], {}, {"x": 1.0}, {"x": {}}, {"uniform": 1.0}, {"time_s": 0.1}, {"a": {"b": 1.0}}, [10**400]]
+_NAMES = [
+    "",
+    "x",
+    "mass_kg",
+    "mass",
+    "a.b",
+    "name",
+    "uniform",
+    "normal",
+    "relative",
+    "discrete",
+    "source",
+    "upper",
+]
+_VALUES = [
+    True,
+    0,
+    -1,
+    1e308,
+    -0.0,
+    5e-324,
+    10**400,
+    math.nan,
+    math.inf,
+    -math.inf,
+    "",
+    "upper",
+    "\n",
+    ["upper", "lower"],
+    [1.0, 2.0, 3.0],
+]
+_VALUES += [
+    [],
+    [[]],
+    [{}],
+    {},
+    {"x": 1.0},
+    {"x": {}},
+    {"uniform": 1.0},
+    {"time_s": 0.1},
+    {"a": {"b": 1.0}},
+    [10**400],
+]
 
 
 def _paths(tree, path=()):
-    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    items = (
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    )
     for key, below in items:
         yield (*path, key)
         yield from _paths(below, (*path, key))
@@ -175,14 +301,17 @@ def _edited(tree, edits):
 
 
 _ACTIONS = st.sampled_from(["delete", "replace", "replace", "add", "rename"])
-_EDIT = st.tuples(st.sampled_from(list(_paths(TREE))), _ACTIONS, st.sampled_from(_NAMES), st.sampled_from(_VALUES))
+_EDIT = st.tuples(
+    st.sampled_from(list(_paths(TREE))), _ACTIONS, st.sampled_from(_NAMES), st.sampled_from(_VALUES)
+)
 
 
 @pytest.mark.filterwarnings("ignore::sepmc.scene.messages.SceneWarning")
 @given(st.lists(_EDIT, min_size=1, max_size=3))
 @settings(max_examples=400, deadline=None)
 def test_any_tree_is_refused_or_can_be_flown(edits):
-    """SceneError with a line per problem, or a campaign that can be planned, drawn and written; nothing else."""
+    """SceneError with a line per problem, or a campaign that can be planned, drawn and written;
+    nothing else."""
     try:
         campaign = Campaign(parse_campaign(_edited(TREE, edits), "t.toml"))
     except SceneError as refused:

@@ -1,4 +1,5 @@
-"""Cases that settle by themselves, outcomes that no step settles, and what a single run says of that; gusts that no step jumps over."""
+"""Cases that settle by themselves, outcomes that no step settles, and what a single run says of
+that; gusts that no step jumps over."""
 
 import itertools
 
@@ -17,19 +18,23 @@ BOTH = np.array([True, True])
 
 
 def flier(error):
-    """A stand-in for the kernel: outcomes 1 + ``error(step, case)`` and 2, and the steps each case was flown at, last first."""
+    """A stand-in for the kernel: outcomes 1 + ``error(step, case)`` and 2, and the steps each case
+    was flown at, last first."""
     flown = {}
 
     def fly(step, which):
         for case in which:
             flown.setdefault(int(case), []).insert(0, step)
-        return np.array([[1.0 + error(step, case), 2.0] for case in which]), np.zeros(len(which), dtype=int)
+        return np.array([[1.0 + error(step, case), 2.0] for case in which]), np.zeros(
+            len(which), dtype=int
+        )
 
     return fly, flown
 
 
 def test_each_case_settles_by_itself():
-    """An error of order 4, ten times as large in each case: the step told is the one each case was flown at last."""
+    """An error of order 4, ten times as large in each case: the step told is the one each case was
+    flown at last."""
     fly, flown = flier(lambda step, case: 10.0**case * step**4)
     found = settle.settle(fly, 4, 0.1, 1e-9, ONE, BOTH)
     assert found.settled.all()
@@ -42,7 +47,8 @@ def test_each_case_settles_by_itself():
 
 
 def test_one_agreement_may_be_luck():
-    """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not settled."""
+    """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not
+    settled."""
     fly, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
     found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
@@ -75,7 +81,9 @@ def test_a_status_that_only_long_steps_give_is_no_result(status):
 
 def test_a_case_that_ends_otherwise_has_not_settled():
     def fly(step, which):
-        return np.ones((len(which), 2)), np.full(len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED)
+        return np.ones((len(which), 2)), np.full(
+            len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED
+        )
 
     found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
@@ -85,7 +93,9 @@ def test_a_case_that_ends_otherwise_has_not_settled():
 def test_a_status_that_does_not_last_is_infinitely_wrong():
     ok, lost = np.zeros(1, dtype=int), np.array([Status.UNRESOLVED])
     same = np.ones((1, 2))
-    assert_array_equal(settle.changes(same, ok, same, lost, ONE, np.array([True, False])), [[np.inf, 0.0]])
+    assert_array_equal(
+        settle.changes(same, ok, same, lost, ONE, np.array([True, False])), [[np.inf, 0.0]]
+    )
     assert_array_equal(settle.changes(same, lost, 2.0 * same, lost, ONE, BOTH), [[1.0, 1.0]])
     invalid = np.array([Status.INVALID_INPUT])
     assert_array_equal(settle.changes(same, invalid, 2.0 * same, invalid, ONE, BOTH), [[0.0, 0.0]])
@@ -102,9 +112,13 @@ def test_a_single_run_is_as_accurate_as_asked(table2, accuracy):
 
 
 def test_no_gust_is_jumped_over(pair):
-    """Steps pass four rows of a wind profile at most: a gust of a millisecond, between the nodes of usual first steps, turns the body."""
+    """Steps pass four rows of a wind profile at most: a gust of a millisecond, between the nodes of
+    usual first steps, turns the body."""
     heights = 1500.0 + 0.25 * np.arange(-12, 13)
-    rows = {"altitude_m": [0.0, *heights, 80_000.0], "speed_m_s": [0.0, *(100.0 * np.exp(-(np.arange(-12, 13) ** 2) / 8.0)), 0.0]}
+    rows = {
+        "altitude_m": [0.0, *heights, 80_000.0],
+        "speed_m_s": [0.0, *(100.0 * np.exp(-(np.arange(-12, 13) ** 2) / 8.0)), 0.0],
+    }
     rows |= {"direction_deg": [90.0] * len(rows["altitude_m"])}
     air = {"reference_area_m2": 0.1, "reference_length_m": 1.0, "roll": {"beta": 1.0}}
     settings = {
@@ -125,13 +139,16 @@ def test_no_gust_is_jumped_over(pair):
 
 def test_extremes_of_a_discrete_law(table2):
     """Its values stand in any order."""
-    campaign = table2.with_settings({"dispersion": {"initial.altitude_m": {"discrete": [500.0, 9000.0, 100.0]}}})
+    campaign = table2.with_settings(
+        {"dispersion": {"initial.altitude_m": {"discrete": [500.0, 9000.0, 100.0]}}}
+    )
     assert [scene.initial.altitude for scene in campaign.plan.extremes] == [100.0, 9000.0]
 
 
 @pytest.mark.parametrize("by", ["thrust", "a law of speed", "a law of altitude"])
 def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
-    """The nominal start is at rest or far away; the gust is where the motor, or the law of the first state, takes the vehicle."""
+    """The nominal start is at rest or far away; the gust is where the motor, or the law of the
+    first state, takes the vehicle."""
     speeds = [0.0, 0.0, 0.0, 10.0, 40.0, 10.0, 0.0, 0.0, 0.0]
     heights = [0.0, *(2030.0 + np.arange(-3, 4)), 80_000.0]
     rows = {"altitude_m": heights, "speed_m_s": speeds, "direction_deg": [90.0] * len(speeds)}
@@ -145,7 +162,11 @@ def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
         "solver": {"accuracy": 1e-6},
     }
     if by == "thrust":
-        settings |= {"motor": [{"name": "m", "body": "fore", "thrust_N": 4000.0, "station_m": 0.0, "cant_deg": 0.0}]}
+        settings |= {
+            "motor": [
+                {"name": "m", "body": "fore", "thrust_N": 4000.0, "station_m": 0.0, "cant_deg": 0.0}
+            ]
+        }
     elif by == "a law of speed":
         settings |= {"dispersion": {"initial.speed_m_s": {"uniform": [400.0, 500.0]}}}
     else:
@@ -153,20 +174,37 @@ def test_no_gust_is_jumped_over_that_only_loads_or_laws_lead_to(pair, by):
         settings |= {"dispersion": {"initial.altitude_m": {"uniform": [2010.0, 2020.0]}}}
     campaign = pair(settings)
     found = campaign.run(cases=3).table["fore_omega_x_deg_s"]
-    expected = np.array([fly(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)])
+    expected = np.array(
+        [fly(campaign.case(i).to_dict()).outcomes["fore_omega_x_deg_s"] for i in range(3)]
+    )
     assert np.abs(expected).min() > 1e-3
     assert_allclose(found, expected, rtol=1e-5)
 
 
 def test_the_bound_of_speed_holds_for_any_mix_of_extremes(pair):
-    """A strong soft spring, a load that comes early and stays long: neither end of all laws together, and the step is no longer."""
-    rows = {"altitude_m": [0.0, 1000.0, 80_000.0], "speed_m_s": [0.0, 0.0, 0.0], "direction_deg": [90.0] * 3}
+    """A strong soft spring, a load that comes early and stays long: neither end of all laws
+    together, and the step is no longer."""
+    rows = {
+        "altitude_m": [0.0, 1000.0, 80_000.0],
+        "speed_m_s": [0.0, 0.0, 0.0],
+        "direction_deg": [90.0] * 3,
+    }
     spring = {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [-1.0, 0.0, 0.0]}
     settings = {
         "environment": {"atmosphere": "none", "gravity": "none", "wind": {"profile": rows}},
         "initial": {"altitude_m": 1000.0, "speed_m_s": 0.0},
-        "spring": [{"name": "s", **spring, "force_N": 1000.0, "stiffness_N_per_m": 1000.0, "stroke_m": 5.0}],
-        "load": [{"name": "l", "body": "fore", "force_N": [500.0, 0.0, 0.0], "start_s": 0.3, "end_s": 0.6}],
+        "spring": [
+            {"name": "s", **spring, "force_N": 1000.0, "stiffness_N_per_m": 1000.0, "stroke_m": 5.0}
+        ],
+        "load": [
+            {
+                "name": "l",
+                "body": "fore",
+                "force_N": [500.0, 0.0, 0.0],
+                "start_s": 0.3,
+                "end_s": 0.6,
+            }
+        ],
     }
     laws = {
         "spring.s.force_N": [100.0, 1900.0],

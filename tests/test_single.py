@@ -1,4 +1,5 @@
-"""One case by itself, flown by the kernel written for its scene in plain Python, with rows over time."""
+"""One case by itself, flown by the kernel written for its scene in plain Python, with rows over
+time."""
 
 import numpy as np
 import pytest
@@ -15,14 +16,20 @@ from sepmc.trust.independent import fly
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["table1.toml", "table2.toml", "spring-pushers.toml", "stack"])
 def test_formulations_agree(name):
-    """Every column of every row, forces and moments at both ends of the joints among them, by the reduced and by the full system: 1e-8 of
-    the largest of its unit. Rows at every instant and on both sides of the end of every phase."""
+    """Every column of every row, forces and moments at both ends of the joints among them, by the
+    reduced and by the full system: 1e-8 of the largest of its unit. Rows at every instant and on
+    both sides of the end of every phase."""
     campaign = sepmc.load(name) if name.endswith("toml") else scene(name)
     if campaign.scene.solver.step:
-        solver = {key: value for key, value in campaign.file.tree["solver"].items() if key != "step_s"}
+        solver = {
+            key: value for key, value in campaign.file.tree["solver"].items() if key != "step_s"
+        }
         campaign = campaign.with_settings({"solver": solver})
     every_s = campaign.scene.run.end_time / 40
-    one, two = (campaign.with_settings({"solver.formulation": which}).simulate(step_s=every_s) for which in ("reduced", "full"))
+    one, two = (
+        campaign.with_settings({"solver.formulation": which}).simulate(step_s=every_s)
+        for which in ("reduced", "full")
+    )
     assert one.attrs["notes"] == two.attrs["notes"] == []
     assert one.attrs["status"] == two.attrs["status"] == "ok"
     assert list(one["phase"]) == list(two["phase"])
@@ -32,20 +39,31 @@ def test_formulations_agree(name):
     assert np.abs(one["time_s"].to_numpy()[None, :] - grid[:, None]).min(axis=1).max() < 1e-9
     units = one.attrs["units"]
     for column in one.columns[2:]:
-        size = max(np.abs(one[other]).max() for other in one.columns[2:] if units[other] == units[column])
-        assert_allclose(one[column], two[column], rtol=0.0, atol=1e-8 * max(size, 1e-6), err_msg=column)
+        size = max(
+            np.abs(one[other]).max() for other in one.columns[2:] if units[other] == units[column]
+        )
+        assert_allclose(
+            one[column], two[column], rtol=0.0, atol=1e-8 * max(size, 1e-6), err_msg=column
+        )
 
 
-@pytest.mark.parametrize("solver", [{"step_s": 0.25}, {"step_s": 0.1}, {"accuracy": 1e-6}, {"accuracy": 1e-9}])
+@pytest.mark.parametrize(
+    "solver", [{"step_s": 0.25}, {"step_s": 0.1}, {"accuracy": 1e-6}, {"accuracy": 1e-9}]
+)
 def test_the_error_of_a_case_is_told(solver):
-    """No error of an outcome is larger than it is told to be. How long the phases of a case last is learnt at finer steps, if the one that
-    is given is as long as a phase and tells nothing."""
+    """No error of an outcome is larger than it is told to be. How long the phases of a case last is
+    learnt at finer steps, if the one that is given is as long as a phase and tells nothing."""
     table1 = sepmc.load("table1.toml")
     columns = [column.name for column in table1.outcome_columns]
-    found, right = (table1.with_settings({"solver": s}).simulate(step_s=0.5).attrs for s in (solver, {"step_s": 0.005}))
+    found, right = (
+        table1.with_settings({"solver": s}).simulate(step_s=0.5).attrs
+        for s in (solver, {"step_s": 0.005})
+    )
     assert found["status"] == right["status"] == "ok"
     told = np.array([found["errors"][name] for name in columns])
-    values, exact = (np.array([attrs["outcomes"][name] for name in columns]) for attrs in (found, right))
+    values, exact = (
+        np.array([attrs["outcomes"][name] for name in columns]) for attrs in (found, right)
+    )
     true = np.abs(values - exact) / np.maximum(np.abs(exact), 1e-3)
     assert (true <= told + 1e-11).all()
     assert told.max() <= solver.get("accuracy", 100.0 * true.max())
@@ -54,7 +72,9 @@ def test_the_error_of_a_case_is_told(solver):
 @pytest.mark.slow
 def test_a_late_joint_is_late_in_the_next_phase():
     """Its force goes on, in the phase that has begun, until it lets go."""
-    campaign = sepmc.load("table2.toml", {"joint.pins.delay_ms": 5.0, "phase.guided.until": {"time_s": 0.4}})
+    campaign = sepmc.load(
+        "table2.toml", {"joint.pins.delay_ms": 5.0, "phase.guided.until": {"time_s": 0.4}}
+    )
     frame = campaign.simulate(step_s=0.01)
     late = frame[(frame["phase"] == "free") & (frame["time_s"] < 0.405 - 1e-9)]
     assert len(late) >= 1
@@ -63,7 +83,11 @@ def test_a_late_joint_is_late_in_the_next_phase():
 
 
 LEAVES = {
-    "environment": {"atmosphere": "table", "gravity": "none", "air": {"altitude_m": [0.0, 2000.0], "density_kg_per_m3": [2.0, 2.0]}},
+    "environment": {
+        "atmosphere": "table",
+        "gravity": "none",
+        "air": {"altitude_m": [0.0, 2000.0], "density_kg_per_m3": [2.0, 2.0]},
+    },
     "phase": [{"name": "free"}],
     "initial": {"altitude_m": 1000.0, "speed_m_s": 100.0, "omega_deg_s": [0.0, 0.0, 40.0]},
     "body.aft.aerodynamics": {
@@ -96,7 +120,8 @@ def test_a_case_that_is_never_released():
 
 
 def test_rows_on_both_sides_of_a_release_in_part(pair):
-    """A fixed joint that becomes a slider within a phase, under a moment: it goes on holding that, and lets go of the force along x."""
+    """A fixed joint that becomes a slider within a phase, under a moment: it goes on holding that,
+    and lets go of the force along x."""
     push = {"name": "push", "body": "aft", "force_N": [-6.0, 0.0, 0.0], "point_m": [3.0, 0.0, 0.0]}
     release = {"name": "cut", "joint": "pins", "when": {"time_s": 0.13}, "to": "slider"}
     found = pair({"load": [push], "release": [release]}).simulate(step_s=0.1)
@@ -117,11 +142,18 @@ def test_a_number_that_may_not_be(pair):
 
 
 def test_many_steps_are_compiled(pair, monkeypatch):
-    """A body that turns once in 0.2 ms for a second: some 10^4 steps take plain Python too long; it is told."""
+    """A body that turns once in 0.2 ms for a second: some 10^4 steps take plain Python too long; it
+    is told."""
     heard = []
-    monkeypatch.setattr(cache, "missing", lambda names: names)  # as if nothing had been compiled before
+    # as if nothing had been compiled before
+    monkeypatch.setattr(cache, "missing", lambda names: names)
     campaign = pair(
-        {"phase": [{"name": "free"}], "initial.omega_deg_s": [1.8e6, 0.0, 0.0], "run.end_time_s": 1.0, "solver": {"accuracy": 1e-6}}
+        {
+            "phase": [{"name": "free"}],
+            "initial.omega_deg_s": [1.8e6, 0.0, 0.0],
+            "run.end_time_s": 1.0,
+            "solver": {"accuracy": 1e-6},
+        }
     )
     found = campaign.simulate(step_s=0.5, announce=heard.append)
     assert found.attrs["compiled"]
@@ -132,6 +164,9 @@ def test_many_steps_are_compiled(pair, monkeypatch):
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
     monkeypatch.setattr(cache, "compile_apart", None)
-    result = CliRunner().invoke(cli.main, ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"])
+    result = CliRunner().invoke(
+        cli.main,
+        ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],
+    )
     assert result.exit_code == 0, result.output
     assert "in plain Python" in result.output

@@ -1,4 +1,5 @@
-"""Statistics against hand-computed numbers, repeated sampling and properties that hold for any data."""
+"""Statistics against hand-computed numbers, repeated sampling and properties that hold for any
+data."""
 
 import numpy as np
 import pandas as pd
@@ -7,20 +8,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from sepmc.analysis.statistics import PERCENTILES, audit, audit_text, percentile_curves, rounded, statistics, status_counts, summary_text
+from sepmc.analysis.statistics import (
+    PERCENTILES,
+    audit,
+    audit_text,
+    percentile_curves,
+    rounded,
+    statistics,
+    status_counts,
+    summary_text,
+)
 
 PERCENTS = list(PERCENTILES)
 
 
 def table(values, status="ok", **others):
     values = np.asarray(values, dtype=float)
-    return pd.DataFrame({"case": np.arange(len(values)) + 100, "status": status, "speed_m_s": values, **others})
+    return pd.DataFrame(
+        {"case": np.arange(len(values)) + 100, "status": status, "speed_m_s": values, **others}
+    )
 
 
 @pytest.fixture
 def five():
     """Five values in no order, and two rows that must not count."""
-    return table([30.0, 10.0, 50.0, 20.0, 40.0, 1e9, -1e9], status=["ok"] * 5 + ["no_release", "not_finite"])
+    return table(
+        [30.0, 10.0, 50.0, 20.0, 40.0, 1e9, -1e9], status=["ok"] * 5 + ["no_release", "not_finite"]
+    )
 
 
 def test_hand_computed(five):
@@ -32,12 +46,25 @@ def test_hand_computed(five):
     assert row["mean_se"] == pytest.approx(np.sqrt(50.0))
     # fourth moment 68 000, s^4 62 500: sqrt((68 000 - 62 500 * 2 / 4) / 5) / (2 sqrt(250))
     assert row["sigma_se"] == pytest.approx(np.sqrt(7350.0) / (2 * np.sqrt(250.0)))
-    assert_allclose(row[PERCENTS].to_numpy(dtype=float), [10.054, 10.4, 12.0, 30.0, 48.0, 49.6, 49.946])
+    assert_allclose(
+        row[PERCENTS].to_numpy(dtype=float), [10.054, 10.4, 12.0, 30.0, 48.0, 49.6, 49.946]
+    )
 
 
 def test_columns_and_types(five):
     stats = statistics(five, ["speed_m_s"])
-    assert list(stats.columns) == ["n", "mean", "sigma", "min", "max", *PERCENTS, "mean_se", "sigma_se", "case_min", "case_max"]
+    assert list(stats.columns) == [
+        "n",
+        "mean",
+        "sigma",
+        "min",
+        "max",
+        *PERCENTS,
+        "mean_se",
+        "sigma_se",
+        "case_min",
+        "case_max",
+    ]
     assert stats.index.name == "outcome"
     assert stats["n"].dtype == "int64"
     assert (stats.dtypes.drop("n") == "float64").all()
@@ -65,7 +92,13 @@ def test_empty_table():
 
 def test_one_value_has_no_sigma():
     row = statistics(table([7.0]), ["speed_m_s"]).loc["speed_m_s"]
-    assert (row["n"], row["mean"], row["min"], row["max"], row["p99_865"]) == (1, 7.0, 7.0, 7.0, 7.0)
+    assert (row["n"], row["mean"], row["min"], row["max"], row["p99_865"]) == (
+        1,
+        7.0,
+        7.0,
+        7.0,
+        7.0,
+    )
     assert row[["sigma", "mean_se", "sigma_se"]].isna().all()
 
 
@@ -96,7 +129,8 @@ LAWS = {
 
 @pytest.mark.parametrize("law", LAWS)
 def test_standard_errors_are_the_scatter_of_repeated_campaigns(law):
-    """The standard error stated by one campaign is the scatter over many; 1500 repeats know that scatter to 1.8 %."""
+    """The standard error stated by one campaign is the scatter over many; 1500 repeats know that
+    scatter to 1.8 %."""
     samples = LAWS[law](np.random.default_rng(2019), (400, 1500))
     columns = [f"r{k}" for k in range(samples.shape[1])]
     cases = pd.concat([table(samples[:, 0]), pd.DataFrame(samples, columns=columns)], axis=1)
@@ -106,9 +140,17 @@ def test_standard_errors_are_the_scatter_of_repeated_campaigns(law):
 
 
 def test_deviations_from_the_reference(five):
-    reference = {"speed_m_s": {"mean": 28.0, "sigma": 10.0, "min": 15.0, "max": 45.0}, "other_mm": {"mean": 0.0}}
+    reference = {
+        "speed_m_s": {"mean": 28.0, "sigma": 10.0, "min": 15.0, "max": 45.0},
+        "other_mm": {"mean": 0.0},
+    }
     row = statistics(five, ["speed_m_s"], reference).loc["speed_m_s"]
-    assert (row["ref_mean"], row["ref_sigma"], row["ref_min"], row["ref_max"]) == (28.0, 10.0, 15.0, 45.0)
+    assert (row["ref_mean"], row["ref_sigma"], row["ref_min"], row["ref_max"]) == (
+        28.0,
+        10.0,
+        15.0,
+        45.0,
+    )
     assert (row["dev_mean"], row["dev_min"], row["dev_max"]) == pytest.approx((0.2, -0.5, 0.5))
     assert row["dev_sigma"] == pytest.approx(np.sqrt(250.0) / 10.0 - 1.0)
 
@@ -117,7 +159,8 @@ def test_a_reference_may_be_partial(five):
     five["other_mm"] = 1.0
     stats = statistics(five, ["speed_m_s", "other_mm"], {"speed_m_s": {"mean": 28.0}})
     assert stats.loc["speed_m_s", "ref_mean"] == 28.0
-    assert stats.loc["speed_m_s", ["ref_sigma", "dev_mean", "dev_sigma"]].isna().all()  # no sigma to measure in
+    # no sigma to measure in
+    assert stats.loc["speed_m_s", ["ref_sigma", "dev_mean", "dev_sigma"]].isna().all()
     assert stats.loc["other_mm", [c for c in stats if c.startswith(("ref_", "dev_"))]].isna().all()
     zero = statistics(five, ["speed_m_s"], {"speed_m_s": {"mean": 28.0, "sigma": 0.0}})
     assert np.isnan(zero.loc["speed_m_s", "dev_mean"])
@@ -141,13 +184,24 @@ def test_order_of_the_columns(values):
 @settings(deadline=None, max_examples=60)
 def test_neither_order_nor_failed_cases_matter(values, junk, seed):
     plain = statistics(table(values), ["speed_m_s"])
-    mixed = table(values + junk, status=["ok"] * len(values) + ["failed"] * len(junk)).sample(frac=1.0, random_state=seed)
+    mixed = table(values + junk, status=["ok"] * len(values) + ["failed"] * len(junk)).sample(
+        frac=1.0, random_state=seed
+    )
     other = statistics(mixed, ["speed_m_s"])
     figures = plain.columns.drop(["case_min", "case_max"])  # of equal extremes the first is named
-    assert_allclose(other[figures].to_numpy(dtype=float), plain[figures].to_numpy(dtype=float), rtol=1e-9, atol=1e-9)
+    assert_allclose(
+        other[figures].to_numpy(dtype=float),
+        plain[figures].to_numpy(dtype=float),
+        rtol=1e-9,
+        atol=1e-9,
+    )
 
 
-@given(values=st.lists(st.integers(-1000, 1000), min_size=2, max_size=40), scale=st.floats(1e-3, 1e3), shift=st.floats(-1e3, 1e3))
+@given(
+    values=st.lists(st.integers(-1000, 1000), min_size=2, max_size=40),
+    scale=st.floats(1e-3, 1e3),
+    shift=st.floats(-1e3, 1e3),
+)
 @settings(deadline=None, max_examples=60)
 def test_a_change_of_unit_changes_nothing_else(values, scale, shift):
     plain = statistics(table(values), ["speed_m_s"]).loc["speed_m_s"]
@@ -160,7 +214,9 @@ def test_a_change_of_unit_changes_nothing_else(values, scale, shift):
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
 def test_neither_underflow_nor_overflow(size):
-    row = statistics(table(np.array([30.0, 10.0, 50.0, 20.0, 40.0]) * size), ["speed_m_s"]).loc["speed_m_s"]
+    row = statistics(table(np.array([30.0, 10.0, 50.0, 20.0, 40.0]) * size), ["speed_m_s"]).loc[
+        "speed_m_s"
+    ]
     assert row["sigma_se"] / size == pytest.approx(np.sqrt(7350.0) / (2 * np.sqrt(250.0)))
 
 
@@ -176,7 +232,9 @@ def test_status_counts():
 @given(status=st.lists(st.sampled_from(["ok", "late", "stuck"]), max_size=30))
 @settings(deadline=None, max_examples=30)
 def test_every_case_is_counted_once(status):
-    assert sum(status_counts(pd.DataFrame({"status": pd.Series(status, dtype=str)})).values()) == len(status)
+    assert sum(
+        status_counts(pd.DataFrame({"status": pd.Series(status, dtype=str)})).values()
+    ) == len(status)
 
 
 def test_percentile_curves():
@@ -184,13 +242,23 @@ def test_percentile_curves():
     values = rng.normal(size=(30, 3))
     values[4, 1] = np.nan
     times = np.array([0.0, 0.1, 0.3])
-    long = pd.DataFrame({"case": np.repeat(np.arange(30), 3), "time_s": np.tile(times, 30), "speed_m_s": values.ravel()})
+    long = pd.DataFrame(
+        {
+            "case": np.repeat(np.arange(30), 3),
+            "time_s": np.tile(times, 30),
+            "speed_m_s": values.ravel(),
+        }
+    )
     long.loc[long["case"] > 20, "time_s"] += 1e-13  # another sum of steps, the same time
     curves = percentile_curves(long.sample(frac=1.0, random_state=1), "speed_m_s")
     assert list(curves.columns) == ["min", "p1", "p5", "p50", "p95", "p99", "max", "mean"]
     assert curves.index.name == "time_s"
     assert_allclose(curves.index, times, atol=1e-12)
-    assert_allclose(curves.to_numpy()[:, :-1].T, np.nanpercentile(values, [0, 1, 5, 50, 95, 99, 100], axis=0), atol=1e-14)
+    assert_allclose(
+        curves.to_numpy()[:, :-1].T,
+        np.nanpercentile(values, [0, 1, 5, 50, 95, 99, 100], axis=0),
+        atol=1e-14,
+    )
     assert_allclose(curves["mean"], np.nanmean(values, axis=0), atol=1e-14)
 
 
@@ -246,7 +314,9 @@ def test_summary_text():
     assert max(map(len, lines)) <= 118
     assert lines[0] == "2000 cases, 1998 ok; left out: no_release 2"
     beside = text[text.index("Beside the paper") :]
-    row = next(line for line in beside.splitlines() if line.startswith("upper_alpha_ref_deg")).split()
+    row = next(
+        line for line in beside.splitlines() if line.startswith("upper_alpha_ref_deg")
+    ).split()
     alpha = stats.loc["upper_alpha_ref_deg"]
     assert row[1:4] == ["4.06", f"{alpha['mean']:.3f}", f"{alpha['dev_mean']:+.2f}"]
     assert row[4:7] == ["0.6716", f"{alpha['sigma']:.3f}", f"{100 * alpha['dev_sigma']:+.1f}%"]
@@ -278,7 +348,9 @@ def test_summary_text_of_few_cases(n):
 def test_summary_text_without_outcomes_or_reference():
     cases, _ = paper_like(800)
     assert summary_text(statistics(cases, []), status_counts(cases)) == "800 cases, 800 ok\n"
-    assert "Beside" not in summary_text(statistics(cases, ["separation_distance_mm"]), status_counts(cases))
+    assert "Beside" not in summary_text(
+        statistics(cases, ["separation_distance_mm"]), status_counts(cases)
+    )
 
 
 def test_audit():
@@ -294,7 +366,11 @@ def test_audit():
     table = audit(cases, {"gap": 1e-9}, ["gap", "smallest_pivot", "absent"])
     assert list(table.index) == ["gap", "smallest_pivot"]
     assert (table.loc["gap", "beyond"], table.loc["gap", "case"]) == (2, 5)
-    assert (table.loc["smallest_pivot", "worst"], table.loc["smallest_pivot", "case"], table.loc["smallest_pivot", "beyond"]) == (0.1, 4, 0)
+    assert (
+        table.loc["smallest_pivot", "worst"],
+        table.loc["smallest_pivot", "case"],
+        table.loc["smallest_pivot", "beyond"],
+    ) == (0.1, 4, 0)
     assert "AUDIT FAILED: 2 cases have gap > 1e-09" in audit_text(table)
     passed = audit(cases[:1], {"gap": 1e-9}, ["gap"])
     assert audit_text(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"

@@ -33,15 +33,26 @@ HELD = {
 
 
 TUNNEL = {
-    "environment": {"atmosphere": "table", "gravity": "none", "air": {"altitude_m": [0.0, 2000.0], "density_kg_per_m3": [2.0, 2.0]}},
+    "environment": {
+        "atmosphere": "table",
+        "gravity": "none",
+        "air": {"altitude_m": [0.0, 2000.0], "density_kg_per_m3": [2.0, 2.0]},
+    },
     "phase": [{"name": "free"}],
     "initial.speed_m_s": 100.0,
-    "body.aft.aerodynamics": {"reference_area_m2": 1.0, "reference_length_m": 0.5, "table": {"alpha_deg": [-5.0, 5.0], "roll": [0.0, 0.0]}},
+    "body.aft.aerodynamics": {
+        "reference_area_m2": 1.0,
+        "reference_length_m": 0.5,
+        "table": {"alpha_deg": [-5.0, 5.0], "roll": [0.0, 0.0]},
+    },
     "dispersion": {"initial.omega_deg_s.z": {"uniform": [0.0, 20.0]}},
 }
 LATE = {
     "joint.pins.delay_ms": 50.0,
-    "phase": [{"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.3}}, {"name": "free"}],
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.3}},
+        {"name": "free"},
+    ],
     "dispersion": {"joint.pins.delay_ms": {"uniform": [0.0, 400.0]}},
 }
 SCENES = {
@@ -49,11 +60,18 @@ SCENES = {
     "out of a table": (TUNNEL, Status.OUTSIDE_TABLE),
     "above the air": (
         TUNNEL
-        | {"initial.pitch_deg": 90.0, "initial.altitude_m": 1900.0, "dispersion": {"initial.speed_m_s": {"uniform": [100.0, 300.0]}}},
+        | {
+            "initial.pitch_deg": 90.0,
+            "initial.altitude_m": 1900.0,
+            "dispersion": {"initial.speed_m_s": {"uniform": [100.0, 300.0]}},
+        },
         Status.OUTSIDE_ATMOSPHERE,
     ),
     "late beyond the end": (LATE, Status.NEVER_RELEASED),
-    "a mass below zero": ({"dispersion": {"body.aft.mass_kg": {"normal": 1.0}}}, Status.INVALID_INPUT),
+    "a mass below zero": (
+        {"dispersion": {"body.aft.mass_kg": {"normal": 1.0}}},
+        Status.INVALID_INPUT,
+    ),
     "a start that a hinge does not allow": (HELD, Status.INCONSISTENT_START),
 }
 
@@ -77,4 +95,7 @@ def test_as_the_independent_flight(pair, name):
         there = ~failed[:COMPARED] | (expected == Status.NEVER_RELEASED)
         units = [c.unit for c in columns]
         scale = scene_scales(campaign.scene, units)  # some outcomes are zero but for round-off
-        assert pilot.relative_error(found[:COMPARED][there], outcomes[there], units, scale).max() < 1e-6
+        assert (
+            pilot.relative_error(found[:COMPARED][there], outcomes[there], units, scale).max()
+            < 1e-6
+        )

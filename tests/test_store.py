@@ -1,4 +1,5 @@
-"""The run folder: nothing is lost unasked, every column says what it is, and what is read is what was written."""
+"""The run folder: nothing is lost unasked, every column says what it is, and what is read is what
+was written."""
 
 import json
 import re
@@ -17,10 +18,25 @@ from sepmc.campaign import store
 from sepmc.campaign.store import StoreError
 from sepmc.schema import Column
 
-COLUMNS = [Column("case", "1", "number"), Column("status", "", "how it went"), Column("speed_m_s", "m/s", "speed")]
-PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "energy_residual")  # names without a unit of the list below
+COLUMNS = [
+    Column("case", "1", "number"),
+    Column("status", "", "how it went"),
+    Column("speed_m_s", "m/s", "speed"),
+]
+# names without a unit of the list below
+PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "energy_residual")
 PLAIN += ("smallest_pivot", "redundant_rows", "attitude_singular", "steps")
-BODY = ["alpha_deg", "beta_deg", "alpha_ref_deg", "omega_x_deg_s", "omega_y_deg_s", "omega_z_deg_s", "roll_deg", "yaw_deg", "pitch_deg"]
+BODY = [
+    "alpha_deg",
+    "beta_deg",
+    "alpha_ref_deg",
+    "omega_x_deg_s",
+    "omega_y_deg_s",
+    "omega_z_deg_s",
+    "roll_deg",
+    "yaw_deg",
+    "pitch_deg",
+]
 OUTCOMES = [f"{body}_{name}" for body in ("upper", "lower") for name in BODY]
 OUTCOMES += ["separation_speed_m_s", "separation_distance_mm", "release_time_s"]
 UNIT = [
@@ -38,7 +54,11 @@ UNIT = [
 def part(first, count):
     number = np.arange(first, first + count)
     speed = np.where(number == 4, np.nan, number / 7.0)
-    return {"case": number, "status": np.array(["ok", "not-finite"], dtype=object)[number % 2], "speed_m_s": speed}
+    return {
+        "case": number,
+        "status": np.array(["ok", "not-finite"], dtype=object)[number % 2],
+        "speed_m_s": speed,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +102,11 @@ def test_every_column_has_unit_and_meaning(run_folder):
 
 @pytest.mark.parametrize(
     ("key", "unit"),
-    [("body.upper.inertia_kg_m2.xx", "kg m2"), ("body.upper.inertia_slug_ft2.xx", "slug ft2"), ("initial.omega_rad_s.x", "rad/s")],
+    [
+        ("body.upper.inertia_kg_m2.xx", "kg m2"),
+        ("body.upper.inertia_slug_ft2.xx", "slug ft2"),
+        ("initial.omega_rad_s.x", "rad/s"),
+    ],
 )
 def test_units_of_inputs(key, unit):
     columns = sepmc.load("table2", {"dispersion": {key: {"uniform": 0.001}}}).input_columns
@@ -90,16 +114,21 @@ def test_units_of_inputs(key, unit):
 
 
 def test_numbers_without_dimension_have_unit_1():
-    assert {c.unit for c in sepmc.load("table2").input_columns if c.name.endswith("_factor")} == {"1"}
+    assert {c.unit for c in sepmc.load("table2").input_columns if c.name.endswith("_factor")} == {
+        "1"
+    }
 
 
 def test_parts_are_named_by_their_first_case(run_folder):
     for kind in ("cases", "histories"):
-        assert sorted(p.name for p in (run_folder / kind).iterdir()) == [f"part-{first:010d}.parquet" for first in (0, 4, 8)]
+        assert sorted(p.name for p in (run_folder / kind).iterdir()) == [
+            f"part-{first:010d}.parquet" for first in (0, 4, 8)
+        ]
     assert not list(run_folder.rglob("*.tmp"))
     assert store.cases_done(run_folder).tolist() == list(range(10))
     pd.testing.assert_frame_equal(
-        store.read_cases(run_folder).drop(columns="status"), pd.read_parquet(run_folder / "cases").drop(columns="status")
+        store.read_cases(run_folder).drop(columns="status"),
+        pd.read_parquet(run_folder / "cases").drop(columns="status"),
     )
     assert store.units(run_folder)["separation_distance_mm"] == "mm"
 
@@ -111,7 +140,8 @@ def test_table_round_trip(tmp_path):
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
     np.testing.assert_array_equal(frame["speed_m_s"], part(0, 6)["speed_m_s"])
-    assert pq.read_table(store.part_path(tmp_path, store.CASES, 3))["speed_m_s"].null_count == 0  # NaN is a number that is none, not null
+    # NaN is a number that is none, not null
+    assert pq.read_table(store.part_path(tmp_path, store.CASES, 3))["speed_m_s"].null_count == 0
     field = store.table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
     assert field.metadata == {b"unit": b"m/s", b"meaning": b"speed"}
 
@@ -153,10 +183,19 @@ def test_broken_manifest(tmp_path, content):
         store.read_manifest(tmp_path)
 
 
-@pytest.mark.parametrize("mine", ["notes.txt", "mine/cases/part-0000000000.parquet", "test_stand.png"])
+@pytest.mark.parametrize(
+    "mine", ["notes.txt", "mine/cases/part-0000000000.parquet", "test_stand.png"]
+)
 def test_overwrite_takes_only_what_a_run_made(tmp_path, mine):
     """What the user put into the folder stays, pictures too."""
-    made = ["manifest.json", "statistics.csv", "statistics.json", "campaign.toml", "histograms.png", "cases/part-0000000000.parquet"]
+    made = [
+        "manifest.json",
+        "statistics.csv",
+        "statistics.json",
+        "campaign.toml",
+        "histograms.png",
+        "cases/part-0000000000.parquet",
+    ]
     for name in (mine, *made):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x", encoding="utf-8")
@@ -167,9 +206,12 @@ def test_overwrite_takes_only_what_a_run_made(tmp_path, mine):
 @settings(deadline=None)
 @given(st.integers(1, 60), st.lists(st.integers(0, 80)), st.integers(1, 20))
 def test_missing_ranges(cases, done, chunk):
-    """Every case not done once, in order, in ranges no longer than a chunk, split only where they must be."""
+    """Every case not done once, in order, in ranges no longer than a chunk, split only where they
+    must be."""
     ranges = store.missing_ranges(cases, done, chunk)
-    assert [i for first, end in ranges for i in range(first, end)] == [i for i in range(cases) if i not in done]
+    assert [i for first, end in ranges for i in range(first, end)] == [
+        i for i in range(cases) if i not in done
+    ]
     assert all(0 < end - first <= chunk for first, end in ranges)
     assert all(b[0] > a[1] or a[1] - a[0] == chunk for a, b in pairwise(ranges))
 
@@ -184,16 +226,32 @@ def test_broken_part(tmp_path, read):
 
 
 def test_statistics_files(tmp_path):
-    table = pd.DataFrame({"n": [2, 0], "mean": [0.1 + 0.2, np.nan]}, index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"))
-    store.write_statistics(tmp_path, table, {"ok": 2}, {"speed_m_s": "m/s", "release_time_s": "s"}, pd.DataFrame())
+    table = pd.DataFrame(
+        {"n": [2, 0], "mean": [0.1 + 0.2, np.nan]},
+        index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"),
+    )
+    store.write_statistics(
+        tmp_path, table, {"ok": 2}, {"speed_m_s": "m/s", "release_time_s": "s"}, pd.DataFrame()
+    )
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
-    assert csv.splitlines() == ["outcome,unit,n,mean", "speed_m_s,m/s,2,0.30000000000000004", "release_time_s,s,0,"]
-    data = json.loads((tmp_path / "statistics.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert csv.splitlines() == [
+        "outcome,unit,n,mean",
+        "speed_m_s,m/s,2,0.30000000000000004",
+        "release_time_s,s,0,",
+    ]
+    data = json.loads(
+        (tmp_path / "statistics.json").read_text(encoding="utf-8"), parse_constant=pytest.fail
+    )
     assert data["cases"] == {"ok": 2}
-    assert [data["outcomes"][name]["mean"] for name in ("speed_m_s", "release_time_s")] == [0.1 + 0.2, None]
+    assert [data["outcomes"][name]["mean"] for name in ("speed_m_s", "release_time_s")] == [
+        0.1 + 0.2,
+        None,
+    ]
 
 
-@pytest.mark.parametrize("other", [{"run.seed": 5}, {"body.upper.mass_kg": 460.0}, {"solver.formulation": "full"}])
+@pytest.mark.parametrize(
+    "other", [{"run.seed": 5}, {"body.upper.mass_kg": 460.0}, {"solver.formulation": "full"}]
+)
 def test_resume_of_another_campaign_is_refused(run_folder, other):
     before = {p: p.read_bytes() for p in run_folder.rglob("*") if p.is_file()}
     with pytest.raises(StoreError, match="was flown with another"):

@@ -1,4 +1,5 @@
-"""Statistics of cases that pass by once are those of the whole table, whatever the chunks, in constant memory."""
+"""Statistics of cases that pass by once are those of the whole table, whatever the chunks, in
+constant memory."""
 
 import tracemalloc
 
@@ -22,7 +23,11 @@ LABELS = np.array([status.label for status in Status], dtype=object)
 
 
 def table(codes, data):
-    return {"case": np.arange(len(codes)), "status": LABELS[codes], **dict(zip(COLUMNS[0] + COLUMNS[1], data, strict=True))}
+    return {
+        "case": np.arange(len(codes)),
+        "status": LABELS[codes],
+        **dict(zip(COLUMNS[0] + COLUMNS[1], data, strict=True)),
+    }
 
 
 def streamed(codes, data, sizes):
@@ -30,7 +35,9 @@ def streamed(codes, data, sizes):
     stream, first, turn = Stream(*COLUMNS), 0, 0
     while first < len(codes):
         end = min(first + sizes[turn % len(sizes)], len(codes))
-        stream.add(np.arange(first, end), codes[first:end], np.ascontiguousarray(data[:, first:end]))
+        stream.add(
+            np.arange(first, end), codes[first:end], np.ascontiguousarray(data[:, first:end])
+        )
         first, turn = end, turn + 1
     return stream
 
@@ -39,7 +46,10 @@ NUMBER = st.one_of(st.floats(-1e3, 1e3, allow_subnormal=False), st.just(np.nan),
 CASE = st.tuples(st.sampled_from([0, 0, 0, 1, 5]), *[NUMBER] * 4)
 
 
-@given(cases=st.lists(CASE, min_size=1, max_size=60), sizes=st.lists(st.integers(1, 20), min_size=1, max_size=4))
+@given(
+    cases=st.lists(CASE, min_size=1, max_size=60),
+    sizes=st.lists(st.integers(1, 20), min_size=1, max_size=4),
+)
 @settings(deadline=None, max_examples=150)
 def test_a_stream_knows_what_the_table_says(cases, sizes):
     """Everything a table of rows gives, from any data with NaN and failed cases."""
@@ -47,7 +57,9 @@ def test_a_stream_knows_what_the_table_says(cases, sizes):
     stream, whole = streamed(codes, data, sizes), Rows(table(codes, data), *COLUMNS)
     reference = {"speed_m_s": {"mean": 1.0, "sigma": 2.0}}
     found, expected = stream.statistics(reference), whole.statistics(reference)
-    pd.testing.assert_frame_equal(found, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0)))
+    pd.testing.assert_frame_equal(
+        found, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0))
+    )
     exact = ["n", "min", "max", "case_min", "case_max", *PERCENTILES]
     pd.testing.assert_frame_equal(found[exact], expected[exact], check_exact=True)
     pd.testing.assert_frame_equal(stream.audit(), whole.audit(), check_exact=True)
@@ -69,7 +81,8 @@ LAWS = {
     "student": lambda rng, n: rng.standard_t(3, n),
     "atom": lambda rng, n: np.where(rng.random(n) < 0.6, 0.0, rng.normal(size=n)),
     "two": lambda rng, n: np.where(rng.random(n) < 1e-3, 1e3, 0.0) + rng.normal(size=n),
-    "late": lambda rng, n: np.concatenate([rng.normal(size=ROOM), rng.normal(50.0, 5.0, n - ROOM)]),  # beyond the grid that was laid out
+    # beyond the grid that was laid out
+    "late": lambda rng, n: np.concatenate([rng.normal(size=ROOM), rng.normal(50.0, 5.0, n - ROOM)]),
 }
 
 
@@ -84,10 +97,15 @@ def test_percentiles_of_many(law):
     edges = np.histogram_bin_edges(x, 40)
     counts = sketch.histogram(edges)
     assert counts.sum() == pytest.approx(x.size)
-    assert np.abs(counts - np.histogram(x, edges)[0]).max() <= (0.01 if law == "late" else 0.001) * x.size
+    assert (
+        np.abs(counts - np.histogram(x, edges)[0]).max()
+        <= (0.01 if law == "late" else 0.001) * x.size
+    )
 
 
-@pytest.mark.parametrize("values", [(0.0, 1.0), (-3.0,), (5.0, 6.0, 7.0), (1e300, -1e300), (1e-300, 0.0)])
+@pytest.mark.parametrize(
+    "values", [(0.0, 1.0), (-3.0,), (5.0, 6.0, 7.0), (1e300, -1e300), (1e-300, 0.0)]
+)
 def test_a_few_values_are_answered_as_they_are(values):
     """Flags and counts are no continuum."""
     x = np.random.default_rng(1).choice(values, 2 * ROOM)
@@ -128,9 +146,14 @@ def test_the_same_bits_whatever_the_chunks():
     whole = Rows(table(codes, data), *COLUMNS)
     assert first.counts == whole.counts
     found, expected = first.statistics().loc["release_s"], whole.statistics().loc["release_s"]
-    for name in ("mean", "sigma", "mean_se", "sigma_se"):  # a mean of a million sigmas costs no digits
+    # a mean of a million sigmas costs no digits
+    for name in ("mean", "sigma", "mean_se", "sigma_se"):
         assert found[name] == pytest.approx(expected[name], rel=1e-10)
-    assert (found["n"], found["case_min"], found["case_max"]) == (expected["n"], expected["case_min"], expected["case_max"])
+    assert (found["n"], found["case_min"], found["case_max"]) == (
+        expected["n"],
+        expected["case_min"],
+        expected["case_max"],
+    )
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
@@ -146,7 +169,9 @@ def test_memory_does_not_grow():
         tracemalloc.start()
         stream = Stream(*COLUMNS)
         for turn in range(turns):
-            stream.add(np.arange(turn * GRAIN, (turn + 1) * GRAIN), codes, rng.standard_t(3, (4, GRAIN)))
+            stream.add(
+                np.arange(turn * GRAIN, (turn + 1) * GRAIN), codes, rng.standard_t(3, (4, GRAIN))
+            )
         stream.statistics()
         found = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -167,7 +192,11 @@ def test_a_table_too_long_to_be_sorted_is_streamed(monkeypatch):
             assert names == [*COLUMNS[0], *COLUMNS[1]]
             for first in range(0, 500, 120):
                 part = slice(first, first + 120)
-                yield self["case"][part], pd.Categorical(self["status"][part]), np.array([self[name][part] for name in names])
+                yield (
+                    self["case"][part],
+                    pd.Categorical(self["status"][part]),
+                    np.array([self[name][part] for name in names]),
+                )
 
     stored = Stored(table(codes, data))
     whole = rows.summarise(stored, *COLUMNS)

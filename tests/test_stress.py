@@ -1,4 +1,5 @@
-"""No line of `sepmc stress` is silent about an error; fair inputs come out accurate; a wrong line is told; the table keeps its width."""
+"""No line of `sepmc stress` is silent about an error; fair inputs come out accurate; a wrong line
+is told; the table keeps its width."""
 
 import dataclasses
 import math
@@ -12,17 +13,22 @@ from sepmc.trust.stresses.line import ACCURATE, FLAGGED, SILENT, Bound, Stress
 LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "hour" else n for n in stress.STRESSES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "hour" else n for n in stress.STRESSES]
+)
 def test_stress(name):
     """All lines of one stress are as they should be."""
     lines = stress.stress([name])
     print(stress.table(lines))
     assert lines
-    assert all(line.holds for line in lines), "\n" + stress.table([line for line in lines if not line.holds])
+    assert all(line.holds for line in lines), "\n" + stress.table(
+        [line for line in lines if not line.holds]
+    )
 
 
 def test_verdict():
-    """Within the bound accurate, beyond it or NaN silent, with a status or an audit column flagged, whatever the error."""
+    """Within the bound accurate, beyond it or NaN silent, with a status or an audit column flagged,
+    whatever the error."""
     assert LINE.verdict == ACCURATE
     for error in (2e-10, math.inf, math.nan):
         wrong = dataclasses.replace(LINE, error=error)
@@ -37,9 +43,14 @@ def test_verdict():
 
 
 def test_an_error_nobody_is_told_of_is_silent(monkeypatch):
-    """A spring 1e-6 too stiff in the reference: the lines of stiff springs are SILENT, for status and audit cannot know."""
+    """A spring 1e-6 too stiff in the reference: the lines of stiff springs are SILENT, for status
+    and audit cannot know."""
     spring_extension = references.spring_extension
-    monkeypatch.setattr(references, "spring_extension", lambda t, m, f, k, d=0.0: spring_extension(t, m, f, k * (1.0 + 1e-6), d))
+    monkeypatch.setattr(
+        references,
+        "spring_extension",
+        lambda t, m, f, k, d=0.0: spring_extension(t, m, f, k * (1.0 + 1e-6), d),
+    )
     lines = stress.stress(["stiff"])
     assert {line.verdict for line in lines} == {SILENT}
     assert SILENT in stress.table(lines)
@@ -54,7 +65,15 @@ def test_an_audit_beyond_its_bound_is_flagged(monkeypatch):
 def test_table():
     """At most 140 columns, one line each, faults marked and counted."""
     audits = ("joint_angle_rate_residual_rad_s",) * 3
-    long = Stress("an input " * 9, "a quantity " * 9, 1e-300, Bound(1e-300, "a reason " * 9), "ok", audits, resolved=True)
+    long = Stress(
+        "an input " * 9,
+        "a quantity " * 9,
+        1e-300,
+        Bound(1e-300, "a reason " * 9),
+        "ok",
+        audits,
+        resolved=True,
+    )
     text = stress.table([long, LINE, dataclasses.replace(LINE, error=math.nan)]).splitlines()
     assert max(map(len, text)) <= 140
     assert text[1].endswith("flagged !")

@@ -8,7 +8,8 @@ import sepmc
 
 @pytest.fixture(scope="module", params=["reduced", "full"])
 def history(request):
-    """By both formulations: in the full one the wrench on each stage is solved for, and eq (15) is an outcome."""
+    """By both formulations: in the full one the wrench on each stage is solved for, and eq (15) is
+    an outcome."""
     return sepmc.load("table1.toml", {"solver.formulation": request.param}).simulate()
 
 
@@ -23,7 +24,10 @@ def test_release_time(history):
 
 
 def test_forces_are_equal_and_opposite(history):
-    upper, lower = vector(history, "pins_force_on_upper", "N"), vector(history, "pins_force_on_lower", "N")
+    upper, lower = (
+        vector(history, "pins_force_on_upper", "N"),
+        vector(history, "pins_force_on_lower", "N"),
+    )
     assert np.abs(upper).max() > 50.0
     assert np.abs(upper + lower).max() <= 1e-12 * np.abs(upper).max()
 
@@ -32,11 +36,14 @@ def test_moments_balance_with_the_gap(history):
     """Eq (15): M_upper + M_lower + (r_lower - r_upper) x F_lower = 0, to 1e-9 N m."""
     gap = vector(history, "pins_gap", "m")
     force = vector(history, "pins_force_on_lower", "N")
-    moments = vector(history, "pins_moment_on_upper", "N_m") + vector(history, "pins_moment_on_lower", "N_m")
+    moments = vector(history, "pins_moment_on_upper", "N_m") + vector(
+        history, "pins_moment_on_lower", "N_m"
+    )
     assert np.abs(vector(history, "pins_moment_on_upper", "N_m")).max() > 50.0
     assert np.abs(moments + np.cross(gap, force)).max() <= 1e-9
     guided = (history["phase"] == "guided").to_numpy()
-    assert np.abs(moments[guided]).max() > 1e-3  # not equal and opposite by themselves, as the paper notes
+    # not equal and opposite by themselves, as the paper notes
+    assert np.abs(moments[guided]).max() > 1e-3
 
 
 def test_nothing_acts_after_release(history):

@@ -5,9 +5,11 @@ import pytest
 
 import sepmc
 
-SEEDS = (2019, 1, 2, 3, 4, 5)  # the first is the campaign's; none was used by notebooks/reconstruct.py
-# What one seed differs from another at 10,000 cases: means 0.01 sigma, sigmas 1 %, extremes 0.04 to 0.13 sigma, the greatest pitch
-# rate 0.31 (tests/measure.py). The rest is room for what the reconstruction cannot give.
+# the first is the campaign's; none was used by notebooks/reconstruct.py
+SEEDS = (2019, 1, 2, 3, 4, 5)
+# What one seed differs from another at 10,000 cases: means 0.01 sigma, sigmas 1 %, extremes 0.04 to
+# 0.13 sigma, the greatest pitch rate 0.31 (tests/measure.py). The rest is room for what the
+# reconstruction cannot give.
 MEAN, SIGMA, EXTREME_AVERAGE, EXTREME_SEED = 0.05, 0.05, 0.6, 0.9
 
 
@@ -19,7 +21,10 @@ def deviations():
     assert campaign.scene.run.cases == 10_000
     rows = [campaign.run(seed=seed).statistics().loc[list(campaign.reference)] for seed in SEEDS]
     assert all((row["n"] == 10_000).all() for row in rows)
-    return {name: np.array([row[name] for row in rows]) for name in ("dev_mean", "dev_sigma", "dev_min", "dev_max")}
+    return {
+        name: np.array([row[name] for row in rows])
+        for name in ("dev_mean", "dev_sigma", "dev_min", "dev_max")
+    }
 
 
 def test_nine_means(deviations):

@@ -1,4 +1,5 @@
-"""Every line of `sepmc verify` passes; a wrong reference fails; the table is plain text of bounded width."""
+"""Every line of `sepmc verify` passes; a wrong reference fails; the table is plain text of bounded
+width."""
 
 import dataclasses
 import math
@@ -12,19 +13,28 @@ from sepmc.trust.line import Line, table, worst
 SLOW = ("top", "scenes", "campaigns", "orders")  # those of ten seconds and more
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in verify.CHECKS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in verify.CHECKS]
+)
 def test_check(name):
     """All lines of one check, within tolerances set beforehand."""
     lines = verify.verify([name])
     print(table(lines))
     assert lines
-    assert all(line.passes for line in lines), "\n" + table([line for line in lines if not line.passes])
+    assert all(line.passes for line in lines), "\n" + table(
+        [line for line in lines if not line.passes]
+    )
 
 
 def test_a_wrong_reference_fails(monkeypatch):
-    """Gravity of the reference 1e-9 too strong: the rod pendulum's lines say so, ten times beyond what is allowed."""
+    """Gravity of the reference 1e-9 too strong: the rod pendulum's lines say so, ten times beyond
+    what is allowed."""
     pendulum = references.pendulum
-    monkeypatch.setattr(references, "pendulum", lambda t, frequency, *start: pendulum(t, frequency * (1.0 + 1e-9), *start))
+    monkeypatch.setattr(
+        references,
+        "pendulum",
+        lambda t, frequency, *start: pendulum(t, frequency * (1.0 + 1e-9), *start),
+    )
     lines = verify.verify(["rod_pendulum"])
     failed = {line.quantity for line in lines if not line.passes}
     assert {"place, m", "tension, N"} <= failed
@@ -32,15 +42,19 @@ def test_a_wrong_reference_fails(monkeypatch):
 
 
 def test_a_wrong_row_fails(monkeypatch):
-    """The gap left out of the lever arm on the first body: told for every kind that holds a translation, and for no other."""
+    """The gap left out of the lever arm on the first body: told for every kind that holds a
+    translation, and for no other."""
     translation = joints.translation
     monkeypatch.setattr(joints, "translation", lambda d, *rest: translation((0.0, 0.0, 0.0), *rest))
-    kinds = {line.case.removeprefix("rows of ") for line in verify.verify(["rows"]) if not line.passes}
+    kinds = {
+        line.case.removeprefix("rows of ") for line in verify.verify(["rows"]) if not line.passes
+    }
     assert kinds == set(lagrange.KINDS) - {"rod", "free"}
 
 
 def test_a_line():
-    """The tolerance itself passes, more does not, and NaN on either side does not. A lower bound may be passed by any amount."""
+    """The tolerance itself passes, more does not, and NaN on either side does not. A lower bound
+    may be passed by any amount."""
     line = Line("case", "quantity, m", 1.0, 1.5, 0.5)
     bound = Line("case", "order, at least", 4.0, 9.0, 0.5, at_least=True)
     assert bound.passes
@@ -53,7 +67,8 @@ def test_a_line():
 
 
 def test_worst():
-    """The element that differs most; NaN before all others; the tolerance from the largest reference or a size."""
+    """The element that differs most; NaN before all others; the tolerance from the largest
+    reference or a size."""
     line = worst("case", "quantity", [1.0, 20.0, 3.0], [1.0, 20.5, 2.0], 1e-3)
     assert (line.reference, line.measured, line.tolerance) == (3.0, 2.0, 0.02)
     assert worst("case", "quantity", 0.0, 1e-3, 1e-3, size=2.0).tolerance == 2e-3
@@ -62,7 +77,10 @@ def test_worst():
 
 def test_table():
     """Columns stand below each other, no line is wider than 140, and the failures are counted."""
-    lines = [Line("a long name " * 6, "a long quantity " * 6, -math.pi * 1e-300, math.e * 1e-300, 1e-10), Line("b", "q, m", 1.0, 2.0, 0.1)]
+    lines = [
+        Line("a long name " * 6, "a long quantity " * 6, -math.pi * 1e-300, math.e * 1e-300, 1e-10),
+        Line("b", "q, m", 1.0, 2.0, 0.1),
+    ]
     text = table(lines)
     assert max(len(row) for row in text.splitlines()) <= 140
     assert text.splitlines()[-1] == "2 lines, 1 FAILED"

@@ -1,4 +1,5 @@
-"""The kernels are plain Python too: with the JIT off they give the compiled answer, so coverage and debuggers see them."""
+"""The kernels are plain Python too: with the JIT off they give the compiled answer, so coverage and
+debuggers see them."""
 
 import json
 import os
@@ -13,16 +14,24 @@ PROGRAM = """
 import json, sepmc
 from sepmc.campaign import pilot
 pilot.SAMPLE = 8
-result = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25}).run(cases=2, seed=7)
+campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25})
+result = campaign.run(cases=2, seed=7)
 print(json.dumps(result.to_pandas().drop(columns="status").to_dict("list")))
 """
 
 
 def test_python_and_compiled_agree():
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True
+    )
     python = json.loads(done.stdout)
-    compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25}).run(cases=2, seed=7).to_pandas()
+    compiled = (
+        sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.step_s": 0.25})
+        .run(cases=2, seed=7)
+        .to_pandas()
+    )
     for name, values in python.items():
-        if not name.endswith("_residual_m") and not name.endswith("_residual_rad"):  # round-off itself
+        # round-off itself
+        if not name.endswith("_residual_m") and not name.endswith("_residual_rad"):
             np.testing.assert_allclose(compiled[name], values, rtol=1e-9, atol=1e-10, err_msg=name)

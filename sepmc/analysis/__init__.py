@@ -1,1 +1,2 @@
-"""What a campaign's rows say: statistics, requirements, sensitivity (numpy, scipy and pandas only)."""
+"""What a campaign's rows say: statistics, requirements, sensitivity (numpy, scipy and pandas
+only)."""

@@ -11,7 +11,8 @@ from sepmc.analysis import statistics as of
 from sepmc.analysis.stream import NAMED, Stream
 from sepmc.schema import Status
 
-EXACT = 500_000  # cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
+# cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
+EXACT = 500_000
 
 
 class Rows:
@@ -24,7 +25,13 @@ class Rows:
     bounds : bound of each audit column that has one
     """
 
-    def __init__(self, cases: Mapping[str, Any], outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]):
+    def __init__(
+        self,
+        cases: Mapping[str, Any],
+        outcomes: Sequence[str],
+        audits: Sequence[str],
+        bounds: Mapping[str, float],
+    ):
         self.cases, self.outcomes, self.audits, self.bounds = cases, outcomes, audits, bounds
 
     @cached_property
@@ -36,9 +43,15 @@ class Rows:
     def failed(self) -> dict[str, list[int]]:
         """Numbers of the first cases of each status but ok."""
         statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
-        return {label: numbers[statuses == label][:NAMED].tolist() for label in self.counts if label != of.OK}
+        return {
+            label: numbers[statuses == label][:NAMED].tolist()
+            for label in self.counts
+            if label != of.OK
+        }
 
-    def statistics(self, reference: Mapping[str, Mapping[str, float]] | None = None) -> pd.DataFrame:
+    def statistics(
+        self, reference: Mapping[str, Mapping[str, float]] | None = None
+    ) -> pd.DataFrame:
         """See `sepmc.analysis.statistics.statistics`."""
         return of.statistics(self.cases, self.outcomes, reference)
 
@@ -55,12 +68,19 @@ class Rows:
         return of.ok_rows(self.cases)
 
 
-def summarise(cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]) -> Rows | Stream:
-    """Statistics of a stored case table (`sepmc.campaign.store.CaseColumns`): exact up to `EXACT` cases, from then on by a `Stream`."""
+def summarise(
+    cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]
+) -> Rows | Stream:
+    """Statistics of a stored case table (`sepmc.campaign.store.CaseColumns`): exact up to `EXACT`
+    cases, from then on by a `Stream`."""
     if cases.rows <= EXACT:
         return Rows(cases, outcomes, audits, bounds)
     stream = Stream(outcomes, audits, bounds)
     code_of = {status.label: int(status) for status in Status}
     for numbers, statuses, columns in cases.batches([*outcomes, *audits]):
-        stream.add(numbers, np.array([code_of[label] for label in statuses.categories])[statuses.codes], columns)
+        stream.add(
+            numbers,
+            np.array([code_of[label] for label in statuses.categories])[statuses.codes],
+            columns,
+        )
     return stream

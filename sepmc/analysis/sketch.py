@@ -1,10 +1,12 @@
 """Quantiles and histograms of values that pass by once, in constant memory.
 
-The first `ROOM` values are kept, and while there are no more every answer is exact. Then a grid of `BINS` equal bins is laid out from
-them, over their central 99.9 % and a quarter of that on either side, and values are counted in it. By Chebyshev's inequality no
-0.05 % and 99.95 % points are further than sqrt(2000) = 44.7 sigma from a mean, so a bin is never wider than 1.5 x 89.4 / 32768 = 0.41 % of
-the sigma of those values, and a quantile never further off than a bin: for a normal law 0.03 % of sigma. What falls beyond the grid is
-counted in bins that grow with their distance from it, 64 to each doubling.
+The first `ROOM` values are kept, and while there are no more every answer is exact. Then a grid of
+`BINS` equal bins is laid out from them, over their central 99.9 % and a quarter of that on either
+side, and values are counted in it. By Chebyshev's inequality no 0.05 % and 99.95 % points are
+further than sqrt(2000) = 44.7 sigma from a mean, so a bin is never wider than 1.5 x 89.4 / 32768 =
+0.41 % of the sigma of those values, and a quantile never further off than a bin: for a normal law
+0.03 % of sigma. What falls beyond the grid is counted in bins that grow with their distance from
+it, 64 to each doubling.
 
 The result depends on the order of the values alone, not on how they were grouped.
 """
@@ -17,7 +19,8 @@ import numpy as np
 ROOM = 65536  # values kept before they are counted: 0.5 MB for each outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
-_ATOM = ROOM // 1000  # a value repeated so often in the first ROOM is a point mass, and is answered as it is
+# a value repeated so often in the first ROOM is a point mass, and is answered as it is
+_ATOM = ROOM // 1000
 
 
 class Sketch:
@@ -39,7 +42,8 @@ class Sketch:
                 self._count()
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
-        """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN if there is no value."""
+        """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN
+        if there is no value."""
         if self._grid is None:
             x = self._waiting[: self._filled]
             with np.errstate(invalid="ignore"):  # between two infinities there is no number
@@ -47,7 +51,10 @@ class Sketch:
         self._count()
         place = np.asarray(percents) / 100.0 * (self._grid.n - 1)
         rank = np.floor(place)
-        below, above = self._grid.ranked(rank), self._grid.ranked(np.minimum(rank + 1.0, self._grid.n - 1.0))
+        below, above = (
+            self._grid.ranked(rank),
+            self._grid.ranked(np.minimum(rank + 1.0, self._grid.n - 1.0)),
+        )
         with np.errstate(invalid="ignore"):
             return np.where(below == above, below, below + (place - rank) * (above - below))
 
@@ -77,14 +84,18 @@ class _Grid:
             low, high = x[0], x[-1]
         reach = 0.25 * (high - low)
         self.start = low - reach
-        self.width = max((high - low + 2.0 * reach) / BINS, np.spacing(max(abs(low), abs(high), 1e-290)))
+        self.width = max(
+            (high - low + 2.0 * reach) / BINS, np.spacing(max(abs(low), abs(high), 1e-290))
+        )
         self.end = self.start + BINS * self.width
         values, counts = np.unique(x, return_counts=True)
         self.atoms = values[counts > _ATOM]
         self.counts = np.zeros(BINS, dtype=np.int64)
-        self.tails: tuple[Counter[int], Counter[int]] = (Counter(), Counter())  # by bin: below and above the grid
+        # by bin: below and above the grid
+        self.tails: tuple[Counter[int], Counter[int]] = (Counter(), Counter())
         self.infinite = [0, 0]  # minus and plus
-        self.n, self.least, self.greatest = 0, np.inf, -np.inf  # of these the extremes are of finite values
+        # of these the extremes are of finite values
+        self.n, self.least, self.greatest = 0, np.inf, -np.inf
 
     def count(self, x: np.ndarray) -> None:
         """Count values, shape (n,)."""
@@ -108,7 +119,8 @@ class _Grid:
         self.counts += np.bincount(bins, minlength=BINS)
 
     def _count_tail(self, side: int, distance: np.ndarray) -> None:
-        """Count distances from the grid: bin k holds 2^(k/64) - 1 to 2^((k+1)/64) - 1 widths of the grid's bins."""
+        """Count distances from the grid: bin k holds 2^(k/64) - 1 to 2^((k+1)/64) - 1 widths of the
+        grid's bins."""
         octaves = np.log2(self.width + distance) - np.log2(self.width)  # a quotient could overflow
         keys, counts = np.unique((_OCTAVE * octaves).astype(np.int64), return_counts=True)
         self.tails[side].update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
@@ -116,21 +128,36 @@ class _Grid:
     def bins(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Left and right edges of the bins that hold finite values, rising, and their counts."""
         there = np.flatnonzero(self.counts)
-        parts = [(self.start + there * self.width, self.start + (there + 1) * self.width, self.counts[there])]
+        parts = [
+            (
+                self.start + there * self.width,
+                self.start + (there + 1) * self.width,
+                self.counts[there],
+            )
+        ]
         for side, sign in ((0, -1.0), (1, 1.0)):
             keys = np.array(sorted(self.tails[side]), dtype=np.int64)
-            with np.errstate(over="ignore"):  # the last bin may end beyond the numbers, and is cut below
-                near, far = (sign * self.width * np.expm1((keys + step) * (np.log(2.0) / _OCTAVE)) for step in (0, 1))
+            # the last bin may end beyond the numbers, and is cut below
+            with np.errstate(over="ignore"):
+                near, far = (
+                    sign * self.width * np.expm1((keys + step) * (np.log(2.0) / _OCTAVE))
+                    for step in (0, 1)
+                )
             counts = np.array([self.tails[side][key] for key in keys.tolist()], dtype=np.int64)
             if side == 0:
                 parts.insert(0, ((self.start + far)[::-1], (self.start + near)[::-1], counts[::-1]))
             else:
                 parts.append((self.end + near, self.end + far, counts))
         left, right, counts = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return np.clip(left, self.least, self.greatest), np.clip(right, self.least, self.greatest), counts
+        return (
+            np.clip(left, self.least, self.greatest),
+            np.clip(right, self.least, self.greatest),
+            counts,
+        )
 
     def ranked(self, rank: np.ndarray) -> np.ndarray:
-        """Values of rank 0 to n - 1, shape (r,); those of one bin are taken to be spread evenly over it."""
+        """Values of rank 0 to n - 1, shape (r,); those of one bin are taken to be spread evenly
+        over it."""
         left, right, counts = self.bins()
         minus, plus = self.infinite
         found = np.where(rank < minus, -np.inf, np.inf)
@@ -148,6 +175,14 @@ class _Grid:
         """Number of finite values below each edge; all of them at the last one."""
         left, right, counts = self.bins()
         ends = np.cumsum(counts)
-        found = np.interp(edges, np.stack([left, right], 1).ravel(), np.stack([ends - counts, ends], 1).ravel(), left=0.0)
-        found[0], found[-1] = (0.0 if edges[0] <= self.least else found[0]), (float(ends[-1]) if edges[-1] >= self.greatest else found[-1])
+        found = np.interp(
+            edges,
+            np.stack([left, right], 1).ravel(),
+            np.stack([ends - counts, ends], 1).ravel(),
+            left=0.0,
+        )
+        found[0], found[-1] = (
+            (0.0 if edges[0] <= self.least else found[0]),
+            (float(ends[-1]) if edges[-1] >= self.greatest else found[-1]),
+        )
         return found

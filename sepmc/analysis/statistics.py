@@ -1,7 +1,9 @@
-"""Sample statistics of a campaign's outcomes, how sure they are, and how they lie beside reference figures.
+"""Sample statistics of a campaign's outcomes, how sure they are, and how they lie beside reference
+figures.
 
-Rows whose status is not ``ok`` never enter; they are counted. A NaN in an ``ok`` row is an outcome that case does not have (no release
-time, say): it is left out of that outcome alone, and the column ``n`` says how many values stand behind every figure of the row.
+Rows whose status is not ``ok`` never enter; they are counted. A NaN in an ``ok`` row is an outcome
+that case does not have (no release time, say): it is left out of that outcome alone, and the column
+``n`` says how many values stand behind every figure of the row.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,13 +15,24 @@ import pandas as pd
 
 OK = "ok"
 WIDTH = 118  # of the printed tables, in characters
-PERCENTILES = {"p0_135": 0.135, "p1": 1.0, "p5": 5.0, "p50": 50.0, "p95": 95.0, "p99": 99.0, "p99_865": 99.865}
+PERCENTILES = {
+    "p0_135": 0.135,
+    "p1": 1.0,
+    "p5": 5.0,
+    "p50": 50.0,
+    "p95": 95.0,
+    "p99": 99.0,
+    "p99_865": 99.865,
+}
 REFERENCED = ("mean", "sigma", "min", "max")
-_TAIL_CASES = 741  # 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two outermost values
+# 1 / 0.00135: with fewer values the 0.135 % and 99.865 % points lie between the two outermost
+# values
+_TAIL_CASES = 741
 
 
 class Histogram(NamedTuple):
-    """How the n finite values of an outcome lie: cases between rising edges. Values that are all equal have no edges and no counts."""
+    """How the n finite values of an outcome lie: cases between rising edges. Values that are all
+    equal have no edges and no counts."""
 
     n: int
     mean: float
@@ -31,39 +44,45 @@ class Histogram(NamedTuple):
 
 
 def statistics(
-    cases: Mapping[str, Any], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None = None
+    cases: Mapping[str, Any],
+    outcomes: Sequence[str],
+    reference: Mapping[str, Mapping[str, float]] | None = None,
 ) -> pd.DataFrame:
     """Describe each outcome over the cases whose status is ``ok``.
 
     Parameters
     ----------
-    cases : DataFrame or other mapping of name to column, shape (n_cases,)
-        Columns ``case`` (number), ``status`` (string) and the outcomes, each in the unit its name ends with.
+    cases : DataFrame or other mapping of name to column, shape (n_cases,) Columns ``case``
+        (number), ``status`` (string) and the outcomes, each in the unit its name ends with.
     outcomes : sequence of str
         Columns to describe.
-    reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
-        Figures to compare with, in the outcome's unit; any of the four, or the outcome itself, may be absent.
+    reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional Figures to compare
+        with, in the outcome's unit; any of the four, or the outcome itself, may be absent.
 
     Returns
     -------
     DataFrame, one row per outcome
-        ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to ``p99_865`` (linear between order
-        statistics: sample percentiles, without a confidence), in the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see
-        Notes; ``case_min`` and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they can be NaN too.
-        What needs more values than there are is NaN. With ``reference`` also ``ref_*``, and deviations here minus reference:
-        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
+        ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to
+        ``p99_865`` (linear between order statistics: sample percentiles, without a confidence), in
+        the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see Notes; ``case_min``
+        and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they
+        can be NaN too. What needs more values than there are is NaN. With ``reference`` also
+        ``ref_*``, and deviations here minus reference: ``dev_mean``, ``dev_min``, ``dev_max`` in
+        reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
 
     Notes
-    -----
-    Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian
-    s / sqrt(2 n) would be 58 % too large for uniform data. Checked against repeated sampling in the tests.
+    ----- Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so
+    se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform
+    data. Checked against repeated sampling in the tests.
     """
     missing = [name for name in outcomes if name not in cases]
     if missing:
         raise KeyError(f"the case table has no column {', '.join(missing)}")
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
-    return statistics_table([_describe(column(cases, name)[ok], numbers) for name in outcomes], outcomes, reference)
+    return statistics_table(
+        [_describe(column(cases, name)[ok], numbers) for name in outcomes], outcomes, reference
+    )
 
 
 def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
@@ -74,16 +93,38 @@ def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
 def column(cases: Any, name: str) -> np.ndarray:
     """A column of a case table as floats; what a nullable column lacks is NaN."""
     values = cases[name]
-    return values.to_numpy(dtype=float, na_value=np.nan) if isinstance(values, pd.Series) else np.asarray(values, dtype=float)
+    return (
+        values.to_numpy(dtype=float, na_value=np.nan)
+        if isinstance(values, pd.Series)
+        else np.asarray(values, dtype=float)
+    )
 
 
 def statistics_table(
-    rows: Sequence[Mapping[str, object]], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]] | None
+    rows: Sequence[Mapping[str, object]],
+    outcomes: Sequence[str],
+    reference: Mapping[str, Mapping[str, float]] | None,
 ) -> pd.DataFrame:
     """The table of `statistics` from a row for each outcome."""
-    columns = ["n", "mean", "sigma", "min", "max", *PERCENTILES, "mean_se", "sigma_se", "case_min", "case_max"]
+    columns = [
+        "n",
+        "mean",
+        "sigma",
+        "min",
+        "max",
+        *PERCENTILES,
+        "mean_se",
+        "sigma_se",
+        "case_min",
+        "case_max",
+    ]
     # all float: a nullable column would turn the NaN of a row into pd.NA
-    data = {name: np.array([row.get(name, np.nan) for row in rows], dtype="int64" if name == "n" else float) for name in columns}
+    data = {
+        name: np.array(
+            [row.get(name, np.nan) for row in rows], dtype="int64" if name == "n" else float
+        )
+        for name in columns
+    }
     if reference is not None:
         data |= _beside(data, outcomes, reference)
     # all columns at once: the first insertion of one more name takes pandas 0.1 s
@@ -96,26 +137,46 @@ def histogram(x: np.ndarray) -> Histogram | None:
     if not x.size:
         return None
     mean, sigma = _moments(x)[:2]
-    return histogram_of(x.size, mean, sigma, float(x.min()), float(x.max()), lambda edges: np.histogram(x, edges)[0])
+    return histogram_of(
+        x.size, mean, sigma, float(x.min()), float(x.max()), lambda edges: np.histogram(x, edges)[0]
+    )
 
 
-def histogram_of(n: int, mean: float, sigma: float, low: float, high: float, count: Callable[[np.ndarray], np.ndarray]) -> Histogram:
+def histogram_of(
+    n: int,
+    mean: float,
+    sigma: float,
+    low: float,
+    high: float,
+    count: Callable[[np.ndarray], np.ndarray],
+) -> Histogram:
     """Histogram with as many bins as n values fill; ``count`` gives the cases between edges."""
-    if not high - low > 1e-12 * max(abs(low), abs(high)):  # below that it is round-off, and the edges of the bins would coincide
+    # below that it is round-off, and the edges of the bins would coincide
+    if not high - low > 1e-12 * max(abs(low), abs(high)):
         return Histogram(n, mean, 0.0 if n > 1 else np.nan, low, high, np.empty(0), np.empty(0))
     edges = np.linspace(low, high, int(np.clip(2 * np.cbrt(n), 8, 60)) + 1)
     return Histogram(n, mean, sigma, low, high, edges, count(edges))
 
 
 def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
-    """One row of the table from one outcome's values, shape (n_ok,), and the case numbers they belong to."""
+    """One row of the table from one outcome's values, shape (n_ok,), and the case numbers they
+    belong to."""
     there = ~np.isnan(values)
     x, numbers = values[there], numbers[there]
     if x.size == 0:
         return {"n": 0}
     mean, sigma, mean_se, sigma_se = _moments(x)
-    row = {"n": x.size, "mean": mean, "sigma": sigma, "min": x.min(), "max": x.max(), "mean_se": mean_se, "sigma_se": sigma_se}
-    with np.errstate(invalid="ignore"):  # between two infinities there is no number, and the table then says NaN
+    row = {
+        "n": x.size,
+        "mean": mean,
+        "sigma": sigma,
+        "min": x.min(),
+        "max": x.max(),
+        "mean_se": mean_se,
+        "sigma_se": sigma_se,
+    }
+    # between two infinities there is no number, and the table then says NaN
+    with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
 
@@ -125,35 +186,59 @@ def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
     n, low, span = x.size, x.min(), np.ptp(x)
     if n == 1:
         return float(low), np.nan, np.nan, np.nan
-    if span == 0.0:  # the rounded mean of equal values need not equal them, and would leave a sigma of some 1e-17
+    # the rounded mean of equal values need not equal them, and would leave a sigma of some 1e-17
+    if span == 0.0:
         return float(low), 0.0, 0.0, 0.0
-    with np.errstate(invalid="ignore"):  # an infinity in an ok row stays visible: mean inf, sigma NaN
+    # an infinity in an ok row stays visible: mean inf, sigma NaN
+    with np.errstate(invalid="ignore"):
         mean = x.mean()
-        c = (x - mean) / span  # of order 1, so that the fourth power neither overflows nor underflows
+        # of order 1, so that the fourth power neither overflows nor underflows
+        c = (x - mean) / span
         c *= c
         variance, fourth = c.sum() / (n - 1), np.mean(c * c)
         sigma = np.sqrt(variance)
         # (n - 3) n^2 < (n - 1)^3 and fourth >= mean(c)^2 keep the bracket positive
         sigma_se = np.sqrt((fourth - (n - 3) / (n - 1) * variance**2) / n) / (2.0 * sigma)
-    return float(mean), float(sigma * span), float(sigma * span / np.sqrt(n)), float(sigma_se * span)
+    return (
+        float(mean),
+        float(sigma * span),
+        float(sigma * span / np.sqrt(n)),
+        float(sigma_se * span),
+    )
 
 
-def _beside(data: Mapping[str, np.ndarray], outcomes: Sequence[str], reference: Mapping[str, Mapping[str, float]]) -> dict[str, np.ndarray]:
+def _beside(
+    data: Mapping[str, np.ndarray],
+    outcomes: Sequence[str],
+    reference: Mapping[str, Mapping[str, float]],
+) -> dict[str, np.ndarray]:
     """The reference figures and the deviations from them; absent ones are NaN."""
-    given = {name: np.array([float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]) for name in REFERENCED}
-    scale = np.where(given["sigma"] > 0.0, given["sigma"], np.nan)  # deviations in units of nothing do not exist
+    given = {
+        name: np.array(
+            [float(reference.get(outcome, {}).get(name, np.nan)) for outcome in outcomes]
+        )
+        for name in REFERENCED
+    }
+    # deviations in units of nothing do not exist
+    scale = np.where(given["sigma"] > 0.0, given["sigma"], np.nan)
     deviations = {f"dev_{name}": (data[name] - given[name]) / scale for name in REFERENCED}
     return {f"ref_{name}": values for name, values in given.items()} | deviations
 
 
 def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
-    """Count the cases of each status: ``ok`` first (0 if there is none), then the failures, most frequent first. Sums to the rows."""
-    counts = {str(status): int(count) for status, count in pd.Series(cases["status"]).value_counts(dropna=False).items() if count}
+    """Count the cases of each status: ``ok`` first (0 if there is none), then the failures, most
+    frequent first. Sums to the rows."""
+    counts = {
+        str(status): int(count)
+        for status, count in pd.Series(cases["status"]).value_counts(dropna=False).items()
+        if count
+    }
     return {OK: counts.pop(OK, 0)} | counts
 
 
 class Worst:
-    """The worst value of an audit column and the number of cases beyond its bound; NaN is worse than any number."""
+    """The worst value of an audit column and the number of cases beyond its bound; NaN is worse
+    than any number."""
 
     def __init__(self, name: str, bounds: Mapping[str, float]):
         self.bound, self._smallest = bounds.get(name, np.nan), name.startswith("smallest")
@@ -172,14 +257,16 @@ class Worst:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
 
-def audit(cases: Mapping[str, Any], bounds: Mapping[str, float], columns: Sequence[str]) -> pd.DataFrame:
+def audit(
+    cases: Mapping[str, Any], bounds: Mapping[str, float], columns: Sequence[str]
+) -> pd.DataFrame:
     """How well the ok cases of a case table were integrated.
 
     Returns
     -------
-    table : DataFrame, one row for each of ``columns`` that the case table has
-        worst (the largest value; of smallest_pivot the smallest), case (the first that has it), bound (NaN: none), beyond (number of
-        ok cases whose value is above it or NaN).
+    table : DataFrame, one row for each of ``columns`` that the case table has worst (the largest
+        value; of smallest_pivot the smallest), case (the first that has it), bound (NaN: none),
+        beyond (number of ok cases whose value is above it or NaN).
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
@@ -192,7 +279,9 @@ def audit(cases: Mapping[str, Any], bounds: Mapping[str, float], columns: Sequen
 def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
     """The table of `audit`."""
     rows = {name: [w.worst, w.case, w.bound, w.beyond] for name, w in found.items()}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["worst", "case", "bound", "beyond"])
+    return pd.DataFrame.from_dict(
+        rows, orient="index", columns=["worst", "case", "bound", "beyond"]
+    )
 
 
 def audit_text(table: pd.DataFrame) -> str:
@@ -202,7 +291,8 @@ def audit_text(table: pd.DataFrame) -> str:
     failed = table[table["beyond"] > 0]
     if len(failed):
         lines = [
-            f"AUDIT FAILED: {row['beyond']:.0f} cases have {name} > {row['bound']:g} (worst {row['worst']:.2g}, case {row['case']:.0f})"
+            f"AUDIT FAILED: {row['beyond']:.0f} cases have {name} > {row['bound']:g} (worst "
+            f"{row['worst']:.2g}, case {row['case']:.0f})"
             for name, row in failed.iterrows()
         ]
         return "\n".join(lines)
@@ -216,17 +306,19 @@ def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
 
     Parameters
     ----------
-    histories : DataFrame, long form
-        Columns ``case``, ``time_s`` and ``column``: one row per case and time. Rows of failed cases are the caller's to leave out.
+    histories : DataFrame, long form Columns ``case``, ``time_s`` and ``column``: one row per case
+        and time. Rows of failed cases are the caller's to leave out.
     column : str
         The quantity. NaN is left out of its time.
 
     Returns
     -------
     DataFrame, shape (n_times, 8)
-        Indexed by ``time_s`` in s, ascending: ``min``, ``p1``, ``p5``, ``p50``, ``p95``, ``p99``, ``max``, ``mean``, in the column's unit.
+        Indexed by ``time_s`` in s, ascending: ``min``, ``p1``, ``p5``, ``p50``, ``p95``, ``p99``,
+        ``max``, ``mean``, in the column's unit.
     """
-    time = histories["time_s"].round(9)  # cases may reach one time by different sums; nobody asks for less than a nanosecond
+    # cases may reach one time by different sums; nobody asks for less than a nanosecond
+    time = histories["time_s"].round(9)
     grouped = histories[column].astype(float).groupby(time)
     curves = grouped.agg(["min", "max", "mean"])
     inner = ["p1", "p5", "p50", "p95", "p99"]
@@ -236,7 +328,8 @@ def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 def rounded(value: float, scale: float, digits: int = 3) -> str:
-    """Write ``value`` with the decimals that show ``scale`` (its sigma, say) to ``digits`` significant digits; "-" if it is NaN."""
+    """Write ``value`` with the decimals that show ``scale`` (its sigma, say) to ``digits``
+    significant digits; "-" if it is NaN."""
     if pd.isna(value):
         return "-"
     if not (np.isfinite(scale) and scale > 0.0):  # nothing to measure by but the value itself
@@ -248,7 +341,12 @@ def rounded(value: float, scale: float, digits: int = 3) -> str:
     return f"{value:z.{decimals}f}" if plain else f"{value:z.{digits}e}"
 
 
-def summary_text(stats: pd.DataFrame, counts: Mapping[str, int], units: Mapping[str, str] | None = None, source: str = "paper") -> str:
+def summary_text(
+    stats: pd.DataFrame,
+    counts: Mapping[str, int],
+    units: Mapping[str, str] | None = None,
+    source: str = "paper",
+) -> str:
     """Write the tables an engineer reads in a terminal, at most 118 columns wide.
 
     Parameters
@@ -265,18 +363,31 @@ def summary_text(stats: pd.DataFrame, counts: Mapping[str, int], units: Mapping[
     Returns
     -------
     str
-        Plain text; every figure of a row has the decimals that show its sigma to three digits, standard errors to two.
+        Plain text; every figure of a row has the decimals that show its sigma to three digits,
+        standard errors to two.
     """
     parts = [_counts_line(counts)]
     if len(stats):
         parts.append(_layout(list(stats.index), _groups(stats, units)))
     if stats["n"].between(1, _TAIL_CASES - 1).any():
-        parts.append(f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between the two outermost values.")
-    compared = stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)] if "ref_mean" in stats else stats[:0]
+        parts.append(
+            f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
+            "the two outermost values."
+        )
+    compared = (
+        stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
+        if "ref_mean" in stats
+        else stats[:0]
+    )
     if len(compared):
         called = source if source[:1].isupper() else f"the {source}"  # "Table 3", "the paper"
-        head = f"Beside {called} (dev: here minus {called}; mean, max and min in its sigmas, sigma in percent)"
-        groups = [(name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")]
+        head = (
+            f"Beside {called} (dev: here minus {called}; mean, max and min in its sigmas, "
+            "sigma in percent)"
+        )
+        groups = [
+            (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
+        ]
         parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), groups)]
     return "\n\n".join(parts) + "\n"
 
@@ -288,11 +399,15 @@ def _counts_line(counts: Mapping[str, int]) -> str:
     return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), WIDTH)
 
 
-def _groups(stats: pd.DataFrame, units: Mapping[str, str] | None) -> list[tuple[str, dict[str, list[str]]]]:
+def _groups(
+    stats: pd.DataFrame, units: Mapping[str, str] | None
+) -> list[tuple[str, dict[str, list[str]]]]:
     """Columns of the main table as (heading, {column: cells})."""
 
     def column(name: str) -> list[str]:
-        return [rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)]
+        return [
+            rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)
+        ]
 
     def error(name: str) -> list[str]:
         return [rounded(value, value, 2) for value in stats[name]]
@@ -302,7 +417,8 @@ def _groups(stats: pd.DataFrame, units: Mapping[str, str] | None) -> list[tuple[
 
     first = {"unit": [units.get(name, "") for name in stats.index]} if units else {}
     percent = {f"{value:g} %": column(name) for name, value in PERCENTILES.items()}
-    lower, upper = list(percent.items())[:4], list(percent.items())[4:]  # two groups, so that wide numbers can be folded between them
+    # two groups, so that wide numbers can be folded between them
+    lower, upper = list(percent.items())[:4], list(percent.items())[4:]
     return [
         ("", first | {"n": [str(n) for n in stats["n"]]}),
         ("", {"mean": column("mean"), "s.e.": error("mean_se")}),
@@ -315,21 +431,29 @@ def _groups(stats: pd.DataFrame, units: Mapping[str, str] | None) -> list[tuple[
 
 
 def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[str]]:
-    """Reference, here and deviation of one statistic. The reference keeps the digits it was given with."""
+    """Reference, here and deviation of one statistic. The reference keeps the digits it was given
+    with."""
     given = ["-" if np.isnan(value) else f"{value:.6g}" for value in stats[f"ref_{name}"]]
     here = [rounded(value, sigma) for value, sigma in zip(stats[name], stats["sigma"], strict=True)]
     unit = (100.0, ".1f", "%") if name == "sigma" else (1.0, ".2f", "")
-    deviation = ["-" if np.isnan(dev) else f"{dev * unit[0]:+z{unit[1]}}{unit[2]}" for dev in stats[f"dev_{name}"]]
+    deviation = [
+        "-" if np.isnan(dev) else f"{dev * unit[0]:+z{unit[1]}}{unit[2]}"
+        for dev in stats[f"dev_{name}"]
+    ]
     return {source: given, "here": here, "dev": deviation}
 
 
 def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]]) -> str:
-    """Set groups of columns beside each other under their headings; what would pass `WIDTH` goes into a further block below."""
+    """Set groups of columns beside each other under their headings; what would pass `WIDTH` goes
+    into a further block below."""
     longest = max(len(name) for name in [*names, "outcome"])
     stub = [text.ljust(longest) for text in ["", "outcome", *names]]
     blocks, used = [[stub]], longest
     for heading, columns in groups:
-        padded = [[cell.rjust(max(map(len, [head, *cells]))) for cell in [head, *cells]] for head, cells in columns.items()]
+        padded = [
+            [cell.rjust(max(map(len, [head, *cells]))) for cell in [head, *cells]]
+            for head, cells in columns.items()
+        ]
         lines = ["  ".join(row) for row in zip(*padded, strict=True)]
         lines = [heading.center(len(lines[0]), "-") if heading else " " * len(lines[0]), *lines]
         if used + 3 + len(lines[0]) > WIDTH and len(blocks[-1]) > 1:

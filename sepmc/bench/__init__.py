@@ -1,1 +1,2 @@
-"""Speed and accuracy beside each other: `bench` measures a scene on this machine, part by part, into a folder."""
+"""Speed and accuracy beside each other: `bench` measures a scene on this machine, part by part,
+into a folder."""

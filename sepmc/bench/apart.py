@@ -1,4 +1,5 @@
-"""Functions of this package called in a Python process of their own: with another cache folder, without the JIT, or from a fresh start."""
+"""Functions of this package called in a Python process of their own: with another cache folder,
+without the JIT, or from a fresh start."""
 
 import importlib
 import json
@@ -12,7 +13,11 @@ _PROGRAM = "from sepmc.bench.apart import main; main()"
 
 def environment(changes: dict[str, str] | None = None) -> dict[str, str]:
     """Environment of a process that finds the packages that this one finds."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **(changes or {})}
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        **(changes or {}),
+    }
 
 
 def call(function: str, arguments: list[Any], changes: dict[str, str] | None = None) -> Any:
@@ -34,8 +39,11 @@ def call(function: str, arguments: list[Any], changes: dict[str, str] | None = N
 
 
 def run(command: list[str], changes: dict[str, str] | None = None, given: str = "") -> str:
-    """What a command prints. Raises RuntimeError if it fails, with the last line of its complaint."""
-    done = subprocess.run(command, input=given, env=environment(changes), capture_output=True, text=True, check=False)
+    """What a command prints. Raises RuntimeError if it fails, with the last line of its
+    complaint."""
+    done = subprocess.run(
+        command, input=given, env=environment(changes), capture_output=True, text=True, check=False
+    )
     if done.returncode:
         lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
         raise RuntimeError(f"a process of the bench failed: {lines[-1]}")

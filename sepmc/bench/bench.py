@@ -1,4 +1,5 @@
-"""The whole bench of a scene: its parts in turn, tables on the screen, files and figures in a folder."""
+"""The whole bench of a scene: its parts in turn, tables on the screen, files and figures in a
+folder."""
 
 import warnings
 from pathlib import Path
@@ -71,29 +72,49 @@ def bench(
         use_threads(threads)
         history = campaign.scene.run.history_step
         study = _study(
-            campaign, cases or (QUICK_CASES if quick else CASES), repeats or (QUICK_REPEATS if quick else REPEATS), threads, quick, say
+            campaign,
+            cases or (QUICK_CASES if quick else CASES),
+            repeats or (QUICK_REPEATS if quick else REPEATS),
+            threads,
+            quick,
+            say,
         )
         told, frames = _parts(study, history, peers)
     for name, frame in frames.items():
         frame.to_parquet(folder / f"{name}.parquet", index=False)
-    store.write_json(folder / SUMMARY, told | {name: frame.to_dict("records") for name, frame in frames.items()})
+    store.write_json(
+        folder / SUMMARY, told | {name: frame.to_dict("records") for name, frame in frames.items()}
+    )
     from sepmc.report.bench_figures import draw  # noqa: PLC0415  (matplotlib takes 0.7 s)
 
-    for path in draw(frames, folder, f"{campaign.name}, {study.threads} threads", told["reference"]["floor"]):
+    for path in draw(
+        frames, folder, f"{campaign.name}, {study.threads} threads", told["reference"]["floor"]
+    ):
         say(str(path))
     return told
 
 
-def _study(campaign: Campaign, cases: int, repeats: int, threads: int, quick: bool, say: Say) -> Study:
+def _study(
+    campaign: Campaign, cases: int, repeats: int, threads: int, quick: bool, say: Say
+) -> Study:
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     flight = plan_flight(bare, announce=say)
-    say(f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads, {bare.scene.solver.formulation} formulation")
+    say(
+        f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads, "
+        f"{bare.scene.solver.formulation} formulation"
+    )
     return Study(bare, flight, drawn(bare, cases), repeats, threads, quick, say)
 
 
-def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
+def _parts(
+    study: Study, history: float, peers: bool
+) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Every part in turn, told as soon as it is there."""
-    told: dict[str, Any] = {"campaign": study.campaign.name, "digest": study.campaign.digest, "machine": machine.describe(study.threads)}
+    told: dict[str, Any] = {
+        "campaign": study.campaign.name,
+        "digest": study.campaign.digest,
+        "machine": machine.describe(study.threads),
+    }
     told |= {"cases": study.cases, "repeats": study.repeats, "formulation": study.formulation}
     frames: dict[str, pd.DataFrame] = {}
 
@@ -104,15 +125,27 @@ def _parts(study: Study, history: float, peers: bool) -> tuple[dict[str, Any], d
     reference = make_reference(study)
     study.say(reference.sentence)
     if reference.floor > study.campaign.scene.solver.accuracy:
-        study.say(f"warning: the reference itself is good to {reference.floor:.1e} only, so no smaller error can be told from it")
+        study.say(
+            f"warning: the reference itself is good to {reference.floor:.1e} only, so no smaller "
+            "error can be told from it"
+        )
     told["reference"] = {"how": reference.how, "change": reference.change, "other": reference.other}
-    told["reference"] |= {"difference": reference.difference, "checked": reference.checked, "floor": reference.floor}
+    told["reference"] |= {
+        "difference": reference.difference,
+        "checked": reference.checked,
+        "floor": reference.floor,
+    }
     keep("work_precision", work_precision.measure(study, reference))
     keep("features", features.measure(study, history))
     keep("scaling", scaling.measure(study))
     keep("stages", stages.measure(study, history))
     told["same_bits"] = bits.same_bits(study)
-    study.say("same bits: " + "; ".join(f"{what}: {'yes' if same else 'NO'}" for what, same in told["same_bits"].items()))
+    study.say(
+        "same bits: "
+        + "; ".join(
+            f"{what}: {'yes' if same else 'NO'}" for what, same in told["same_bits"].items()
+        )
+    )
     if peers:
         keep("peers", engines.measure(study, reference))
     told["headlines"] = _headlines(study, frames)
@@ -130,9 +163,15 @@ def _headlines(study: Study, frames: dict[str, pd.DataFrame]) -> dict[str, Any]:
         "error": float(chosen["error"]),
         "accuracy asked": study.campaign.scene.solver.accuracy,
     }
-    one, every = machine.fused_peak(1, study.repeats), machine.fused_peak(study.threads, study.repeats)
+    one, every = (
+        machine.fused_peak(1, study.repeats),
+        machine.fused_peak(study.threads, study.repeats),
+    )
     use_threads(study.threads)
-    told |= {"peak of multiply-adds, 1 thread (Gflop/s)": one["best"], f"peak, {study.threads} threads (Gflop/s)": every["best"]}
+    told |= {
+        "peak of multiply-adds, 1 thread (Gflop/s)": one["best"],
+        f"peak, {study.threads} threads (Gflop/s)": every["best"],
+    }
     whole = frames["features"].iloc[0]
     if whole["flops_per_case"] == whole["flops_per_case"]:
         speed = 1e-9 * whole["flops_per_case"] / (1e-3 * chosen["ms"] / work_precision.PER)

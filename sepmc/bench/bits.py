@@ -1,4 +1,5 @@
-"""The same bits, however a campaign is cut up: threads, chunks, order of the cases, one case alone."""
+"""The same bits, however a campaign is cut up: threads, chunks, order of the cases, one case
+alone."""
 
 from collections.abc import Callable, Iterator
 
@@ -18,7 +19,10 @@ def same_bits(study: Study) -> dict[str, bool]:
     way = Way(study.flight, study.campaign, len(draws))
     use_threads(study.threads)
     whole = _flown(way, draws)
-    return {what: all(_same(flown(), wanted(whole)) for flown, wanted in trials) for what, trials in _trials(study, way, draws).items()}
+    return {
+        what: all(_same(flown(), wanted(whole)) for flown, wanted in trials)
+        for what, trials in _trials(study, way, draws).items()
+    }
 
 
 Rows = tuple[np.ndarray, np.ndarray]
@@ -49,9 +53,19 @@ def _trials(study: Study, way: Way, draws: np.ndarray) -> dict[str, Iterator[Tri
             [(in_chunks(n), lambda rows, n=n: _part(rows, slice(0, 200 * n))) for n in CHUNKS]
         ),
         "cases in reversed order": iter(
-            [(lambda: _flown(way, np.asfortranarray(draws[::-1])), lambda rows: _part(rows, slice(None, None, -1)))]
+            [
+                (
+                    lambda: _flown(way, np.asfortranarray(draws[::-1])),
+                    lambda rows: _part(rows, slice(None, None, -1)),
+                )
+            ]
         ),
-        "one case alone": iter([(alone(i), lambda rows, i=i: _part(rows, slice(i, i + 1 if i >= 0 else None))) for i in ALONE]),
+        "one case alone": iter(
+            [
+                (alone(i), lambda rows, i=i: _part(rows, slice(i, i + 1 if i >= 0 else None)))
+                for i in ALONE
+            ]
+        ),
     }
 
 
@@ -71,6 +85,7 @@ def _joined(parts: list[Rows]) -> Rows:
 def _same(one: Rows, other: Rows) -> bool:
     """Bit for bit: a NaN is itself, 0 is not -0."""
     return all(
-        a.shape == b.shape and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()
+        a.shape == b.shape
+        and np.ascontiguousarray(a).tobytes() == np.ascontiguousarray(b).tobytes()
         for a, b in zip(one, other, strict=True)
     )

@@ -15,7 +15,8 @@ def seconds(work: Callable[[], object]) -> float:
 def rounds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
     """Wall times, s, of several works by name: each once untimed, then ``repeats`` rounds of all.
 
-    In rounds, because what slows a machine for a second then slows all works alike, and ratios between them stay fair.
+    In rounds, because what slows a machine for a second then slows all works alike, and ratios
+    between them stay fair.
     """
     found: dict[str, list[float]] = {name: [] for name in works}
     for work in works.values():

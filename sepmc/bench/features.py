@@ -1,4 +1,5 @@
-"""What each feature of a scene costs: the same cases flown in the same steps with and without it."""
+"""What each feature of a scene costs: the same cases flown in the same steps with and without
+it."""
 
 import copy
 from collections.abc import Callable
@@ -36,7 +37,8 @@ class Variant:
 def measure(study: Study, history_step: float) -> pd.DataFrame:
     """One row a feature: time and flops without it, and their ratios to those of the whole scene.
 
-    The kernel of each is written and compiled for what is left; nothing but the kernel is timed, in the steps of the whole scene.
+    The kernel of each is written and compiled for what is left; nothing but the kernel is timed, in
+    the steps of the whole scene.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)
@@ -60,17 +62,31 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
 
 
 def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
-    """Each takes the time of a compilation, in a process of its own; so many at once as there are threads. Equal kernels are one."""
-    if study.formulation == FULL:  # its elimination is in loops, and their code does not tell how often they run
+    """Each takes the time of a compilation, in a process of its own; so many at once as there are
+    threads. Equal kernels are one."""
+    # its elimination is in loops, and their code does not tell how often they run
+    if study.formulation == FULL:
         return [None] * len(variants)
     steps, usual = study.flight.steps, study.flight.usual
-    wanted = [v for v in variants if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)]
+    wanted = [
+        v
+        for v in variants
+        if v.feature in (ALL, "atmosphere") or not (study.quick or v.feature == HISTORIES)
+    ]
     wanted = [v for v in wanted if _has_stages(study, v.campaign)]
     texts = {v.feature: kernel_text(v.campaign) for v in wanted}
     first = {text: v for v in reversed(wanted) for text in [texts[v.feature]]}
-    study.say(f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ...")
+    study.say(
+        f"counting the operations of {len(first)} kernels (some twenty seconds each, once) ..."
+    )
     with ThreadPoolExecutor(study.threads) as pool:
-        found = dict(zip(first, pool.map(lambda v: flops.count(v.campaign, steps, usual), first.values()), strict=True))
+        found = dict(
+            zip(
+                first,
+                pool.map(lambda v: flops.count(v.campaign, steps, usual), first.values()),
+                strict=True,
+            )
+        )
     return [found.get(texts.get(v.feature, "")) for v in variants]
 
 
@@ -78,9 +94,15 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
     """Flies the cases by the kernel alone: cases that it loses are not flown again."""
     campaign = variant.campaign
     known = {d.parameter.path for d in campaign.file.dispersions}
-    columns = [i for i, d in enumerate(study.campaign.file.dispersions) if d.parameter.path in known]
+    columns = [
+        i for i, d in enumerate(study.campaign.file.dispersions) if d.parameter.path in known
+    ]
     draws, run = np.asfortranarray(study.draws[: study.own_cases, columns]), campaign.scene.run
-    room = int(run.end_time / run.history_step + 1e-9) + 1 if run.history_step > 0.0 and campaign.plan.joints else 0
+    room = (
+        int(run.end_time / run.history_step + 1e-9) + 1
+        if run.history_step > 0.0 and campaign.plan.joints
+        else 0
+    )
     kernel, steps, usual = study.flight.kernel, study.flight.steps, study.flight.usual
     if variant.feature != ALL:
         kernel = load_kernel(kernel_text(campaign, history=room > 0), study.say)
@@ -88,21 +110,47 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
 
 
 def _has_stages(study: Study, campaign: Campaign) -> bool:
-    """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in its steps."""
+    """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in
+    its steps."""
     return len(stage_names(campaign)) == study.flight.kernel.stages
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:
-    """The whole scene first, then without each feature that it has; one that cannot go is told and left out."""
+    """The whole scene first, then without each feature that it has; one that cannot go is told and
+    left out."""
     scene = study.campaign.scene
     found = [Variant(ALL, "the scene as it is, without histories", study.campaign)]
     aerodynamic = [name for name, body in scene.body.items() if body.aerodynamics is not None]
     air = scene.environment
     asked: list[tuple[str, bool, str, tuple[str, ...], dict[str, Any]]] = [
-        ("aerodynamics", bool(aerodynamic), "no body.aerodynamics", tuple(f"body.{b}.aerodynamics" for b in aerodynamic), {}),
-        ("atmosphere", air.atmosphere != "none", 'environment.atmosphere = "none"', (), {"environment.atmosphere": "none"}),
-        ("wind", air.wind.speed > 0.0 or air.wind.profile is not None, "no environment.wind", ("environment.wind",), {}),
-        ("gravity", air.gravity != "none", 'environment.gravity = "none"', (), {"environment.gravity": "none"}),
+        (
+            "aerodynamics",
+            bool(aerodynamic),
+            "no body.aerodynamics",
+            tuple(f"body.{b}.aerodynamics" for b in aerodynamic),
+            {},
+        ),
+        (
+            "atmosphere",
+            air.atmosphere != "none",
+            'environment.atmosphere = "none"',
+            (),
+            {"environment.atmosphere": "none"},
+        ),
+        (
+            "wind",
+            air.wind.speed > 0.0 or air.wind.profile is not None,
+            "no environment.wind",
+            ("environment.wind",),
+            {},
+        ),
+        (
+            "gravity",
+            air.gravity != "none",
+            'environment.gravity = "none"',
+            (),
+            {"environment.gravity": "none"},
+        ),
         ("motors", bool(scene.motor), "no motor", ("motor",), {}),
         ("springs", bool(scene.spring), "no spring", ("spring",), {}),
         ("loads", bool(scene.load), "no load", ("load",), {}),
@@ -112,10 +160,15 @@ def _variants(study: Study, history_step: float) -> list[Variant]:
             try:
                 campaign = _without(study.campaign, gone, settings)
             except SceneError as error:
-                study.say(f"cost of {feature}: the scene cannot be flown without: {error.problems[0]}")
+                study.say(
+                    f"cost of {feature}: the scene cannot be flown without: {error.problems[0]}"
+                )
                 continue
             if not _has_stages(study, campaign):
-                study.say(f"cost of {feature}: without it the flight has other stages, so its steps are not those of the whole scene")
+                study.say(
+                    f"cost of {feature}: without it the flight has other stages, so its steps are "
+                    "not those of the whole scene"
+                )
                 continue
             found.append(Variant(feature, change, campaign))
     if study.campaign.plan.joints and _has_stages(study, study.campaign):
@@ -135,7 +188,11 @@ def _without(campaign: Campaign, gone: tuple[str, ...], settings: dict[str, Any]
         node.pop(rest[-1], None)
     inside = tuple(f"{path}." for path in gone)
     tree["dispersion"] = (
-        {path: law for path, law in tree.get("dispersion", {}).items() if not path.startswith(inside)}
+        {
+            path: law
+            for path, law in tree.get("dispersion", {}).items()
+            if not path.startswith(inside)
+        }
         if inside
         else tree.get("dispersion", {})
     )

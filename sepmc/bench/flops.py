@@ -1,13 +1,15 @@
 """Floating-point operations of a case, counted, not timed.
 
-An evaluation of the rates of a phase is one function of a scene's own kernel, straight-line code over the lanes. Its operations are
-counted in the optimised LLVM code: an addition, subtraction, multiplication, division or square root is one on each lane, so that a
-fused multiply-add is two, and comparisons, signs and roundings are none. How many evaluations a case takes is counted by flying it with
-the JIT off. The sums of the stages follow from the method's tableau: for each number that a phase integrates two for every coefficient
-that is not zero, and one to scale by the step. Not counted are the set-up, corrections, foretelling of events, and outcomes.
+An evaluation of the rates of a phase is one function of a scene's own kernel, straight-line code
+over the lanes. Its operations are counted in the optimised LLVM code: an addition, subtraction,
+multiplication, division or square root is one on each lane, so that a fused multiply-add is two,
+and comparisons, signs and roundings are none. How many evaluations a case takes is counted by
+flying it with the JIT off. The sums of the stages follow from the method's tableau: for each number
+that a phase integrates two for every coefficient that is not zero, and one to scale by the step.
+Not counted are the set-up, corrections, foretelling of events, and outcomes.
 
-Numba shows the code of what it has compiled itself, not of what it has loaded, so a process compiles the kernel again in an empty cache
-folder; the count is kept beside the kernel.
+Numba shows the code of what it has compiled itself, not of what it has loaded, so a process
+compiles the kernel again in an empty cache folder; the count is kept beside the kernel.
 """
 
 import collections
@@ -32,12 +34,16 @@ from sepmc.routines.lanes import LANES
 from sepmc.scene.read import parse_campaign
 
 _FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)
-_ARITHMETIC = re.compile(r"= (?:f(?:add|sub|mul|div)|(?:tail )?call[^\n@]*?(?=[^\n]*@llvm\.sqrt)) ?[^\n]*?(?:<(\d+) x double>|double)")
+_ARITHMETIC = re.compile(
+    r"= (?:f(?:add|sub|mul|div)|(?:tail )?call[^\n@]*?(?=[^\n]*@llvm\.sqrt)) ?[^\n]*?(?:<(\d+) x "
+    r"double>|double)"
+)
 
 
 @dataclass(frozen=True)
 class Flops:
-    """Counts of one case: ``evaluations`` and flops of one, by phase; of all evaluations; of the sums of stages."""
+    """Counts of one case: ``evaluations`` and flops of one, by phase; of all evaluations; of the
+    sums of stages."""
 
     evaluations: dict[str, int]
     each: dict[str, float]
@@ -55,8 +61,8 @@ class Flops:
 
 
 def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | None:
-    """Operations of a case flown by the scene's own kernel in ``steps`` (stages,) of stages that usually last ``usual`` (stages,) s; None
-    if the compiled code does not show them."""
+    """Operations of a case flown by the scene's own kernel in ``steps`` (stages,) of stages that
+    usually last ``usual`` (stages,) s; None if the compiled code does not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
     found = _each(kernel_text(campaign), list(called.values()))
@@ -70,12 +76,15 @@ def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | N
     stages = len(rk.b)
     per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
     numbers = {stage.phase: shape.active(stage) for stage in shape.stages}
-    sums = sum(taken[name] / stages * per_number * numbers[written] for name, written in called.items())
+    sums = sum(
+        taken[name] / stages * per_number * numbers[written] for name, written in called.items()
+    )
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
 def _each(text: str, phases: list[str]) -> dict[str, float]:
-    """Flops of an evaluation, by phase; from the count kept beside its piece of the kernel if there is one."""
+    """Flops of an evaluation, by phase; from the count kept beside its piece of the kernel if there
+    is one."""
     texts = {piece.name: piece.text for piece in split(text)}
     found: dict[str, float] = {}
     for phase in phases:
@@ -104,19 +113,25 @@ def in_code(code: str, phases: list[str]) -> dict[str, float]:
     for match in _FUNCTION.finditer(code):
         for phase in phases:
             name = f"rates_{phase}"
-            if f"{len(name)}{name}B" in match[1]:  # as Numba mangles it: its length, itself, its version
-                found[phase] = max(found.get(phase, 0.0), _of_a_lane(match[0]))  # what calls it from outside has none
+            # as Numba mangles it: its length, itself, its version
+            if f"{len(name)}{name}B" in match[1]:
+                # what calls it from outside has none
+                found[phase] = max(found.get(phase, 0.0), _of_a_lane(match[0]))
     return found
 
 
 def _of_a_lane(body: str) -> float:
     widths = [int(width or 1) for width in _ARITHMETIC.findall(body)]
-    looped = " phi " in body  # then an operation serves its own lanes in a turn, and all turns serve all
+    # then an operation serves its own lanes in a turn, and all turns serve all
+    looped = " phi " in body
     return float(len(widths)) if looped else sum(widths) / LANES
 
 
-def evaluations_here(tree: dict[str, Any], name: str, steps: list[int], usual: list[float]) -> dict[str, int]:
-    """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are plain Python."""
+def evaluations_here(
+    tree: dict[str, Any], name: str, steps: list[int], usual: list[float]
+) -> dict[str, int]:
+    """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are
+    plain Python."""
     campaign = Campaign(parse_campaign(tree, name))
     kernel = interpreted.load(kernel_text(campaign))
     module = kernel.plain
@@ -133,5 +148,12 @@ def evaluations_here(tree: dict[str, Any], name: str, steps: list[int], usual: l
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
-    fly_cases(kernel, campaign.plan, np.array(steps, dtype=np.int64), np.array(usual), campaign.slots, drawn)
+    fly_cases(
+        kernel,
+        campaign.plan,
+        np.array(steps, dtype=np.int64),
+        np.array(usual),
+        campaign.slots,
+        drawn,
+    )
     return {phase: seen[phase] for phase in called}

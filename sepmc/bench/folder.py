@@ -8,7 +8,8 @@ SUMMARY = "bench.json"
 
 
 def open_folder(folder: Path, overwrite: bool = False) -> Path:
-    """Make a folder ready to be written; only what a bench has made in it is replaced, and only if so asked.
+    """Make a folder ready to be written; only what a bench has made in it is replaced, and only if
+    so asked.
 
     Raises
     ------
@@ -19,9 +20,14 @@ def open_folder(folder: Path, overwrite: bool = False) -> Path:
         raise StoreError(f"{folder}: is a file; give --out a folder")
     if folder.is_dir() and any(folder.iterdir()):
         if not (folder / SUMMARY).is_file():
-            raise StoreError(f"{folder}: holds other files and no {SUMMARY}, so it is not a bench; choose another --out")
+            raise StoreError(
+                f"{folder}: holds other files and no {SUMMARY}, so it is not a bench; choose "
+                "another --out"
+            )
         if not overwrite:
-            raise StoreError(f"{folder}: holds a bench; add --overwrite to replace it, or choose another --out")
+            raise StoreError(
+                f"{folder}: holds a bench; add --overwrite to replace it, or choose another --out"
+            )
     make_writable(folder)
     for old in [folder / SUMMARY, *folder.glob("*.parquet"), *folder.glob("*.png")]:
         old.unlink(missing_ok=True)

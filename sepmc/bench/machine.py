@@ -16,7 +16,13 @@ _PASSES = 10_000  # some 3 ms
 
 def describe(threads: int) -> dict[str, Any]:
     """Processor, threads and versions."""
-    return {"cpu": _cpu(), "cores": os.cpu_count(), "threads_available": max_threads(), "threads": threads, **store.versions()}
+    return {
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "threads_available": max_threads(),
+        "threads": threads,
+        **store.versions(),
+    }
 
 
 def _cpu() -> str:
@@ -25,12 +31,17 @@ def _cpu() -> str:
     except OSError:
         lines = []
     return (
-        next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "") or platform.processor() or "unknown"
+        next(
+            (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), ""
+        )
+        or platform.processor()
+        or "unknown"
     )
 
 
 def fused_peak(threads: int, repeats: int) -> dict[str, float]:
-    """Measured Gflop/s of fused multiply-adds on so many threads, the best and the median of some repeats; an FMA counts as two."""
+    """Measured Gflop/s of fused multiply-adds on so many threads, the best and the median of some
+    repeats; an FMA counts as two."""
     use_threads(threads)
     numbers = peak.blocks(threads)
     times = rounds({"": lambda: peak.multiply_add(numbers, _PASSES, 0.5, 0.5)}, max(repeats, 7))[""]

@@ -1,4 +1,5 @@
-"""The reference that errors are taken against: the same scene at so many steps that round-off is what is left, and a second opinion."""
+"""The reference that errors are taken against: the same scene at so many steps that round-off is
+what is left, and a second opinion."""
 
 from dataclasses import dataclass, replace
 
@@ -17,8 +18,9 @@ _CHECKED = 500  # cases flown by the other formulation for the second opinion
 class Reference:
     """Outcomes (n, o) in SI that errors are taken against.
 
-    ``sound`` (n,) tells which cases were flown to the end; ``change`` is what the last doubling of the steps changed, ``difference`` how
-    far the ``other`` way is off, both as errors; ``floor`` is the larger of them, below which an error says nothing.
+    ``sound`` (n,) tells which cases were flown to the end; ``change`` is what the last doubling of
+    the steps changed, ``difference`` how far the ``other`` way is off, both as errors; ``floor`` is
+    the larger of them, below which an error says nothing.
     """
 
     outcomes: np.ndarray
@@ -37,7 +39,8 @@ class Reference:
     @property
     def sentence(self) -> str:
         return (
-            f"reference: {self.how}, {len(self.sound)} cases; halving its resolution changes {self.change:.1e}; the {self.other}, "
+            f"reference: {self.how}, {len(self.sound)} cases; halving its resolution changes "
+            f"{self.change:.1e}; the {self.other}, "
             f"differs by {self.difference:.1e} ({self.checked} cases)"
         )
 
@@ -51,12 +54,15 @@ def make_reference(study: Study) -> Reference:
     times = int(flown.flight.steps[0] // first.flight.steps[0])
     other = _other(study, first, times)
     difference, _ = study.error(other.fly(study.draws), outcomes, sound)
-    how, opinion = (f"{way.formulation} formulation, {METHOD}, {way.setting}" for way in (flown, other))
+    how, opinion = (
+        f"{way.formulation} formulation, {METHOD}, {way.setting}" for way in (flown, other)
+    )
     return Reference(outcomes, sound, how, flown.setting, change, opinion, difference, other.cases)
 
 
 def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way]:
-    """Double the steps while that changes less and less; outcomes, which are sound, the last change, and the way they were flown."""
+    """Double the steps while that changes less and less; outcomes, which are sound, the last
+    change, and the way they were flown."""
     last = way.fly(study.draws)
     best = None
     for _ in range(_DOUBLINGS):
@@ -72,7 +78,8 @@ def _refined(study: Study, way: Way) -> tuple[np.ndarray, np.ndarray, float, Way
 
 
 def _other(study: Study, own: Way, times: int) -> Way:
-    """Another way to the same answer: the other formulation of the equations, at so many times its resolution, by a part of the cases."""
+    """Another way to the same answer: the other formulation of the equations, at so many times its
+    resolution, by a part of the cases."""
     other = "reduced" if own.formulation == FULL else FULL
     campaign = own.campaign.with_settings({"solver.formulation": other})
     flight = plan_flight(campaign, announce=study.say).sharper(times)

@@ -21,7 +21,8 @@ _LONGEST_S = 60.0  # kernel time of one flight
 
 
 def measure(study: Study) -> pd.DataFrame:
-    """One row a size or number of threads. Sizes are flown in a process each, with ``stats_only``: time of the kernel, peak memory."""
+    """One row a size or number of threads. Sizes are flown in a process each, with ``stats_only``:
+    time of the kernel, peak memory."""
     return pd.DataFrame(_by_cases(study) + _by_threads(study))
 
 
@@ -37,7 +38,15 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
         study.say(f"flying {cases} cases ...")
         found = apart.call("scaling:flown_here", [tree, name, cases, study.threads, repeats])
         each = found["kernel_s"] / cases
-        rows.append({"over": "cases", "cases": cases, "threads": study.threads, "us_per_case": 1e6 * found["kernel_s"] / cases, **found})
+        rows.append(
+            {
+                "over": "cases",
+                "cases": cases,
+                "threads": study.threads,
+                "us_per_case": 1e6 * found["kernel_s"] / cases,
+                **found,
+            }
+        )
     return rows
 
 
@@ -54,12 +63,22 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
     use_threads(study.threads)
     for n in counts:
         spent = median(times[str(n)])
-        rows.append({"over": "threads", "cases": cases, "threads": n, "us_per_case": 1e6 * spent / cases, "kernel_s": spent})
+        rows.append(
+            {
+                "over": "threads",
+                "cases": cases,
+                "threads": n,
+                "us_per_case": 1e6 * spent / cases,
+                "kernel_s": spent,
+            }
+        )
         rows[-1]["speed_up"] = rows[0]["kernel_s"] / spent
     return rows
 
 
-def flown_here(tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int) -> dict[str, float]:
+def flown_here(
+    tree: dict[str, Any], name: str, cases: int, threads: int, repeats: int
+) -> dict[str, float]:
     """Fly a campaign in this process; times, s, and peak memory, MB."""
     campaign = Campaign(parse_campaign(tree, name))
     campaign.run(1, threads=threads, stats_only=True)
@@ -69,9 +88,12 @@ def flown_here(tree: dict[str, Any], name: str, cases: int, threads: int, repeat
 
 
 def peak_memory() -> float:
-    """Most memory that this process has held, bytes. On Linux `getrusage` counts that of the process which started it, too."""
+    """Most memory that this process has held, bytes. On Linux `getrusage` counts that of the
+    process which started it, too."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1.0 if sys.platform == "darwin" else 1024.0)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (
+            1.0 if sys.platform == "darwin" else 1024.0
+        )
     return next(float(line.split()[1]) * 1024.0 for line in lines if line.startswith("VmHWM"))

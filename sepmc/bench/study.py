@@ -1,4 +1,5 @@
-"""What all parts of a bench share: the campaign, its cases, how it is flown by default, how often things are timed."""
+"""What all parts of a bench share: the campaign, its cases, how it is flown by default, how often
+things are timed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from sepmc.schema import Status
 
 Say = Callable[[str], None]
 FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
-_PART, _FEWEST = 16, 16  # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
+# of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
+_PART, _FEWEST = 16, 16
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,11 @@ class Study:
 
     def part(self, formulation: str) -> int:
         """How many of the cases a formulation flies: all, or a part of them."""
-        return min(self.cases, max(_FEWEST, self.cases // _PART)) if formulation == FULL else self.cases
+        return (
+            min(self.cases, max(_FEWEST, self.cases // _PART))
+            if formulation == FULL
+            else self.cases
+        )
 
     @property
     def own_cases(self) -> int:
@@ -71,7 +77,9 @@ class Study:
     @property
     def default(self) -> "Way":
         """The way that the pilot chose."""
-        return Way(self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True)
+        return Way(
+            self.flight, self.campaign, self.own_cases, self.campaign.scene.solver.accuracy, True
+        )
 
     @cached_property
     def units(self) -> list[str]:
@@ -86,25 +94,37 @@ class Study:
         return self.campaign.with_settings(settings)
 
     def error(self, found: Block, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
-        """Largest error of the outcomes of a block, and of which; of the cases that it and the reference flew to the end."""
+        """Largest error of the outcomes of a block, and of which; of the cases that it and the
+        reference flew to the end."""
         n = min(len(found.status), len(sound))
-        return self.error_of(found.outcomes[:n, : len(self.names)], found.status[:n] == Status.OK, reference, sound)
+        return self.error_of(
+            found.outcomes[:n, : len(self.names)], found.status[:n] == Status.OK, reference, sound
+        )
 
-    def error_of(self, found: np.ndarray, ok: np.ndarray, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
-        """The same of outcomes (n, o) of the first n cases. The scatter of an outcome is that of all cases of the reference."""
+    def error_of(
+        self, found: np.ndarray, ok: np.ndarray, reference: np.ndarray, sound: np.ndarray
+    ) -> tuple[float, str]:
+        """The same of outcomes (n, o) of the first n cases. The scatter of an outcome is that of
+        all cases of the reference."""
         both = np.flatnonzero(ok & sound[: len(found)])
         if not len(both):
             return np.inf, ""
         whole = reference.copy()
         whole[both] = found[both]
-        errors = relative_error(whole[sound], reference[sound], self.units, scene_scales(self.campaign.scene, self.units))
+        errors = relative_error(
+            whole[sound],
+            reference[sound],
+            self.units,
+            scene_scales(self.campaign.scene, self.units),
+        )
         worst = int(np.argmax(errors))
         return float(errors[worst]), self.names[worst]
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way to fly: a flight, the campaign with the method and formulation that it was planned for, and how many of the cases."""
+    """A way to fly: a flight, the campaign with the method and formulation that it was planned for,
+    and how many of the cases."""
 
     flight: Flight
     campaign: Campaign
@@ -122,7 +142,8 @@ class Way:
 
     @property
     def setting(self) -> str:
-        """Steps, in words: the scene's own step, if it has one, or else how many each stage takes."""
+        """Steps, in words: the scene's own step, if it has one, or else how many each stage
+        takes."""
         if self.flight.step is not None:
             return f"step {self.flight.step:.4g} s"
         return "steps " + " ".join(map(str, self.flight.steps.tolist()))
@@ -138,4 +159,6 @@ class Way:
 
 def drawn(campaign: Campaign, count: int) -> np.ndarray:
     """The first ``count`` cases of a campaign, (count, d), SI."""
-    return cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    return (
+        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+    )

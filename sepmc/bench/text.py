@@ -8,8 +8,10 @@ import pandas as pd
 _FORMATS = {
     "error": "{:.1e}", "asked": "{:.0e}", "ms": "{:.3g}",
     "best_ms": "{:.3g}", "us_per_case": "{:.3g}", "time_ratio": "{:.3f}", "flop_ratio": "{:.3f}",
-    "flops_per_evaluation": "{:.0f}", "flops_per_case": "{:.0f}", "evaluations": "{:.0f}", "s": "{:.4f}", "best_s": "{:.4f}",
-    "kernel_s": "{:.4f}", "sample_s": "{:.4f}", "peak_MB": "{:.0f}", "speed_up": "{:.2f}", "compile_s": "{:.2f}", "over_ours": "{:.3g}",
+    "flops_per_evaluation": "{:.0f}", "flops_per_case": "{:.0f}", "evaluations": "{:.0f}",
+    "s": "{:.4f}", "best_s": "{:.4f}",
+    "kernel_s": "{:.4f}", "sample_s": "{:.4f}", "peak_MB": "{:.0f}", "speed_up": "{:.2f}",
+    "compile_s": "{:.2f}", "over_ours": "{:.3g}",
 }  # fmt: skip
 _SHOWN = {
     "work_precision": [
@@ -25,29 +27,74 @@ _SHOWN = {
         "scaled",
         "default",
     ],
-    "features": ["feature", "change", "ms", "time_ratio", "flop_ratio", "evaluations", "flops_per_evaluation", "flops_per_case"],
+    "features": [
+        "feature",
+        "change",
+        "ms",
+        "time_ratio",
+        "flop_ratio",
+        "evaluations",
+        "flops_per_evaluation",
+        "flops_per_case",
+    ],
     "stages": ["stage", "kind", "s", "best_s", "repeats"],
     "scaling": ["cases", "threads", "us_per_case", "kernel_s", "sample_s", "peak_MB", "speed_up"],
-    "peers": ["engine", "setting", "error", "ms", "over_ours", "cases", "repeats", "scaled", "compile_s", "note"],
+    "peers": [
+        "engine",
+        "setting",
+        "error",
+        "ms",
+        "over_ours",
+        "cases",
+        "repeats",
+        "scaled",
+        "compile_s",
+        "note",
+    ],
 }
-_WORDS = ("formulation", "method", "setting", "worst_outcome", "default", "scaled", "feature", "change", "stage", "kind", "engine", "note")
+_WORDS = (
+    "formulation",
+    "method",
+    "setting",
+    "worst_outcome",
+    "default",
+    "scaled",
+    "feature",
+    "change",
+    "stage",
+    "kind",
+    "engine",
+    "note",
+)
 _TITLES = {
-    "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases (ms, median)",
-    "features": "Cost of each feature: time and operations without it, over those of the whole scene, in the same steps",
+    "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases "
+    "(ms, median)",
+    "features": "Cost of each feature: time and operations without it, over those of the whole "
+    "scene, in the same steps",
     "stages": "Time by stage and by command (s, median)",
     "scaling": "Scaling: over cases (a process each, statistics only), over threads",
-    "peers": "Other engines on the same cases (ms for 10,000 cases; over_ours: over our fastest at an error as small or smaller)",
+    "peers": "Other engines on the same cases (ms for 10,000 cases; over_ours: over our fastest "
+    "at an error as small or smaller)",
 }
 
 
 def table(name: str, frame: pd.DataFrame) -> str:
     """A part of the bench under its title; what does not apply is -."""
-    shown = pd.DataFrame({column: [_cell(column, value) for value in frame[column]] for column in _SHOWN[name] if column in frame})
+    shown = pd.DataFrame(
+        {
+            column: [_cell(column, value) for value in frame[column]]
+            for column in _SHOWN[name]
+            if column in frame
+        }
+    )
     shown = shown.loc[:, [bool((shown[column] != "").any()) for column in shown]]
     wide = [max(len(str(column)), int(shown[column].str.len().max())) for column in shown]
     sides = [str.ljust if column in _WORDS else str.rjust for column in shown]
     rows = [[str(column) for column in shown], *shown.to_numpy().tolist()]
-    lines = ["  ".join(side(cell, width) for side, cell, width in zip(sides, row, wide, strict=True)) for row in rows]
+    lines = [
+        "  ".join(side(cell, width) for side, cell, width in zip(sides, row, wide, strict=True))
+        for row in rows
+    ]
     return "\n".join([_TITLES[name], "", *(line.rstrip() for line in lines)])
 
 

@@ -14,13 +14,15 @@ from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
 from sepmc.kernel.methods import METHODS
 
-ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # asked of the pilot, to get steps that a user might fly with
+# asked of the pilot, to get steps that a user might fly with
+ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
 PER = 10_000  # cases that times are told for
 _MOST = 25  # times as many evaluations as by default are left out
 
 
 def measure(study: Study, reference: Reference) -> pd.DataFrame:
-    """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the study's were flown."""
+    """One row a way to fly; times are medians, for 10,000 cases, ms; ``scaled`` if fewer than the
+    study's were flown."""
     ways = [way for formulation in ("reduced", FULL) for way in _ways(study, formulation)]
     return rows_of(study, reference, _without(reference, study, ways))
 
@@ -38,7 +40,9 @@ def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
 def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
     blocks = [way.fly(study.draws) for way in ways]
-    times = rounds({str(i): partial(way.fly, study.draws) for i, way in enumerate(ways)}, study.repeats)
+    times = rounds(
+        {str(i): partial(way.fly, study.draws) for i, way in enumerate(ways)}, study.repeats
+    )
     rows = []
     for i, (way, block) in enumerate(zip(ways, blocks, strict=True)):
         error, worst = study.error(block, reference.outcomes, reference.sound)
@@ -66,8 +70,9 @@ def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> d
 
 
 def _ways(study: Study, formulation: str) -> list[Way]:
-    """Each method in the steps that the pilot chooses for several accuracies, and in multiples of those for the accuracy asked. By the full
-    formulation only the scene's own method, without multiples."""
+    """Each method in the steps that the pilot chooses for several accuracies, and in multiples of
+    those for the accuracy asked. By the full formulation only the scene's own method, without
+    multiples."""
     every = sorted(METHODS, key=lambda m: METHODS[m]().order)
     methods = [study.method] if study.quick or formulation == FULL else every
     return [way for method in methods for way in _of_method(study, method, formulation)]
@@ -84,7 +89,14 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
     if first.flight.step is None:  # the pilot has something to choose
         for accuracy in ACCURACIES[::4] if study.quick else ACCURACIES:
             if accuracy != first.asked:
-                ways.append(Way(plan_flight(campaign.with_settings({"solver.accuracy": accuracy})), campaign, cases, accuracy))
+                ways.append(
+                    Way(
+                        plan_flight(campaign.with_settings({"solver.accuracy": accuracy})),
+                        campaign,
+                        cases,
+                        accuracy,
+                    )
+                )
             if ways[-1].evaluations > most:
                 break  # it takes still more for the next ones
     if formulation != FULL:
@@ -94,12 +106,21 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
         found.setdefault(tuple(way.flight.steps.tolist()), way)
     for way in found.values():
         if way.evaluations > most:
-            study.say(f"left out, more than {_MOST} times the work of the default: {way.formulation}, {way.method}, {way.setting}")
-    return sorted((way for way in found.values() if way.evaluations <= most), key=lambda way: way.evaluations)
+            study.say(
+                f"left out, more than {_MOST} times the work of the default: {way.formulation}, "
+                f"{way.method}, {way.setting}"
+            )
+    return sorted(
+        (way for way in found.values() if way.evaluations <= most), key=lambda way: way.evaluations
+    )
 
 
 def _multiples(flight: Flight) -> list[Flight]:
-    """A flight in half, twice and four times as many steps; a step that the scene gives is only divided."""
+    """A flight in half, twice and four times as many steps; a step that the scene gives is only
+    divided."""
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
-    return [replace(one, limits=None, angles={}) for one in (*fewer, flight.sharper(2), flight.sharper(4))]
+    return [
+        replace(one, limits=None, angles={})
+        for one in (*fewer, flight.sharper(2), flight.sharper(4))
+    ]

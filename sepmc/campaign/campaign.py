@@ -1,4 +1,5 @@
-"""The Python interface: a campaign is read and flown, what it gave is read, any case of it is flown alone."""
+"""The Python interface: a campaign is read and flown, what it gave is read, any case of it is flown
+alone."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -51,9 +52,10 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
 class Result:
     """What a campaign gave.
 
-    Rows of a run into a folder are read from there when they are asked for; a run without one keeps them in memory. ``timing`` is in
-    seconds by stage: compile, sample, kernel, write; the last goes on while the kernel flies, so the sum can exceed the time taken.
-    ``flight`` is how it was flown, ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
+    Rows of a run into a folder are read from there when they are asked for; a run without one keeps
+    them in memory. ``timing`` is in seconds by stage: compile, sample, kernel, write; the last goes
+    on while the kernel flies, so the sum can exceed the time taken. ``flight`` is how it was flown,
+    ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
     nominal case that goes together instead of apart.
     """
 
@@ -67,8 +69,13 @@ class Result:
     accuracy: Achieved | None = None
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{count} {label}" for label, count in self.status_counts.items() if count)
-        return f"<Result of {self.campaign.name}, seed {self.seed}: {counts}{f', in {self.folder}' if self.folder else ''}>"
+        counts = ", ".join(
+            f"{count} {label}" for label, count in self.status_counts.items() if count
+        )
+        return (
+            f"<Result of {self.campaign.name}, seed {self.seed}: "
+            f"{counts}{f', in {self.folder}' if self.folder else ''}>"
+        )
 
     @property
     def table(self) -> dict[str, np.ndarray]:
@@ -86,7 +93,8 @@ class Result:
         return pd.DataFrame(self.table)
 
     def histories(self) -> pd.DataFrame | None:
-        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s`` is 0."""
+        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
+        is 0."""
         self._rows()
         if self.folder:
             return store.read_histories(self.folder)
@@ -119,7 +127,8 @@ class Result:
     def _rows(self) -> Mapping[str, np.ndarray]:
         if self.kept.rows is None:
             raise InputError(
-                "this run kept statistics only, so it has no rows; run without stats_only, or fly single cases by case(number)"
+                "this run kept statistics only, so it has no rows; run without stats_only, or fly "
+                "single cases by case(number)"
             )
         return self.kept.rows
 
@@ -128,7 +137,8 @@ class Campaign(Definition):
     """A scene, its dispersions and its run settings, ready to fly."""
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
-        """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg": 460.0}``."""
+        """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":
+        460.0}``."""
         return Campaign(parse_campaign(self.file.tree, self.name, settings, self.name))
 
     def simulate(
@@ -137,18 +147,21 @@ class Campaign(Definition):
         step_s: float = 0.001,
         announce: Callable[[str], None] | None = None,
     ) -> pd.DataFrame:
-        """Time history of one case (the nominal if None), a row every ``step_s`` and two at each phase boundary.
+        """Time history of one case (the nominal if None), a row every ``step_s`` and two at each
+        phase boundary.
 
-        Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no outcome by more than ``solver.accuracy``:
-        by the kernel written for the scene, as plain Python or, where that takes thousands of steps, compiled, which ``announce`` is
-        told of. Its outcomes are those of the campaign's row to that accuracy.
+        Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no
+        outcome by more than ``solver.accuracy``: by the kernel written for the scene, as plain
+        Python or, where that takes thousands of steps, compiled, which ``announce`` is told of. Its
+        outcomes are those of the campaign's row to that accuracy.
 
         Returns
         -------
-        history : DataFrame
-            time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds ``units``, the ``outcomes`` of
-            the case, their ``errors`` (relative, see `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it,
-            else the last change), its ``status``, whether its kernel was ``compiled``, and ``notes``, sentences on what deserves a look.
+        history : DataFrame time_s, phase, then the columns of `sepmc.schema.history_columns`.
+            ``attrs`` holds ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
+            `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it, else
+            the last change), its ``status``, whether its kernel was ``compiled``, and ``notes``,
+            sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
@@ -158,16 +171,23 @@ class Campaign(Definition):
         else:
             found = fly_single(scene, self.outcome_columns, step_s, announce)
         columns = schema.history_columns(found.plan.contents)
-        data: dict[str, Any] = {"time_s": found.times, "phase": [found.plan.phases[p] for p in found.phases]}
+        data: dict[str, Any] = {
+            "time_s": found.times,
+            "phase": [found.plan.phases[p] for p in found.phases],
+        }
         data |= {c.name: found.rows[:, i] * c.scale for i, c in enumerate(columns)}
         frame = pd.DataFrame(data)
         results = schema.result_columns(found.plan.contents)
-        outcomes = {c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)}
+        outcomes = {
+            c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)
+        }
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         frame.attrs = {
             "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
             "outcomes": outcomes,
-            "errors": {} if found.error is None else {c.name: float(x) for c, x in zip(self.outcome_columns, found.error, strict=True)},
+            "errors": {}
+            if found.error is None
+            else {c.name: float(x) for c, x in zip(self.outcome_columns, found.error, strict=True)},
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": unfit + found.notes + together(scene, outcomes, which),
@@ -185,7 +205,9 @@ class Campaign(Definition):
                 found += [f"{parameter.key} = {value:g}: {why}"] if why else []
         for load in case.scene.load if case else ():
             if load.end - load.start <= SHORTEST:
-                found.append(f"load.{load.name}.end_s = {load.end:g}: must be > start_s = {load.start:g}")
+                found.append(
+                    f"load.{load.name}.end_s = {load.end:g}: must be > start_s = {load.start:g}"
+                )
         return found
 
     def run(
@@ -209,13 +231,13 @@ class Campaign(Definition):
             Instead of those of the file.
         threads : int, optional
             All cores if None. The result does not depend on it.
-        out : path, optional
-            Run folder to write, whose rows are then read from there when asked for; None keeps everything in memory.
-        overwrite, resume : bool
-            What to do with an existing ``out``: replace the run in it, or fly only its missing cases.
-        stats_only : bool
-            Keep statistics, histograms, audit and counts only, in memory that does not grow with the cases: no rows, no histories,
-            nothing to resume. Percentiles are exact up to 65,536 cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
+        out : path, optional Run folder to write, whose rows are then read from there when asked
+            for; None keeps everything in memory.
+        overwrite, resume : bool What to do with an existing ``out``: replace the run in it, or fly
+            only its missing cases.
+        stats_only : bool Keep statistics, histograms, audit and counts only, in memory that does
+            not grow with the cases: no rows, no histories, nothing to resume. Percentiles are exact
+            up to 65,536 cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
             Told what begins, and that kernels must be compiled if so.
@@ -228,8 +250,8 @@ class Campaign(Definition):
             If cases, seed or threads are out of range, or ``resume`` meets ``stats_only``.
 
         Notes
-        -----
-        Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and ``resume=True`` goes on from there.
+        ----- Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
+        ``resume=True`` goes on from there.
         """
         settings = self.scene.run
         total = settings.cases if cases is None else whole("cases", cases, 1, 10**9)
@@ -238,13 +260,27 @@ class Campaign(Definition):
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
-        done = self._resumed(folder, seed, total, announce) if folder and resume else np.empty(0, dtype=np.int64)
+        done = (
+            self._resumed(folder, seed, total, announce)
+            if folder and resume
+            else np.empty(0, dtype=np.int64)
+        )
         if announce:
-            announce(f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}" + (f", into {folder}" if folder else ""))
+            announce(
+                f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}"
+                + (f", into {folder}" if folder else "")
+            )
         use_threads(threads)
         begun = time.perf_counter()
-        flight = plan_flight(self, history=settings.history_step > 0.0 and not stats_only, announce=announce)
-        timing = {"compile": time.perf_counter() - begun, "sample": 0.0, "kernel": 0.0, "write": 0.0}
+        flight = plan_flight(
+            self, history=settings.history_step > 0.0 and not stats_only, announce=announce
+        )
+        timing = {
+            "compile": time.perf_counter() - begun,
+            "sample": 0.0,
+            "kernel": 0.0,
+            "write": 0.0,
+        }
         earlier = None
         if folder and len(done):
             held, failed = store.cases_held(folder, Status.OK.label)
@@ -258,33 +294,49 @@ class Campaign(Definition):
                 if progress:
                     progress(0, left, 0)
                 for first, end in store.missing_ranges(total, done, chunks.size):
-                    chunks.fly(first, end, (lambda: progress(chunks.flown, left, chunks.failures)) if progress else lambda: None)
+                    chunks.fly(
+                        first,
+                        end,
+                        (lambda: progress(chunks.flown, left, chunks.failures))
+                        if progress
+                        else lambda: None,
+                    )
         finally:
             if folder:
                 chunks.write_manifest(threads, complete=chunks.held == left)
-        return Result(self, chunks.kept(), timing, seed, folder, chunks.notes, flight, chunks.accuracy)
+        return Result(
+            self, chunks.kept(), timing, seed, folder, chunks.notes, flight, chunks.accuracy
+        )
 
-    def _resumed(self, folder: Path, seed: int, total: int, announce: Callable[[str], None] | None) -> np.ndarray:
+    def _resumed(
+        self, folder: Path, seed: int, total: int, announce: Callable[[str], None] | None
+    ) -> np.ndarray:
         """Cases a folder already holds, if it is the same campaign."""
         if not (folder / store.MANIFEST).is_file():
             return np.empty(0, dtype=np.int64)
         manifest = store.read_manifest(folder)
         if manifest.get("stats_only"):
             raise store.StoreError(
-                f"{folder}: holds statistics only, so there are no cases to go on from; use --overwrite or another --out"
+                f"{folder}: holds statistics only, so there are no cases to go on from; use "
+                "--overwrite or another --out"
             )
         for key, here in (("digest", self.digest), ("seed", seed)):
             if manifest.get(key) != here:
                 what = "campaign" if key == "digest" else f"seed ({manifest.get(key)}, not {seed})"
                 raise store.StoreError(
-                    f"{folder}: was flown with another {what}, so its cases cannot be continued; use --overwrite or another --out"
+                    f"{folder}: was flown with another {what}, so its cases cannot be continued; "
+                    "use --overwrite or another --out"
                 )
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:
-            raise store.StoreError(f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out")
+            raise store.StoreError(
+                f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out"
+            )
         dropped = store.drop_incomplete(folder) if self.has_histories else 0
         if not dropped:
             return done
         if announce:
-            announce(f"{folder}: the histories of {dropped} cases are gone, so these are flown again")
+            announce(
+                f"{folder}: the histories of {dropped} cases are gone, so these are flown again"
+            )
         return store.cases_done(folder)

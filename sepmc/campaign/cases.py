@@ -1,7 +1,8 @@
 """Dispersions to a case table. The only place that draws random numbers.
 
-Every dispersed parameter has a Philox stream of its own, keyed by the seed and the parameter's path without unit. Case i uses
-number i of each stream: one more parameter, or more cases, changes no other draw, and any case can be drawn alone.
+Every dispersed parameter has a Philox stream of its own, keyed by the seed and the parameter's path
+without unit. Case i uses number i of each stream: one more parameter, or more cases, changes no
+other draw, and any case can be drawn alone.
 """
 
 import hashlib
@@ -25,7 +26,9 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
     u : ndarray, shape (count,)
         Multiples of 2^-53 plus 2^-54: never 0 or 1, so that every quantile is finite.
     """
-    key = int.from_bytes(hashlib.blake2b(f"{seed}:{path}".encode(), digest_size=16).digest(), "little")
+    key = int.from_bytes(
+        hashlib.blake2b(f"{seed}:{path}".encode(), digest_size=16).digest(), "little"
+    )
     generator = np.random.Philox(key=key).advance(first // _PER_BLOCK)
     skip = first % _PER_BLOCK
     raw = generator.random_raw(skip + count)[skip:]
@@ -57,7 +60,9 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
         return mean + sigma * ndtri(tail + u * (1.0 - 2.0 * tail))
     if dispersion.law == "discrete":
         edges = np.cumsum(dispersion.weights) / np.sum(dispersion.weights)
-        return np.array(numbers)[np.minimum(np.searchsorted(edges, u, side="right"), len(numbers) - 1)]
+        return np.array(numbers)[
+            np.minimum(np.searchsorted(edges, u, side="right"), len(numbers) - 1)
+        ]
     return np.full_like(u, numbers[0])
 
 
@@ -76,11 +81,15 @@ def draw(dispersions: tuple[Dispersion, ...], seed: int, first: int, count: int)
 
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:
-    """The scene with all dispersed parameters at the lower ends of their laws, and at the upper; none if nothing is dispersed."""
+    """The scene with all dispersed parameters at the lower ends of their laws, and at the upper;
+    none if nothing is dispersed."""
     if not dispersions:
         return ()
     ends = [_ends(d) * d.parameter.factor for d in dispersions]
-    values = ({d.parameter.path: float(end[k]) for d, end in zip(dispersions, ends, strict=True)} for k in (0, 1))
+    values = (
+        {d.parameter.path: float(end[k]) for d, end in zip(dispersions, ends, strict=True)}
+        for k in (0, 1)
+    )
     return tuple(parameters.replace(scene, each) for each in values)
 
 

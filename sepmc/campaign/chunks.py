@@ -1,4 +1,5 @@
-"""The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies; the manifest says how far the run got."""
+"""The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies;
+the manifest says how far the run got."""
 
 import math
 import os
@@ -23,13 +24,18 @@ from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, 
 from sepmc.schema import Status
 
 _FIRST = 256  # cases flown first, to see how long they take
-_CALL_S = 0.5  # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about so long
-_PART_S = 5.0  # what took longer to fly is handed over before its chunk is full, so that little is lost with the machine
+# a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
+# so long
+_CALL_S = 0.5
+# what took longer to fly is handed over before its chunk is full, so that little is lost with the
+# machine
+_PART_S = 5.0
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 
 
 class Chunks:
-    """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and raises what went wrong there."""
+    """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
+    raises what went wrong there."""
 
     def __init__(
         self,
@@ -43,7 +49,14 @@ class Chunks:
         stats_only: bool = False,
         announce: Say | None = None,
     ):
-        self.campaign, self.flight, self.seed, self.total, self.timing, self.folder = campaign, flight, seed, total, timing, folder
+        self.campaign, self.flight, self.seed, self.total, self.timing, self.folder = (
+            campaign,
+            flight,
+            seed,
+            total,
+            timing,
+            folder,
+        )
         self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
         self.held, self.failures_held = 0, 0  # those that the sink has taken
@@ -53,10 +66,13 @@ class Chunks:
         self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
         self.spare = how.get("spare_cases", 0)  # flown by spare kernels
         self.unsettled = how.get("unsettled_cases", 0)  # of both
-        self._change = np.zeros(len(campaign.outcome_columns))  # of their outcomes by the last halvings of steps
+        # of their outcomes by the last halvings of steps
+        self._change = np.zeros(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
         run, joints = campaign.scene.run, list(campaign.plan.joints)
-        self.separation = schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
+        self.separation = (
+            schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
+        )
         self.room = history_rows(campaign.scene) if self.separation else 0
         bytes_a_case = 8 * (self.room * (2 + len(self.separation)) + 2 * len(campaign.columns))
         self.size = max(1, min(run.chunk, _ROOM // bytes_a_case))
@@ -74,15 +90,20 @@ class Chunks:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
             self._wait()
         finally:
             self._beside.shutdown()
 
     def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
-        """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each. What is flown is handed over even if
-        this is interrupted."""
+        """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each.
+        What is flown is handed over even if this is interrupted."""
         pieces: list[Piece] = []
         begun = time.perf_counter()
         try:
@@ -94,7 +115,9 @@ class Chunks:
                 piece = self._fly(first, until)
                 pieces.append(piece)
                 seconds = time.perf_counter() - now
-                self._call = max(1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9))))
+                self._call = max(
+                    1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
+                )
                 first = until
                 self.flown += len(piece.drawn)
                 self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
@@ -112,7 +135,10 @@ class Chunks:
         t1 = clock()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
         if block.again:
-            self.spare, self.unsettled = self.spare + block.again.spare, self.unsettled + block.again.unsettled
+            self.spare, self.unsettled = (
+                self.spare + block.again.spare,
+                self.unsettled + block.again.unsettled,
+            )
             self.finer += block.again.finer
             self._change = np.maximum(self._change, block.again.change)
         self.timing["sample"] += t1 - t0
@@ -120,7 +146,8 @@ class Chunks:
         return Piece(first, drawn, block)
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
-        """Let the sink take the pieces, beside what is flown next. One list at a time waits, so memory is bounded. Returns a new list."""
+        """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
+        memory is bounded. Returns a new list."""
         if pieces:
             self._wait()
             self._taking = self._beside.submit(self._take, pieces)
@@ -130,7 +157,9 @@ class Chunks:
         start = time.perf_counter()
         self.sink.take(pieces)
         self.held += sum(len(piece.drawn) for piece in pieces)
-        self.failures_held += sum(int(np.count_nonzero(piece.block.status != Status.OK)) for piece in pieces)
+        self.failures_held += sum(
+            int(np.count_nonzero(piece.block.status != Status.OK)) for piece in pieces
+        )
         self.timing["write"] += time.perf_counter() - start
 
     def _wait(self) -> None:
@@ -143,7 +172,10 @@ class Chunks:
         """Say what the folder holds, in it."""
         assert self.folder is not None
         campaign = self.campaign
-        tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed}}
+        tree = {
+            **campaign.file.tree,
+            "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed},
+        }
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
@@ -162,7 +194,9 @@ class Chunks:
             store.write_text(self.folder / store.CAMPAIGN, replace(campaign.file, tree=tree).toml)
             store.write_json(self.folder / store.MANIFEST, manifest)
         except OSError as error:
-            raise store.StoreError(f"{self.folder}: cannot be written: {error.strerror or error}") from None
+            raise store.StoreError(
+                f"{self.folder}: cannot be written: {error.strerror or error}"
+            ) from None
 
     def _session(self, threads: int | None) -> dict[str, Any]:
         """What this command did, on what."""
@@ -180,9 +214,13 @@ class Chunks:
         """Error of the run: what trial cases show, and cases that were flown again."""
         told = self.flight.achieved
         assert told is not None
-        if not told.cases and self.finer:  # no trial case tells anything, but cases that were flown again do
+        # no trial case tells anything, but cases that were flown again do
+        if not told.cases and self.finer:
             told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-        own = {c.name: float(SAFETY * x) for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)}
+        own = {
+            c.name: float(SAFETY * x)
+            for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)
+        }
         return told.with_errors(own).with_errors(self._earlier_errors)
 
     @property
@@ -219,7 +257,11 @@ class Chunks:
         """What a person should know of the run."""
         told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
-        found = [*([note] if note else []), *unmet(told, fixed), *unsettled(self.unsettled, self.finer)]
+        found = [
+            *([note] if note else []),
+            *unmet(told, fixed),
+            *unsettled(self.unsettled, self.finer),
+        ]
         return found + [note for note in self.flight.notes if note not in found]
 
     def kept(self) -> Kept:
@@ -229,4 +271,9 @@ class Chunks:
 
 def implausible_note(broken: int, drawn: int) -> str:
     """The sentence that counts inertias no solid body has; empty if there is none."""
-    return f"{broken} of {drawn} drawn cases have an inertia that breaks the triangle inequality, which no solid body has" if broken else ""
+    return (
+        f"{broken} of {drawn} drawn cases have an inertia that breaks the triangle inequality, "
+        "which no solid body has"
+        if broken
+        else ""
+    )

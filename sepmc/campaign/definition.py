@@ -1,4 +1,5 @@
-"""What a campaign is: a scene, what varies in it, and what follows from both, columns and draws among them. It knows no flight."""
+"""What a campaign is: a scene, what varies in it, and what follows from both, columns and draws
+among them. It knows no flight."""
 
 import hashlib
 from collections import Counter
@@ -29,7 +30,8 @@ _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 class Case:
     """One case, fully resolved.
 
-    ``scene`` holds its values in SI; ``inputs`` the dispersed ones, by column, in the units of the campaign file.
+    ``scene`` holds its values in SI; ``inputs`` the dispersed ones, by column, in the units of the
+    campaign file.
     """
 
     number: int
@@ -37,7 +39,8 @@ class Case:
     inputs: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """The scene as plain nested dicts and lists, SI and radians; what is not set is left out."""
+        """The scene as plain nested dicts and lists, SI and radians; what is not set is left
+        out."""
         return _set_only(msgspec.to_builtins(self.scene))
 
 
@@ -63,10 +66,13 @@ class Definition:
 
     @cached_property
     def plan(self) -> Plan:
-        """What the scene needs of a kernel. Raises SceneError if two columns of the case table would have one name."""
+        """What the scene needs of a kernel. Raises SceneError if two columns of the case table
+        would have one name."""
         plan = make_plan(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
-        names = Counter(column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)])
+        names = Counter(
+            column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
+        )
         if twice := [name for name, count in names.items() if count > 1]:
             said = "names of bodies and joints make two columns {!r}; rename one"
             raise SceneError([f"{self.name}: {said.format(name)}" for name in twice])
@@ -88,11 +94,16 @@ class Definition:
         if self.file.reference is None:
             return None
         outcome = msgspec.to_builtins(self.file.reference.outcome)
-        return {name: {k: v for k, v in row.items() if v is not None} for name, row in outcome.items()}
+        return {
+            name: {k: v for k, v in row.items() if v is not None} for name, row in outcome.items()
+        }
 
     @cached_property
     def input_columns(self) -> list[Column]:
-        return [Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence) for d in self.file.dispersions]
+        return [
+            Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence)
+            for d in self.file.dispersions
+        ]
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
@@ -106,26 +117,33 @@ class Definition:
     @cached_property
     def columns(self) -> list[Column]:
         """Columns of the case table."""
-        head = [Column("case", "1", "number of the case"), Column("status", "", "ok, or why the case failed")]
+        head = [
+            Column("case", "1", "number of the case"),
+            Column("status", "", "ok, or why the case failed"),
+        ]
         return [*head, *self.input_columns, *self.result_columns]
 
     @property
     def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
-        """What statistics are made of: names of outcomes and of audit columns, and the bounds of these."""
+        """What statistics are made of: names of outcomes and of audit columns, and the bounds of
+        these."""
         audits = schema.audit_columns()
         return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
 
     @cached_property
     def slots(self) -> np.ndarray:
         """Places of the dispersed parameters in the kernel's vector."""
-        return np.array([self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64)
+        return np.array(
+            [self.plan.slots[d.parameter.path] for d in self.file.dispersions], dtype=np.int64
+        )
 
     @cached_property
     def factors(self) -> np.ndarray:
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
     def in_si(self, drawn: np.ndarray) -> np.ndarray:
-        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where laws give what may not be."""
+        """A case table (n, d) in SI, as a kernel takes it; NaN, which no kernel flies, where laws
+        give what may not be."""
         draws = drawn * self.factors
         for i, dispersion in enumerate(self.file.dispersions):
             if dispersion.has_tails:
@@ -140,22 +158,31 @@ class Definition:
         for load in self.scene.load:
             times = {f"load.{load.name}.start": load.start, f"load.{load.name}.end": load.end}
             if not place.keys().isdisjoint(times):
-                start, end = (draws[:, place[path]] if path in place else value for path, value in times.items())
+                start, end = (
+                    draws[:, place[path]] if path in place else value
+                    for path, value in times.items()
+                )
                 early |= end - start <= SHORTEST
         return early
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal rows."""
+        """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal
+        rows."""
         tree = {k: v for k, v in self.file.tree.items() if k not in ("title", "reference", "name")}
-        tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")}
+        tree["run"] = {
+            k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
+        }
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
     def case(self, number: int, seed: int | None = None) -> Case:
         """Case ``number`` of the campaign, fully resolved in SI, drawn without the others."""
         number = whole("case", number, 0)
         drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
-        values = {d.parameter.path: float(x) for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)}
+        values = {
+            d.parameter.path: float(x)
+            for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)
+        }
         return Case(
             number,
             parameters.replace(self.nominal().scene, values),
@@ -163,28 +190,41 @@ class Definition:
         )
 
     def nominal(self) -> Case:
-        """The case without dispersion, number -1. What all cases share is pinned: the zero of ``alpha_ref``, the sign of apart."""
+        """The case without dispersion, number -1. What all cases share is pinned: the zero of
+        ``alpha_ref``, the sign of apart."""
         initial = self.scene.initial
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
-        joints = {name: msgspec.structs.replace(joint, apart=apart(self.scene, name)) for name, joint in self.scene.joint.items()}
+        joints = {
+            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            for name, joint in self.scene.joint.items()
+        }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def _seed(self, seed: int | None) -> int:
         return self.scene.run.seed if seed is None else whole("seed", seed, 0)
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
-        """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle inequality."""
+        """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle
+        inequality."""
         place = {d.parameter.path: i for i, d in enumerate(self.file.dispersions)}
         broken = np.zeros(len(drawn), dtype=bool)
         for name in self.scene.body:
             prefixes = (f"body.{name}.inertia.", f"body.{name}.inertia_products.")
             if any(path.startswith(prefixes) for path in place):
                 values = {
-                    path: drawn[:, place[path]] * self.factors[place[path]] if path in place else parameters.value(self.scene, path)
-                    for path in (prefix + part for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True) for part in parts)
+                    path: drawn[:, place[path]] * self.factors[place[path]]
+                    if path in place
+                    else parameters.value(self.scene, path)
+                    for path in (
+                        prefix + part
+                        for prefix, parts in zip(prefixes, _TENSOR_PARTS, strict=True)
+                        for part in parts
+                    )
                 }
-                tensors = np.moveaxis(tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0)
+                tensors = np.moveaxis(
+                    tensor(*[np.broadcast_to(v, len(drawn)) for v in values.values()]), -1, 0
+                )
                 principal = np.linalg.eigvalsh(tensors)
                 broken |= (principal[:, 0] > 0.0) & breaks_triangle(principal)
         return int(np.count_nonzero(broken))

@@ -1,4 +1,5 @@
-"""How a campaign is flown once that is decided: by which kernel, in how many steps; and cases that its kernel cannot vouch for."""
+"""How a campaign is flown once that is decided: by which kernel, in how many steps; and cases that
+its kernel cannot vouch for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,8 +24,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Spare:
-    """A kernel for cases that the one of a flight does not vouch for, because it takes more ``care``: ANY_ORDER or LEAST_SQUARES of
-    `sepmc.routines.layout`. ``phases`` (stages,) are the numbers of the phases that the stages of the flight belong to."""
+    """A kernel for cases that the one of a flight does not vouch for, because it takes more
+    ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
+    numbers of the phases that the stages of the flight belong to."""
 
     care: int
     make: Callable[["Say | None"], Kernel]
@@ -35,13 +37,15 @@ class Spare:
 class Flight:
     """How a campaign is flown.
 
-    ``steps`` (stages,) are those of its ``kernel``, for ``stages`` (phases, and joints that are late in letting go) that usually
-    last ``usual`` (stages,) s; ``step`` (s) is the scene's own, which ``steps`` then divide. ``scale`` (o,) is what errors of small
-    outcomes are taken relative to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for trial
-    cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of sideslip and yaw by their columns: at a right
-    angle, alpha or pitch and roll turn about at once. ``error`` is the largest error of the trial cases, ``achieved``
-    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the kernel
-    does not vouch for is left to ``spares``, one after the other.
+    ``steps`` (stages,) are those of its ``kernel``, for ``stages`` (phases, and joints that are
+    late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
+    which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
+    to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for
+    trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of
+    sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about at once.
+    ``error`` is the largest error of the trial cases, ``achieved`` what is told of it, ``nominal``
+    (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the
+    kernel does not vouch for is left to ``spares``, one after the other.
     """
 
     kernel: Kernel
@@ -67,17 +71,27 @@ class Flight:
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
-        return replace(self, steps=times * self.steps, step=None if self.step is None else self.step / times)
+        return replace(
+            self, steps=times * self.steps, step=None if self.step is None else self.step / times
+        )
 
 
-def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, announce: Say | None = None) -> Block:
-    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or to jam and those that the kernel does not
-    vouch for are flown again at shorter steps; by spare kernels, if that does not tell. What none vouches for has no outcomes."""
+def fly(
+    campaign: Definition,
+    flight: Flight,
+    draws: np.ndarray,
+    room: int = 0,
+    announce: Say | None = None,
+) -> Block:
+    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or
+    to jam and those that the kernel does not vouch for are flown again at shorter steps; by spare
+    kernels, if that does not tell. What none vouches for has no outcomes."""
     block = fly_once(campaign, flight, draws, room)
     hard = _doubtful(campaign, block) | (block.flown & ~_is_like_trials(flight, block))
     again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
     for spare in flight.spares:
-        finer = (block.status == FINER_STEPS) & _finite(campaign, block)  # it would help no more than they did
+        # it would help no more than they did
+        finer = (block.status == FINER_STEPS) & _finite(campaign, block)
         lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & ~finer)
         if len(lost):
             other = flight.by(spare, announce)
@@ -87,21 +101,27 @@ def fly(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0, 
             again.spare += len(lost)
     lost = np.flatnonzero(block.status < 0)
     block.status[lost] = final_status(block.status[lost], _finite(campaign, block)[lost])
-    block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0  # the audit stays
+    # the audit stays
+    block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
     block.again = again
     return block
 
 
 def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
-    """How cases (n,) end that no kernel vouches for, given what the last one said of them, and whether their outcomes are numbers."""
+    """How cases (n,) end that no kernel vouches for, given what the last one said of them, and
+    whether their outcomes are numbers."""
     told = np.where(lost == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
     return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
 
 
 def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages, n), of which some are ``sound`` (n,).
-    One that usually is over as it begins lasts as long as in the cases, sound or not, in which it is not."""
-    usual, lengths = np.diff(np.median(ends[:, sound], axis=1), prepend=0.0), np.diff(ends, axis=0, prepend=0.0)
+    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages,
+    n), of which some are ``sound`` (n,). One that usually is over as it begins lasts as long as in
+    the cases, sound or not, in which it is not."""
+    usual, lengths = (
+        np.diff(np.median(ends[:, sound], axis=1), prepend=0.0),
+        np.diff(ends, axis=0, prepend=0.0),
+    )
     for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
         lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
         usual[k] = np.median(lasting) if len(lasting) else 0.0
@@ -115,12 +135,16 @@ def history_rows(scene: Scene) -> int:
 
 def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
-    return fly_cases(flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room)[0]
+    return fly_cases(
+        flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room
+    )[0]
 
 
 def _finite(campaign: Definition, block: Block) -> np.ndarray:
     """Whether the rates and angles of bodies at the end are numbers, (n,)."""
-    return np.asarray(np.isfinite(block.outcomes[:, : BODY_OUTCOMES * len(campaign.plan.bodies)]).all(axis=1))
+    return np.asarray(
+        np.isfinite(block.outcomes[:, : BODY_OUTCOMES * len(campaign.plan.bodies)]).all(axis=1)
+    )
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
@@ -136,21 +160,38 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
 
 def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
     """Which cases (n,) may end otherwise at shorter steps, if none is given."""
-    return np.isin(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (campaign.scene.solver.step is None)
+    return np.isin(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
+        campaign.scene.solver.step is None
+    )
 
 
-def _fly_hard(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, hard: np.ndarray) -> Again:
-    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled; with a step that is given, only to learn
-    their error. Returns what is to be told of them."""
+def _fly_hard(
+    campaign: Definition,
+    flight: Flight,
+    draws: np.ndarray,
+    room: int,
+    block: Block,
+    hard: np.ndarray,
+) -> Again:
+    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled;
+    with a step that is given, only to learn their error. Returns what is to be told of them."""
     given = campaign.scene.solver.step is not None
     if not len(hard):
         return Again(np.zeros(len(campaign.outcome_columns)))
     before = _rows(block, hard)
-    found = _settle(campaign, flight, block, hard, lambda sharper, some: fly_once(campaign, sharper, draws[some], room))
+    found = _settle(
+        campaign,
+        flight,
+        block,
+        hard,
+        lambda sharper, some: fly_once(campaign, sharper, draws[some], room),
+    )
     if given:
         assert flight.scale is not None
         n = len(flight.scale)
-        change = np.maximum(found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale))
+        change = np.maximum(
+            found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale)
+        )
         _put(block, hard, before)
         return Again(_largest(change), finer=len(hard))
     left = np.flatnonzero((block.status[hard] == FINER_STEPS) & _finite(campaign, block)[hard])
@@ -158,36 +199,71 @@ def _fly_hard(campaign: Definition, flight: Flight, draws: np.ndarray, room: int
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
     flown = block.flown[hard]
-    return Again(_largest(found.change[flown]), finer=len(hard), unsettled=int(np.count_nonzero(flown & ~found.settled)))
+    return Again(
+        _largest(found.change[flown]),
+        finer=len(hard),
+        unsettled=int(np.count_nonzero(flown & ~found.settled)),
+    )
 
 
-def _alone(campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int) -> Settled:
-    """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an event is looked for far too early: what
-    they last is learnt from a flight of its own."""
+def _alone(
+    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int
+) -> Settled:
+    """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
+    event is looked for far too early: what they last is learnt from a flight of its own."""
     one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
-    _, ends = fly_cases(flight.kernel, campaign.plan, sharp.steps, flight.usual, campaign.slots, one)
+    _, ends = fly_cases(
+        flight.kernel, campaign.plan, sharp.steps, flight.usual, campaign.slots, one
+    )
     own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
-    return _settle(campaign, own, block, np.array([number]), lambda sharper, _: fly_once(campaign, sharper, one, room))
+    return _settle(
+        campaign,
+        own,
+        block,
+        np.array([number]),
+        lambda sharper, _: fly_once(campaign, sharper, one, room),
+    )
 
 
-def _settle(campaign: Definition, flight: Flight, block: Block, which: np.ndarray, flown: Callable[[Flight, np.ndarray], Block]) -> Settled:
-    """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution and so on until they have settled."""
+def _settle(
+    campaign: Definition,
+    flight: Flight,
+    block: Block,
+    which: np.ndarray,
+    flown: Callable[[Flight, np.ndarray], Block],
+) -> Settled:
+    """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
+    and so on until they have settled."""
     columns = campaign.outcome_columns
 
     def fly_some(share: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         again = flown(flight.sharper(round(1.0 / share)), which[some])
         _put(block, which[some], again)
-        return again.outcomes[:, : len(columns)].copy(), np.where((again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status)
+        return again.outcomes[:, : len(columns)].copy(), np.where(
+            (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status
+        )
 
-    scale = SMALL * scene_scales(campaign.scene, [c.unit for c in columns]) if flight.scale is None else flight.scale
-    return settle(fly_some, len(which), 1.0, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns))
+    scale = (
+        SMALL * scene_scales(campaign.scene, [c.unit for c in columns])
+        if flight.scale is None
+        else flight.scale
+    )
+    return settle(
+        fly_some, len(which), 1.0, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns)
+    )
 
 
 def _rows(block: Block, which: np.ndarray) -> Block:
     """Some rows of a block."""
     guards = None if block.guards is None else block.guards[which]
     return Block(
-        block.outcomes[which], block.status[which], block.times[which], block.phases[which], block.history[which], block.rows[which], guards
+        block.outcomes[which],
+        block.status[which],
+        block.times[which],
+        block.phases[which],
+        block.history[which],
+        block.rows[which],
+        guards,
     )
 
 
@@ -195,7 +271,11 @@ def _put(block: Block, which: np.ndarray, rows: Block) -> None:
     """Put the rows of a block in place of some of another."""
     block.outcomes[which], block.status[which] = rows.outcomes, rows.status
     block.history[which], block.rows[which] = rows.history, rows.rows
-    if block.guards is not None and rows.guards is not None and block.guards.shape[1] == rows.guards.shape[1]:
+    if (
+        block.guards is not None
+        and rows.guards is not None
+        and block.guards.shape[1] == rows.guards.shape[1]
+    ):
         block.guards[which] = rows.guards
 
 

@@ -18,19 +18,26 @@ Array = np.ndarray
 
 
 def overshooting(scene: Scene) -> list[str]:
-    """A sentence for each table whose smooth function is much larger or smaller between its rows."""
+    """A sentence for each table whose smooth function is much larger or smaller between its
+    rows."""
     found, environment = list[str](), scene.environment
     if environment.wind.profile is not None:
         found += _wind(environment.wind.profile)
     if environment.air is not None:
-        found += [said for what, values in _of_air(environment.air) for said in _table(what, [environment.air.altitude], values)]
+        found += [
+            said
+            for what, values in _of_air(environment.air)
+            for said in _table(what, [environment.air.altitude], values)
+        ]
     for name, body in scene.body.items():
         table = body.aerodynamics.table if body.aerodynamics is not None else None
         if table is not None:
             axes = [axis for axis in (table.mach, table.alpha, table.beta) if axis]
             for which in _COEFFICIENTS:
                 if grid := getattr(table, which):
-                    found += _table(f"body.{name}.aerodynamics.table.{which}", axes, np.array(grid, float))
+                    found += _table(
+                        f"body.{name}.aerodynamics.table.{which}", axes, np.array(grid, float)
+                    )
     return found
 
 
@@ -45,7 +52,8 @@ def _wind(profile: WindProfile) -> list[str]:
     if found[worst] <= _FASTER * most:
         return []
     return [
-        f"environment.wind.profile: the smooth curve through the rows reaches {found[worst]:.3g} m/s at {between[worst]:.5g} m, "
+        f"environment.wind.profile: the smooth curve through the rows reaches {found[worst]:.3g} "
+        f"m/s at {between[worst]:.5g} m, "
         f"the rows {most:.3g} m/s at most: {_REMEDY}"
     ]
 
@@ -58,7 +66,8 @@ def _of_air(air: AirProfile) -> Iterator[tuple[str, Array]]:
 
 
 def _table(what: str, axes: list[tuple[float, ...]], values: Array) -> list[str]:
-    """A sentence, if the smooth function through ``values`` (a row for each number of the axes) goes far beyond them."""
+    """A sentence, if the smooth function through ``values`` (a row for each number of the axes)
+    goes far beyond them."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415
 
     low, high, smooth = float(values.min()), float(values.max()), values
@@ -66,10 +75,15 @@ def _table(what: str, axes: list[tuple[float, ...]], values: Array) -> list[str]
         if len(axis) > 1:
             points = np.array(axis)
             between = np.unique(np.linspace(points[:-1], points[1:], _BETWEEN))
-            smooth = make_interp_spline(points, smooth, k=min(3, len(points) - 1), axis=number)(between)
+            smooth = make_interp_spline(points, smooth, k=min(3, len(points) - 1), axis=number)(
+                between
+            )
     allowed = _BEYOND * (high - low) + _SMALLER * max(abs(low), abs(high))
     least, largest = float(smooth.min()), float(smooth.max())
     if low - allowed <= least and largest <= high + allowed:
         return []
     reached = largest if largest - high > low - least else least
-    return [f"{what}: the smooth function through the rows reaches {reached:.4g}, the rows only {low:.4g} to {high:.4g}: {_REMEDY}"]
+    return [
+        f"{what}: the smooth function through the rows reaches {reached:.4g}, the rows only "
+        f"{low:.4g} to {high:.4g}: {_REMEDY}"
+    ]

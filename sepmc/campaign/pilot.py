@@ -1,6 +1,8 @@
-"""How to fly a campaign to the accuracy it asks for, found by flying trial cases first: corners of the dispersions and a sample of them.
+"""How to fly a campaign to the accuracy it asks for, found by flying trial cases first: corners of
+the dispersions and a sample of them.
 
-Trial cases depend on the scene and its laws only, not on the seed or the number of cases; so does how a campaign is flown.
+Trial cases depend on the scene and its laws only, not on the seed or the number of cases; so does
+how a campaign is flown.
 """
 
 from dataclasses import replace
@@ -9,7 +11,16 @@ from functools import cache, partial
 import numpy as np
 
 from sepmc.campaign import cases
-from sepmc.campaign.accuracy import SAFETY, SMALL, achieved, decisive, errors, relative_error, scales, scene_scales
+from sepmc.campaign.accuracy import (
+    SAFETY,
+    SMALL,
+    achieved,
+    decisive,
+    errors,
+    relative_error,
+    scales,
+    scene_scales,
+)
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import SAFE, Flight, Say, Spare, fly, fly_once, history_rows
 from sepmc.campaign.remarks import remarks
@@ -30,23 +41,38 @@ _OF_HARD = 8  # of the sample only a part is flown where every case finds its ow
 _EDGE = 0.001  # of the probability: what counts as a corner of a dispersion
 _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
-_SPREAD_STEPS, _MOST_SPREAD = 8, 512  # of every phase, to learn how far outcomes spread, from a quarter of the sample
+# of every phase, to learn how far outcomes spread, from a quarter of the sample
+_SPREAD_STEPS, _MOST_SPREAD = 8, 512
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
-_ALIKE = 1.25  # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY` times as large
+# times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
+# times as large
+_ALIKE = 1.25
 _UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
-_ALIKE_LOADS = 0.2  # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few errors add up
+# of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few
+# errors add up
+_ALIKE_LOADS = 0.2
 
 
-def kernel_text(campaign: Definition, method: str | None = None, history: bool = False, care: int = USUAL) -> str:
-    """The kernel written for a campaign, as a Python module; one that takes more ``care``, if that is asked for."""
-    return emit(shape.make_shape(campaign.plan, campaign.dispersed, care), method or campaign.scene.solver.method, history)
+def kernel_text(
+    campaign: Definition, method: str | None = None, history: bool = False, care: int = USUAL
+) -> str:
+    """The kernel written for a campaign, as a Python module; one that takes more ``care``, if that
+    is asked for."""
+    return emit(
+        shape.make_shape(campaign.plan, campaign.dispersed, care),
+        method or campaign.scene.solver.method,
+        history,
+    )
 
 
 def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
     found = shape.make_shape(campaign.plan, campaign.dispersed, care)
-    return [found.names.back[stage.phase] + (" (late joints)" if stage.late else "") for stage in found.stages]
+    return [
+        found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
+        for stage in found.stages
+    ]
 
 
 def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
@@ -63,15 +89,18 @@ def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tu
 
 
 def corners(campaign: Definition) -> np.ndarray:
-    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin tosses.
+    """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin
+    tosses.
 
-    Angles that spread over more than a quarter turn are spaced over all of it instead, and discrete laws take every value they
-    have, however rare.
+    Angles that spread over more than a quarter turn are spaced over all of it instead, and discrete
+    laws take every value they have, however rare.
     """
     laws = campaign.file.dispersions
     count = max([CORNERS, *(_EACH * len(_middles(law)) for law in laws if law.law == "discrete")])
     random = np.random.Generator(np.random.Philox(key=20))
-    tosses = np.resize(random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws))))
+    tosses = np.resize(
+        random.integers(0, 2, (max(1, CORNERS), max(1, len(laws)))), (count, max(1, len(laws)))
+    )
     table = np.empty((count + 1, len(laws)), order="F")
     for i, law in enumerate(laws):
         u = np.where(tosses[:, i] == 1, 1.0 - _EDGE, _EDGE)
@@ -86,7 +115,8 @@ def corners(campaign: Definition) -> np.ndarray:
 
 
 def sample(campaign: Definition, count: int) -> np.ndarray:
-    """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in random order (a Latin hypercube).
+    """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in
+    random order (a Latin hypercube).
 
     In the second half all values of a discrete law are equally frequent.
     """
@@ -94,7 +124,9 @@ def sample(campaign: Definition, count: int) -> np.ndarray:
     random = np.random.Generator(np.random.Philox(key=21))
     table = np.empty((count, len(laws)), order="F")
     for i, law in enumerate(laws):
-        u = np.concatenate([(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)])
+        u = np.concatenate(
+            [(random.permutation(n) + random.random(n)) / max(1, n) for n in (half, count - half)]
+        )
         if law.law == "discrete" and not law.parameter.path.endswith(".fails"):
             u[half:] = random.permutation(np.resize(_middles(law), count - half))
         table[:, i] = _quantiles(law, np.clip(u, 2.0**-54, 1.0 - 2.0**-53))
@@ -102,9 +134,14 @@ def sample(campaign: Definition, count: int) -> np.ndarray:
 
 
 def _quantiles(law: Dispersion, u: np.ndarray) -> np.ndarray:
-    """Values of a law at probabilities; the middle one in place of what the parameter may not be."""
+    """Values of a law at probabilities; the middle one in place of what the parameter may not
+    be."""
     values = cases.quantile(law, u)
-    return np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5]))) if law.has_tails else values
+    return (
+        np.where(law.allowed(values), values, cases.quantile(law, np.array([0.5])))
+        if law.has_tails
+        else values
+    )
 
 
 def _middles(law: Dispersion) -> np.ndarray:
@@ -139,11 +176,18 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
 
 
 def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
-    """With what care a kernel may fly most of the corners that this one loses; None if there is none."""
+    """With what care a kernel may fly most of the corners that this one loses; None if there is
+    none."""
     steps, usual = _unknown(kernel)
-    block, _ = fly_cases(kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign))
+    block, _ = fly_cases(
+        kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
+    )
     for spare in left:
-        if 2 * np.count_nonzero((block.status < FINER_STEPS) & (block.status >= spare.care)) >= np.count_nonzero(block.status < 0) > 0:
+        if (
+            2 * np.count_nonzero((block.status < FINER_STEPS) & (block.status >= spare.care))
+            >= np.count_nonzero(block.status < 0)
+            > 0
+        ):
             return spare.care
     return None
 
@@ -153,9 +197,14 @@ def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
     return np.full(kernel.stages, _SPREAD_STEPS), np.full(kernel.stages, np.inf)
 
 
-def _each_by_itself(campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]) -> Flight:
+def _each_by_itself(
+    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]
+) -> Flight:
     """Where no steps suit most trial cases: every case finds its own."""
-    draws, given = np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]), campaign.scene.solver.step
+    draws, given = (
+        np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
+        campaign.scene.solver.step,
+    )
     steps, usual = _unknown(kernel)
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
@@ -167,19 +216,29 @@ def _each_by_itself(campaign: Definition, kernel: Kernel, stages: list[str], lef
     told = achieved(campaign, block.again.change, int(np.count_nonzero(ok)))
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, own)
-    return replace(flight, scale=scale, error=float(block.again.change[decides].max(initial=0.0)), achieved=told, nominal=nominal)
+    return replace(
+        flight,
+        scale=scale,
+        error=float(block.again.change[decides].max(initial=0.0)),
+        achieved=told,
+        nominal=nominal,
+    )
 
 
 def _finished(campaign: Definition, found: Flight, history: bool) -> Flight:
     """The flight with what is to be told of its nominal case and of histories."""
     if history and campaign.scene.joint and found.achieved is not None:
-        found = replace(found, achieved=replace(found.achieved, history=SAFETY * _history_error(campaign, found)))
+        found = replace(
+            found,
+            achieved=replace(found.achieved, history=SAFETY * _history_error(campaign, found)),
+        )
     return replace(found, notes=remarks(campaign, found))
 
 
 def _history_error(campaign: Definition, found: Flight) -> float:
-    """Largest error of separation speed and distance between the ends of steps, over trial cases: a step's interpolation is of a lower
-    order than the step. Relative to size or scale as the outcomes are."""
+    """Largest error of separation speed and distance between the ends of steps, over trial cases: a
+    step's interpolation is of a lower order than the step. Relative to size or scale as the
+    outcomes are."""
     assert found.scale is not None
     draws = np.empty((1, 0))
     if campaign.file.dispersions:
@@ -188,7 +247,12 @@ def _history_error(campaign: Definition, found: Flight) -> float:
     one, two = (fly_once(campaign, flight, draws, room) for flight in (found, found.sharper()))
     names = [column.name for column in campaign.outcome_columns]
     width = two.history.shape[2]
-    scale = np.array([found.scale[names.index(column.name)] for column in separation_columns(list(campaign.plan.joints))])
+    scale = np.array(
+        [
+            found.scale[names.index(column.name)]
+            for column in separation_columns(list(campaign.plan.joints))
+        ]
+    )
     both = (one.status == Status.OK) & (two.status == Status.OK)
     there = one.history[both].reshape(-1, width), two.history[both].reshape(-1, width)
     return float(errors(*there, scale).max(initial=0.0))
@@ -200,12 +264,19 @@ def _tell_trials(announce: Say | None) -> None:
 
 
 def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Flight | None:
-    """Fewest steps in every phase with which trial cases come within the accuracy, or the step that is given; None if none are found."""
+    """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
+    is given; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
-    first, usual, given = len(tried), usual_phases(campaign, kernel, tried), campaign.scene.solver.step
+    first, usual, given = (
+        len(tried),
+        usual_phases(campaign, kernel, tried),
+        campaign.scene.solver.step,
+    )
     if usual is None:
         return None
-    longest = longest_step(campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene))
+    longest = longest_step(
+        campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene)
+    )
     least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
@@ -216,9 +287,13 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
         block, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         return block.outcomes[:, : len(units)], _verdict(block, given)
 
-    spread, some = _SPREAD_STEPS if given is None else 1, np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]])
+    spread, some = (
+        _SPREAD_STEPS if given is None else 1,
+        np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]),
+    )
     few, verdict = flown(np.full(kernel.stages, spread), some)
-    while not mostly(verdict) and spread < _MOST_SPREAD:  # a body may turn too far in a step for any of them
+    # a body may turn too far in a step for any of them
+    while not mostly(verdict) and spread < _MOST_SPREAD:
         spread *= 2
         few, verdict = flown(np.full(kernel.stages, spread), some)
     scale = scales(few[verdict == VOUCHED], units, scene_scales(campaign.scene, units))
@@ -236,15 +311,26 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
         if given is not None or not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    trials, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn]))
+    trials, _ = fly_cases(
+        kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn])
+    )
     again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
 
         def finely_flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            block, _ = fly_cases(kernel, campaign.plan, round(1.0 / share) * steps, usual, campaign.slots, doubted[which])
-            return block.outcomes[:, : len(units)], np.where(_verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status)
+            block, _ = fly_cases(
+                kernel,
+                campaign.plan,
+                round(1.0 / share) * steps,
+                usual,
+                campaign.slots,
+                doubted[which],
+            )
+            return block.outcomes[:, : len(units)], np.where(
+                _verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status
+            )
 
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
     limits, angles = _limits(campaign, trials), _angles(campaign, trials)
@@ -257,24 +343,32 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
 
 
 def _verdict(block: Block, given: float | None) -> np.ndarray:
-    """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known are flown again, unless the step is
-    ``given``."""
+    """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known
+    are flown again, unless the step is ``given``."""
     vouched = block.flown & (given is not None or block.guarded)
-    return np.where(block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT))
+    return np.where(
+        block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT)
+    )
 
 
 def _limits(campaign: Definition, trials: Block) -> np.ndarray:
-    """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little more, or what no outcome would show."""
+    """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little
+    more, or what no outcome would show."""
     assert trials.guards is not None
     sound = trials.guards[(trials.status == Status.OK) & trials.guarded]
-    speed, rate = SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
+    speed, rate = (
+        SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
+    )
     unseen = np.zeros(trials.guards.shape[1])
     of_states = 3 * len(campaign.plan.bodies)
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
     units, impulses = [column.unit for column in campaign.outcome_columns], _impulses(campaign)
-    sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(axis=0, initial=0.0)
+    sizes = np.abs(trials.outcomes[trials.status == Status.OK][:, impulses]).max(
+        axis=0, initial=0.0
+    )
     own = SMALL * scene_scales(campaign.scene, [units[k] for k in impulses])
-    alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)  # guards of joint loads come last
+    # guards of joint loads come last
+    alike, first = np.full(len(unseen), _ALIKE), len(unseen) - len(impulses)
     unseen[first:] = _UNSEEN_LOADS * campaign.scene.solver.accuracy * np.maximum(sizes, own)
     alike[first:] = _ALIKE_LOADS
     return np.maximum(alike * sound.max(axis=0, initial=0.0), unseen)
@@ -282,22 +376,27 @@ def _limits(campaign: Definition, trials: Block) -> np.ndarray:
 
 def _impulses(campaign: Definition) -> list[int]:
     """Places of the impulses among the outcomes: their guards come last, in the same order."""
-    return [k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")]
+    return [
+        k for k, column in enumerate(campaign.outcome_columns) if column.unit in ("N s", "N m s")
+    ]
 
 
 def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
-    """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out of impulses (`_limits`)."""
+    """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out
+    of impulses (`_limits`)."""
     found, impulses = np.zeros(len(scale)), _impulses(campaign)
     sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
     least = np.maximum(sizes, scale[impulses]).min(axis=0, initial=np.inf)
     left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
-    found[impulses] = np.divide(left_out, SAFETY * least, out=np.zeros(len(least)), where=least > 0.0)
+    found[impulses] = np.divide(
+        left_out, SAFETY * least, out=np.zeros(len(least)), where=least > 0.0
+    )
     return found
 
 
 def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
-    """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or pitch and roll, goes with one over the
-    cosine."""
+    """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or
+    pitch and roll, goes with one over the cosine."""
     found = {}
     for k, column in enumerate(campaign.outcome_columns):
         if column.name.endswith(("_beta_deg", "_yaw_deg")):
@@ -306,8 +405,11 @@ def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
     return found
 
 
-def _doubted(fly: Fly, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray) -> np.ndarray:
-    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against what they settle at."""
+def _doubted(
+    fly: Fly, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
+) -> np.ndarray:
+    """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against
+    what they settle at."""
     right = np.empty_like(outcomes)
 
     def flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -327,5 +429,6 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
 
 
 __all__ = [
-    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text", "plan_flight", "relative_error", "sample",
+    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text",
+    "plan_flight", "relative_error", "sample",
 ]  # fmt: skip

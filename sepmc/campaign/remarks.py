@@ -1,4 +1,5 @@
-"""What a person should know of a campaign that is flown: an accuracy that is not met, a nominal case that goes together, not apart."""
+"""What a person should know of a campaign that is flown: an accuracy that is not met, a nominal
+case that goes together, not apart."""
 
 from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
@@ -10,7 +11,8 @@ from sepmc.scene.model import Scene
 
 _NAMED = 3  # outcomes that a sentence names
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
-_TOGETHER = 1e-3  # of the vehicle's size: bodies that end further into each other than that did not separate
+# of the vehicle's size: bodies that end further into each other than that did not separate
+_TOGETHER = 1e-3
 
 
 def remarks(campaign: Definition, flight: Flight) -> list[str]:
@@ -18,22 +20,37 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
     found = [*campaign.file.no_effect, *overshooting(campaign.scene)]
     if flight.nominal is None:
         return found
-    outcomes = {c.name: float(x * c.scale) for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)}
+    outcomes = {
+        c.name: float(x * c.scale)
+        for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)
+    }
     return found + together(campaign.scene, outcomes, "the nominal case")
 
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:
-    """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy; none if it is met."""
+    """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy;
+    none if it is met."""
     if not told.cases:
-        return ["no trial case came to its end by the kernel that flies the campaign, so no numerical error can be told"]
+        return [
+            "no trial case came to its end by the kernel that flies the campaign, so no numerical "
+            "error can be told"
+        ]
     if fixed or told.met:
         return []
-    beyond = {name: error for name, error in told.errors.items() if name not in told.places and error > told.asked}
+    beyond = {
+        name: error
+        for name, error in told.errors.items()
+        if name not in told.places and error > told.asked
+    }
     names = sorted(beyond, key=lambda name: -beyond[name])
-    shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+    shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (
+        ", ..." if len(names) > _NAMED else ""
+    )
     return [
-        f"the accuracy {told.asked:g} that was asked is not met: error up to {told.worst[1]:.1e} of size or sigma ({shown}); "
-        "ask for no more (solver.accuracy), look at what these outcomes have in common, or give a shorter solver.step_s"
+        f"the accuracy {told.asked:g} that was asked is not met: error up to {told.worst[1]:.1e} "
+        f"of size or sigma ({shown}); "
+        "ask for no more (solver.accuracy), look at what these outcomes have in common, or give a "
+        "shorter solver.step_s"
     ]
 
 
@@ -42,13 +59,15 @@ def unsettled(count: int, again: int) -> list[str]:
     if not count:
         return []
     return [
-        f"{count} of the {again} cases that were flown again, each at steps of its own, did not settle to the accuracy asked, "
+        f"{count} of the {again} cases that were flown again, each at steps of its own, did not "
+        "settle to the accuracy asked, "
         "however short the step; the error that is told includes them"
     ]
 
 
 def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
-    """A sentence for each joint whose separation ends negative in a case with these outcomes, by column; but for those that turn."""
+    """A sentence for each joint whose separation ends negative in a case with these outcomes, by
+    column; but for those that turn."""
     least = -_TOGETHER * float(scene_scales(scene, ["m"])[0])
     found = []
     for name in scene.joint:
@@ -57,15 +76,18 @@ def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
         if distance < least and not _turns(scene, name):
             first, second = scene.joint[name].bodies
             found.append(
-                f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of {first} from which it should separate "
-                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring the other way round, or "
+                f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of "
+                f"{first} from which it should separate "
+                f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring "
+                "the other way round, or "
                 f"joint.{name}.apart?"
             )
     return found
 
 
 def _turns(scene: Scene, name: str) -> bool:
-    """Whether a joint lets its bodies turn in some phase, as a hinge does, but not slide: its x axis is not where they separate to."""
+    """Whether a joint lets its bodies turn in some phase, as a hinge does, but not slide: its x
+    axis is not where they separate to."""
     kinds = [rows_of(scene.joint[name], phase.joints.get(name, "free")) for phase in scene.phase]
     turning = [rows for rows in kinds if rows and sum(ROTATION <= row < ROD for row in rows) < _ALL]
     return any(_X in rows or ROD in rows for rows in turning)

@@ -1,4 +1,5 @@
-"""Search for the fewest steps of a kernel: in every stage, such that some cases come within a goal of a reference."""
+"""Search for the fewest steps of a kernel: in every stage, such that some cases come within a goal
+of a reference."""
 
 from collections.abc import Callable
 
@@ -17,17 +18,21 @@ _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
-# Steps and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1 if it does, 0 if not; -1 if there are none.
+# Steps and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1 if it
+# does, 0 if not; -1 if there are none.
 Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def mostly(verdict: np.ndarray) -> bool:
     """Whether a kernel vouches for most of the cases (n,) that have outcomes, if any has."""
-    return bool(np.count_nonzero(verdict == VOUCHED) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES))
+    return bool(
+        np.count_nonzero(verdict == VOUCHED) > 0.5 * np.count_nonzero(verdict != NO_OUTCOMES)
+    )
 
 
 def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.ndarray | None:
-    """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None if the kernel can fly none."""
+    """How long stages usually last, s, shape (stages,): the median of some cases (n, d), SI. None
+    if the kernel can fly none."""
     usual, steps = np.full(kernel.stages, np.inf), np.full(kernel.stages, 2)
     while steps.max() <= _MOST_STEPS:
         block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
@@ -40,13 +45,22 @@ def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.
 
 
 class Search:
-    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,) against a reference at many steps.
+    """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,)
+    against a reference at many steps.
 
     Only outcomes that ``decides`` (o,) are held to the goal.
     """
 
-    def __init__(self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float, decides: np.ndarray):
-        self.flown, self.draws, self.scale, self.goal, self.decides = flown, draws, scale, goal, decides
+    def __init__(
+        self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float, decides: np.ndarray
+    ):
+        self.flown, self.draws, self.scale, self.goal, self.decides = (
+            flown,
+            draws,
+            scale,
+            goal,
+            decides,
+        )
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.settled = np.inf  # what halving the steps of the reference changes
         self._of_reference = np.full(len(scale), np.inf)  # that by outcome
@@ -57,10 +71,11 @@ class Search:
         return np.asarray(self.verdict == VOUCHED)
 
     def fewest(self, first: np.ndarray) -> np.ndarray | None:
-        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel cannot vouch for most of them.
+        """Fewest steps (stages,) with which the cases come within the goal; None if the kernel
+        cannot vouch for most of them.
 
-        The reference has at least as many as ``first`` (stages,). If it does not settle within twice the goal, what it settled to
-        becomes the goal.
+        The reference has at least as many as ``first`` (stages,). If it does not settle within
+        twice the goal, what it settled to becomes the goal.
         """
         steps = self._refer(first)
         if np.isinf(self.settled) or not mostly(self.verdict):
@@ -71,18 +86,22 @@ class Search:
         return self._together(self._alone(enough), enough)
 
     def of_one_step(self, stages: int) -> np.ndarray | None:
-        """The step that is given, once for all ``stages``, held against a reference that is finer; None if the kernel cannot vouch for most
-        of the cases."""
+        """The step that is given, once for all ``stages``, held against a reference that is finer;
+        None if the kernel cannot vouch for most of the cases."""
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.flown(_FINER * steps, self.draws)
         self._of_reference = np.zeros(len(self.scale))
         return steps if mostly(self.verdict) else None
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
-        """Largest error (o,) of each outcome with some steps; not less than that of the reference."""
+        """Largest error (o,) of each outcome with some steps; not less than that of the
+        reference."""
         found, verdict = self.flown(steps, self.draws)
         both = (verdict == VOUCHED) & self.fair
-        return np.maximum(errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0), self._of_reference)
+        return np.maximum(
+            errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0),
+            self._of_reference,
+        )
 
     def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
@@ -91,10 +110,12 @@ class Search:
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= most:
             coarse, steps = steps, 2 * steps
             self.reference, self.verdict = self.flown(steps, self.draws)
-            if not mostly(self.verdict):  # steps are far too long: what the few others say is not what it is about
+            # steps are far too long: what the few others say is not what it is about
+            if not mostly(self.verdict):
                 continue
             now = self.error(coarse)
-            if self.goal >= self.settled <= now < np.inf:  # round-off, which some cases let grow: no steps come nearer than that
+            # round-off, which some cases let grow: no steps come nearer than that
+            if self.goal >= self.settled <= now < np.inf:
                 self.settled = 2.0 * now
                 break
             if now <= self.settled:
@@ -103,8 +124,9 @@ class Search:
         return steps
 
     def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """Twice ``first``, four times, ..., but not more than ``most``: the fewest with half of which the cases come within the goal. What
-        one stage needs is then not hidden by the others, and flying them is cheaper than at the reference."""
+        """Twice ``first``, four times, ..., but not more than ``most``: the fewest with half of
+        which the cases come within the goal. What one stage needs is then not hidden by the others,
+        and flying them is cheaper than at the reference."""
         steps = first
         while (steps < most).any() and self.error(steps) > self.goal:
             steps = np.minimum(2 * steps, most)
@@ -134,7 +156,8 @@ class Search:
         return chosen
 
     def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """One more step, or a sixteenth, where it helps most, until all stages together come within the goal."""
+        """One more step, or a sixteenth, where it helps most, until all stages together come within
+        the goal."""
         error = self.error(chosen)
         while error > self.goal and (chosen < most).any():
             more = np.diag(np.maximum(1, chosen // 16))

@@ -15,37 +15,55 @@ from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
 _TRANSIENTS = ("build_up", "tail_off")
-_SEEN = 4.0  # time constants after an ignition or a burn-out: there 2 % of the change are still to come
+# time constants after an ignition or a burn-out: there 2 % of the change are still to come
+_SEEN = 4.0
 _RARE = 0.001  # of the cases may have shorter ones than are looked for
 _MOST_FIRST = 2**15  # steps that are tried first, however close the rows
 HALVINGS = 9  # at most
-_AGREEMENTS = 2  # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one may be luck
-_PATIENCE = 3  # halvings that may pass without the change falling to half: then round-off or a jump is what is left
+# in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one
+# may be luck
+_AGREEMENTS = 2
+# halvings that may pass without the change falling to half: then round-off or a jump is what is
+# left
+_PATIENCE = 3
 
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
 TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
 
-DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)  # stages of a step that is far too long end so too
+# stages of a step that is far too long end so too
+DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
-Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]  # step and cases to outcomes (n, o) and status (n,)
+# step and cases to outcomes (n, o) and status (n,)
+Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
-    """Step, s, beyond which no stage of the method sees a thrust build up or tail off, or what stands between rows of a table over height:
-    where that cancels otherwise, halving such a step tells nothing. Infinite if all thrusts are sudden or steady, or have time constants
-    shorter than ``brief``, s, and no table is passed."""
+    """Step, s, beyond which no stage of the method sees a thrust build up or tail off, or what
+    stands between rows of a table over height: where that cancels otherwise, halving such a step
+    tells nothing. Infinite if all thrusts are sudden or steady, or have time constants shorter than
+    ``brief``, s, and no table is passed."""
     constants = [getattr(motor, key) for motor in scene.motor for key in _TRANSIENTS]
-    constants += [float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor) for d in laws if d.parameter.path.endswith(_TRANSIENTS)]
+    constants += [
+        float(quantile(d, np.array([_RARE]))[0] * d.parameter.factor)
+        for d in laws
+        if d.parameter.path.endswith(_TRANSIENTS)
+    ]
     nodes = method(scene.solver.method).c
-    transients = _SEEN * min((x for x in constants if x > brief), default=math.inf) / float(nodes[nodes > 0.0].min())
-    return min(transients, max(rows_step(scene, extremes(scene, laws)), scene.run.end_time / _MOST_FIRST))
+    transients = (
+        _SEEN
+        * min((x for x in constants if x > brief), default=math.inf)
+        / float(nodes[nodes > 0.0].min())
+    )
+    return min(
+        transients, max(rows_step(scene, extremes(scene, laws)), scene.run.end_time / _MOST_FIRST)
+    )
 
 
 @dataclass
 class Settled:
-    """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the last halvings changed, (n, o), and
-    whether that has settled, (n,)."""
+    """Steps (n,) in s at which cases were flown last, the status (n,) they ended with, what the
+    last halvings changed, (n, o), and whether that has settled, (n,)."""
 
     step: np.ndarray
     status: np.ndarray
@@ -54,10 +72,16 @@ class Settled:
 
 
 def changes(
-    found: np.ndarray, status: np.ndarray, finer: np.ndarray, finer_status: np.ndarray, scale: np.ndarray, decides: np.ndarray
+    found: np.ndarray,
+    status: np.ndarray,
+    finer: np.ndarray,
+    finer_status: np.ndarray,
+    scale: np.ndarray,
+    decides: np.ndarray,
 ) -> np.ndarray:
-    """Errors (n, o) of outcomes against those at a finer resolution. In what ``decides`` (o,), a case that ends otherwise there is
-    infinitely wrong, and one that both steps are too long for is wrong altogether. A case that cannot be flown has no error."""
+    """Errors (n, o) of outcomes against those at a finer resolution. In what ``decides`` (o,), a
+    case that ends otherwise there is infinitely wrong, and one that both steps are too long for is
+    wrong altogether. A case that cannot be flown has no error."""
     table = errors(found, finer, scale)
     table[(status == finer_status) & ~np.isin(status, _FLOWN)] = 0.0
     table[np.ix_((status == finer_status) & np.isin(status, TOO_LONG), decides)] = 1.0
@@ -66,18 +90,23 @@ def changes(
 
 
 def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
-    """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed only because it is far too long."""
+    """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
+    only because it is far too long."""
     found = np.isin(status, DOUBTFUL)
     if found.any():
         found[found] = ~np.isin(fly(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
-def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, decides: np.ndarray) -> Settled:
-    """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by no more than the goal.
+def settle(
+    fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, decides: np.ndarray
+) -> Settled:
+    """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by
+    no more than the goal.
 
-    ``fly`` is called with a step and the numbers of the cases that have not settled, so its last call for a case is at the step
-    told. Outcomes that do not ``decides`` (o,) do not count. A case whose changes have stopped falling is left as it is.
+    ``fly`` is called with a step and the numbers of the cases that have not settled, so its last
+    call for a case is at the step told. Outcomes that do not ``decides`` (o,) do not count. A case
+    whose changes have stopped falling is left as it is.
     """
     left = np.arange(count)
     outcomes, status = fly(step, left)
@@ -104,9 +133,12 @@ def settle(fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, de
     return Settled(steps, status, change, agreed >= _AGREEMENTS)
 
 
-def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tuple[float, np.ndarray, list[str]]:
-    """The longest of ``step``, half of it, ... at which one case has settled; by how much its outcomes (o,) still changed; what is to be
-    told of that. ``fly`` takes a step and the case, number 0."""
+def settle_one(
+    fly: Fly, step: float, scene: Scene, columns: list[Column]
+) -> tuple[float, np.ndarray, list[str]]:
+    """The longest of ``step``, half of it, ... at which one case has settled; by how much its
+    outcomes (o,) still changed; what is to be told of that. ``fly`` takes a step and the case,
+    number 0."""
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
@@ -125,7 +157,8 @@ def settle_one(fly: Fly, step: float, scene: Scene, columns: list[Column]) -> tu
         2.0 * step,
         found.change[0],
         [
-            f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, more than the accuracy {goal:g} that was "
+            f"a shorter step changes {columns[worst].name} by {change[worst]:.1e} of its size, "
+            f"more than the accuracy {goal:g} that was "
             "asked, however short the step: the error of this case is about as large"
         ],
     )

@@ -1,4 +1,5 @@
-"""One case by itself, with all there is to know of it over time: by the kernel written for its scene, as plain Python if that does."""
+"""One case by itself, with all there is to know of it over time: by the kernel written for its
+scene, as plain Python if that does."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,10 +18,13 @@ from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAS
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
-_TO_LEARN = (2, 16, 128)  # times finer than a given step: the first with which a case comes to its end tells how long phases last
+# times finer than a given step: the first with which a case comes to its end tells how long phases
+# last
+_TO_LEARN = (2, 16, 128)
 _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 256  # with so many, a case that ends with no numbers will not have any
-_CLEARER = 1024  # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
+# steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
+_CLEARER = 1024
 _PLAIN = 2048  # steps of a stage: more take plain Python minutes, and a compiler less
 _MOST = 2**20  # of which a case that will not settle takes no more
 _SAME_TIME = 1e-12  # s
@@ -29,8 +33,9 @@ _NONE = np.empty((0, 3))  # instants of which rows are wanted
 
 @dataclass
 class Single:
-    """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times`` (n,) and in ``phases`` (n,), by
-    number, and what is to be told of it; the numerical error of its outcomes, if it has any; whether its kernel was ``compiled``."""
+    """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times``
+    (n,) and in ``phases`` (n,), by number, and what is to be told of it; the numerical error of its
+    outcomes, if it has any; whether its kernel was ``compiled``."""
 
     plan: Plan
     status: Status
@@ -50,10 +55,13 @@ class _LostError(Exception):
         self.status = status
 
 
-def fly_single(scene: Scene, columns: list[Column], every_s: float, announce: Say | None = None) -> Single:
-    """A case, as ``scene`` has it, at the step that is given, or else in steps at which its outcomes (``columns``) have settled to the
-    accuracy asked: a row every so many seconds, and two at each end of a phase. ``announce`` is told if a kernel is compiled: where a case
-    takes more steps than plain Python flies in a minute."""
+def fly_single(
+    scene: Scene, columns: list[Column], every_s: float, announce: Say | None = None
+) -> Single:
+    """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
+    outcomes (``columns``) have settled to the accuracy asked: a row every so many seconds, and two
+    at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
+    steps than plain Python flies in a minute."""
     plan, care = make_plan(scene), USUAL
     while True:
         shape = make_shape(plan, care=care)
@@ -71,14 +79,30 @@ def invalid(scene: Scene, columns: int) -> Single:
     """A case with a parameter that may not be: nothing is flown."""
     plan = make_plan(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
-    return Single(plan, Status.INVALID_INPUT, np.full(columns, np.nan), np.empty(0), np.empty(0, dtype=np.int64), rows, [])
+    return Single(
+        plan,
+        Status.INVALID_INPUT,
+        np.full(columns, np.nan),
+        np.empty(0),
+        np.empty(0, dtype=np.int64),
+        rows,
+        [],
+    )
 
 
 class _Flight:
     """Flights of a case by the kernel of a shape, in as many steps as it takes."""
 
-    def __init__(self, shape: Shape, plan: Plan, columns: list[Column], every_s: float, announce: Say | None):
-        self.shape, self.plan, self.columns, self.every_s, self.announce = shape, plan, columns, every_s, announce
+    def __init__(
+        self, shape: Shape, plan: Plan, columns: list[Column], every_s: float, announce: Say | None
+    ):
+        self.shape, self.plan, self.columns, self.every_s, self.announce = (
+            shape,
+            plan,
+            columns,
+            every_s,
+            announce,
+        )
         self.text, self.compiled = emit(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
@@ -105,38 +129,58 @@ class _Flight:
             return found
         units, count = [c.unit for c in self.columns], len(self.columns)
         scale = scales(finer[None, :count], units, scene_scales(scene, units))
-        return replace(found, error=SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0])
+        return replace(
+            found,
+            error=SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0],
+        )
 
     def lost(self, status: int) -> Single:
         """The case as it is though no kernel vouches for it."""
-        return self._with_rows(self.steps, [], Status(int(final_status(np.array([status]), np.array([self.finite]))[0])))
+        return self._with_rows(
+            self.steps,
+            [],
+            Status(int(final_status(np.array([status]), np.array([self.finite]))[0])),
+        )
 
     def _learn(self, steps: np.ndarray) -> np.ndarray | None:
-        """How long phases last, so that later flights look for their ends where they are, from one in finer steps than so many (stages,).
-        Returns its outcomes, if it came to its end."""
+        """How long phases last, so that later flights look for their ends where they are, from one
+        in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
         for times in _TO_LEARN:
             found, status, _ = self._once(times * steps)
             if status != FINER_STEPS:
                 return found.copy() if 0 <= status <= Status.NEVER_RELEASED else None
         return None
 
-    def _once(self, steps: np.ndarray, instants: np.ndarray = _NONE) -> tuple[np.ndarray, int, np.ndarray]:
+    def _once(
+        self, steps: np.ndarray, instants: np.ndarray = _NONE
+    ) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.stages, steps
-        self.outcomes, status, unclear, ends, rows = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+        self.outcomes, status, unclear, ends, rows = fly_everything(
+            self.kernel, self.plan, steps, self.usual, instants
+        )
         self.ends, self.changes = ends[:stages], ends[stages:]
         if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.usual).all():
             self.usual[:] = usual_lengths(self.ends[:, None], np.ones(1, dtype=bool))
-        if unclear and self.plan.scene.solver.step is None and steps.max() <= _CLEARER and 0 <= status <= Status.NEVER_RELEASED:
+        if (
+            unclear
+            and self.plan.scene.solver.step is None
+            and steps.max() <= _CLEARER
+            and 0 <= status <= Status.NEVER_RELEASED
+        ):
             status = FINER_STEPS
         return self.outcomes, status, rows
 
     def _with_rows(self, steps: np.ndarray, notes: list[str], told: Status | None = None) -> Single:
-        """The case in so many steps (stages,), with its history; with none but that if it is ``told`` to have failed."""
+        """The case in so many steps (stages,), with its history; with none but that if it is
+        ``told`` to have failed."""
         scene = self.plan.scene
         self._once(steps)
-        instants, phases = _instants(self.shape, np.fmin(self.ends, scene.run.end_time), self.changes, self.every_s)
+        instants, phases = _instants(
+            self.shape, np.fmin(self.ends, scene.run.end_time), self.changes, self.every_s
+        )
         found, status, rows = self._once(steps, instants)
-        if status > Status.NEVER_RELEASED and scene.solver.step is None:  # the step in which it fails has no rows
+        # the step in which it fails has no rows
+        if status > Status.NEVER_RELEASED and scene.solver.step is None:
             steps = np.maximum(steps, min(_PLAIN, math.ceil(scene.run.end_time / self.every_s)))
             found, status, rows = self._once(steps, instants)
         if told is None and status < 0:
@@ -144,17 +188,32 @@ class _Flight:
         if told is not None:
             status, found[: len(self.columns)] = told, np.nan  # the audit stays
         there = ~np.isnan(rows).all(axis=1)
-        return Single(self.plan, Status(status), found, instants[there, 0], phases[there], rows[there], notes, None, self.compiled)
+        return Single(
+            self.plan,
+            Status(status),
+            found,
+            instants[there, 0],
+            phases[there],
+            rows[there],
+            notes,
+            None,
+            self.compiled,
+        )
 
     def _settled(self, one: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
-        """Steps (stages,) at which the case has settled, its error (o,) there, and what is to be told of that; ``one`` step of every stage
-        is (stages,) ones."""
+        """Steps (stages,) at which the case has settled, its error (o,) there, and what is to be
+        told of that; ``one`` step of every stage is (stages,) ones."""
         scene = self.plan.scene
-        fewest = max(_FEWEST, math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))))
+        fewest = max(
+            _FEWEST,
+            math.ceil(scene.run.end_time / longest_step(scene, brief=brief_transient(scene))),
+        )
 
         def tried(share: float, _: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             found, status = self._tried(round(fewest / share) * one)
-            return found[None, : len(self.columns)], np.array([Status.UNRESOLVED if status < 0 else status])
+            return found[None, : len(self.columns)], np.array(
+                [Status.UNRESOLVED if status < 0 else status]
+            )
 
         most = max(_HOPELESS, 2 * fewest)
         while self._tried(fewest * one)[1] == FINER_STEPS:
@@ -165,8 +224,8 @@ class _Flight:
         return round(fewest / share) * one, error, notes
 
     def _tried(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
-        """Outcomes (o,) and status in so many steps (stages,), compiled if these are many. Raises _LostError if they are too many, or if
-        another kernel has to fly the case."""
+        """Outcomes (o,) and status in so many steps (stages,), compiled if these are many. Raises
+        _LostError if they are too many, or if another kernel has to fly the case."""
         if steps.max() > _MOST:
             raise _LostError(FINER_STEPS)
         self._compile_for(float(steps.max()))
@@ -176,25 +235,41 @@ class _Flight:
         return found, status
 
     def _compile_for(self, steps: float) -> None:
-        """Compile the kernel if it is to fly in so many steps of a stage that plain Python would take minutes."""
+        """Compile the kernel if it is to fly in so many steps of a stage that plain Python would
+        take minutes."""
         if steps > _PLAIN and not self.compiled:
             self.kernel, self.compiled = load_kernel(self.text, self.announce), True
 
 
-def _instants(shape: Shape, ends: np.ndarray, changes: np.ndarray, every_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number: every so many seconds, and both sides of
-    the end of a phase and of the ``changes`` of joints within. A joint that is late is late in the phase after."""
+def _instants(
+    shape: Shape, ends: np.ndarray, changes: np.ndarray, every_s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number:
+    every so many seconds, and both sides of the end of a phase and of the ``changes`` of joints
+    within. A joint that is late is late in the phase after."""
     grid = np.arange(int(ends[-1] / every_s + 1e-9) + 1) * every_s
     found: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
     for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
         late = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
-        for until, phase in ((max(begin, end - late), _phase(shape, number)), (end, _phase(shape, number + (stage.delay is not None)))):
+        for until, phase in (
+            (max(begin, end - late), _phase(shape, number)),
+            (end, _phase(shape, number + (stage.delay is not None))),
+        ):
             if until - begin > _SAME_TIME:
-                within = np.unique(changes[(changes > begin + _SAME_TIME) & (changes < until - _SAME_TIME)])
-                steady = [t for t in grid if begin + _SAME_TIME < t < until - _SAME_TIME and (np.abs(within - t) > _SAME_TIME).all()]
-                rows = [(t, number, 0) for t in (begin, *steady, until)] + [(t, number, side) for t in within for side in (-1, 1)]
+                within = np.unique(
+                    changes[(changes > begin + _SAME_TIME) & (changes < until - _SAME_TIME)]
+                )
+                steady = [
+                    t
+                    for t in grid
+                    if begin + _SAME_TIME < t < until - _SAME_TIME
+                    and (np.abs(within - t) > _SAME_TIME).all()
+                ]
+                rows = [(t, number, 0) for t in (begin, *steady, until)] + [
+                    (t, number, side) for t in within for side in (-1, 1)
+                ]
                 found += sorted(rows)
                 phases += len(rows) * [phase]
                 begin = until

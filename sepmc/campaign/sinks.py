@@ -20,7 +20,8 @@ _LABELS = [status.label for status in Status]
 
 
 class Piece(NamedTuple):
-    """Cases flown together: the number of the first, their draws (n, d) in the units of the file, and what the kernel gave."""
+    """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
+    and what the kernel gave."""
 
     first: int
     drawn: np.ndarray
@@ -37,7 +38,8 @@ class Kept:
 
 
 class Sink(Protocol):
-    """Takes pieces that follow each other without a gap, one list after the other, from one thread."""
+    """Takes pieces that follow each other without a gap, one list after the other, from one
+    thread."""
 
     def take(self, pieces: list[Piece]) -> None: ...
 
@@ -54,13 +56,20 @@ class InMemory:
     histories: list[dict[str, np.ndarray]] = field(default_factory=list)
 
     def take(self, pieces: list[Piece]) -> None:
-        self.parts.append(_table(self.campaign, pieces) | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]})
+        self.parts.append(
+            _table(self.campaign, pieces)
+            | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
+        )
         if self.separation:
             self.histories.append(_histories(pieces, self.separation))
 
     def kept(self) -> Kept:
         rows = _join(self.parts)
-        return Kept(Rows(rows, *self.campaign.summarised), rows, _join(self.histories) if self.histories else None)
+        return Kept(
+            Rows(rows, *self.campaign.summarised),
+            rows,
+            _join(self.histories) if self.histories else None,
+        )
 
 
 @dataclass
@@ -74,7 +83,12 @@ class InFolder:
 
     def take(self, pieces: list[Piece]) -> None:
         campaign, first = self.campaign, pieces[0].first
-        about = {"campaign": campaign.name, "digest": campaign.digest, "seed": str(self.seed), "sepmc": __version__}
+        about = {
+            "campaign": campaign.name,
+            "digest": campaign.digest,
+            "seed": str(self.seed),
+            "sepmc": __version__,
+        }
         if self.separation:  # before the cases, which say what is done
             columns = [
                 Column("case", "1", "number of the case"),
@@ -83,8 +97,12 @@ class InFolder:
             ]
             path = store.part_path(self.folder, store.HISTORIES, first)
             store.write_parquet(path, columns, _histories(pieces, self.separation), about)
-        table: dict[str, Any] = _table(campaign, pieces) | {"status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))}
-        store.write_parquet(store.part_path(self.folder, store.CASES, first), campaign.columns, table, about)
+        table: dict[str, Any] = _table(campaign, pieces) | {
+            "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
+        }
+        store.write_parquet(
+            store.part_path(self.folder, store.CASES, first), campaign.columns, table, about
+        )
 
     def kept(self) -> Kept:
         columns = store.CaseColumns(self.folder)
@@ -100,7 +118,9 @@ class InStatistics:
 
     def take(self, pieces: list[Piece]) -> None:
         first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
-        self.stream.add(np.arange(first, first + count), _codes(pieces), _results(self.campaign, pieces))
+        self.stream.add(
+            np.arange(first, first + count), _codes(pieces), _results(self.campaign, pieces)
+        )
 
     def kept(self) -> Kept:
         return Kept(self.stream)
@@ -126,14 +146,25 @@ def _table(campaign: Definition, pieces: list[Piece]) -> dict[str, Any]:
     """The case table of pieces, its status still to be put in."""
     first, results = pieces[0].first, _results(campaign, pieces)
     table: dict[str, Any] = {"case": np.arange(first, first + results.shape[1]), "status": None}
-    table |= {c.name: np.concatenate([piece.drawn[:, i] for piece in pieces]) for i, c in enumerate(campaign.input_columns)}
+    table |= {
+        c.name: np.concatenate([piece.drawn[:, i] for piece in pieces])
+        for i, c in enumerate(campaign.input_columns)
+    }
     return table | dict(zip((c.name for c in campaign.result_columns), results, strict=True))
 
 
 def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.ndarray]:
     """Separation over time of pieces, in long form: the rows that each case has."""
-    found = {name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces)) for name in ("time_s", *(c.name for c in separation))}
-    numbers = np.concatenate([np.repeat(np.arange(first, first + len(drawn)), block.rows) for first, drawn, block in pieces])
+    found = {
+        name: np.empty(sum(int(piece.block.rows.sum()) for piece in pieces))
+        for name in ("time_s", *(c.name for c in separation))
+    }
+    numbers = np.concatenate(
+        [
+            np.repeat(np.arange(first, first + len(drawn)), block.rows)
+            for first, drawn, block in pieces
+        ]
+    )
     start = 0
     for _, _, block in pieces:
         n, room = block.times.shape
@@ -150,4 +181,8 @@ def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.nd
 
 
 def _join(parts: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    return parts[0] if len(parts) == 1 else {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return (
+        parts[0]
+        if len(parts) == 1
+        else {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    )

@@ -1,4 +1,5 @@
-"""The run folder: case parts in Parquet, histories, manifest, resolved campaign. The only place that knows pyarrow."""
+"""The run folder: case parts in Parquet, histories, manifest, resolved campaign. The only place
+that knows pyarrow."""
 
 import json
 import math
@@ -22,8 +23,24 @@ from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 _OURS = (CASES, HISTORIES)
-_FIGURES = ("hist_*", "histograms", "*separation*", "force_on_*", "moment_on_*", "rates", "angles", "axial_acceleration")
-_OUR_FILES = (MANIFEST, CAMPAIGN, "statistics.csv", "statistics.json", "history.parquet", *(f"{name}.png" for name in _FIGURES))
+_FIGURES = (
+    "hist_*",
+    "histograms",
+    "*separation*",
+    "force_on_*",
+    "moment_on_*",
+    "rates",
+    "angles",
+    "axial_acceleration",
+)
+_OUR_FILES = (
+    MANIFEST,
+    CAMPAIGN,
+    "statistics.csv",
+    "statistics.json",
+    "history.parquet",
+    *(f"{name}.png" for name in _FIGURES),
+)
 
 
 class StoreError(Exception):
@@ -38,27 +55,40 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
     return root / f"{name}-{n}"
 
 
-def open_folder(folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True) -> Path:
-    """Make ``folder`` ready to be written, without losing anything unasked. ``resumable``: say that it could be resumed.
+def open_folder(
+    folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
+) -> Path:
+    """Make ``folder`` ready to be written, without losing anything unasked. ``resumable``: say that
+    it could be resumed.
 
     Raises
     ------
     StoreError
-        If it exists and neither ``overwrite`` nor ``resume`` is given, is no run folder, or cannot be written.
+        If it exists and neither ``overwrite`` nor ``resume`` is given, is no run folder, or cannot
+        be written.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give --out a folder")
     if folder.is_dir() and any(folder.iterdir()):
         if not (overwrite or resume):
-            ways = "add --resume to fly its missing cases, --overwrite to replace it," if resumable else "add --overwrite to replace it"
+            ways = (
+                "add --resume to fly its missing cases, --overwrite to replace it,"
+                if resumable
+                else "add --overwrite to replace it"
+            )
             raise StoreError(f"{folder}: exists; {ways} or choose another --out")
         if not (folder / MANIFEST).is_file():
-            raise StoreError(f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose another --out")
+            raise StoreError(
+                f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
+                "another --out"
+            )
         if overwrite:
             _clear(folder)
     for name in _OURS:
         if (folder / name).exists() and not (folder / name).is_dir():
-            raise StoreError(f"{folder / name}: is a file where a run keeps a folder; choose another --out")
+            raise StoreError(
+                f"{folder / name}: is a file where a run keeps a folder; choose another --out"
+            )
     make_writable(folder)
     return folder
 
@@ -118,7 +148,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 def versions() -> dict[str, Any]:
     """What made a run: versions and machine."""
-    packages = {"numpy": np.__version__, "numba": version("numba"), "pandas": pd.__version__, "pyarrow": pa.__version__}
+    packages = {
+        "numpy": np.__version__,
+        "numba": version("numba"),
+        "pandas": pd.__version__,
+        "pyarrow": pa.__version__,
+    }
     return {
         "sepmc": __version__,
         "versions": {"python": platform.python_version(), **packages},
@@ -126,12 +161,19 @@ def versions() -> dict[str, Any]:
     }
 
 
-def table(columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None) -> pa.Table:
-    """An Arrow table whose fields carry unit and meaning in their metadata, and which itself says what it is ``about``."""
+def table(
+    columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
+) -> pa.Table:
+    """An Arrow table whose fields carry unit and meaning in their metadata, and which itself says
+    what it is ``about``."""
     fields, arrays = [], []
     for column in columns:
         array = _array(data[column.name])
-        fields.append(pa.field(column.name, array.type, metadata={"unit": column.unit, "meaning": column.meaning}))
+        fields.append(
+            pa.field(
+                column.name, array.type, metadata={"unit": column.unit, "meaning": column.meaning}
+            )
+        )
         arrays.append(array)
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
 
@@ -140,16 +182,24 @@ def _array(values: Any) -> pa.Array | pa.ChunkedArray:
     """A column as Arrow has it; text as a dictionary of what occurs."""
     if isinstance(values, pd.Categorical):
         used = values.remove_unused_categories()
-        return pa.DictionaryArray.from_arrays(used.codes.astype(np.int32), pa.array(used.categories.tolist(), pa.string()))
+        return pa.DictionaryArray.from_arrays(
+            used.codes.astype(np.int32), pa.array(used.categories.tolist(), pa.string())
+        )
     array = values if isinstance(values, pa.Array | pa.ChunkedArray) else pa.array(values)
-    return array.dictionary_encode() if pa.types.is_string(array.type) or pa.types.is_large_string(array.type) else array
+    return (
+        array.dictionary_encode()
+        if pa.types.is_string(array.type) or pa.types.is_large_string(array.type)
+        else array
+    )
 
 
-def write_parquet(path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None) -> None:
+def write_parquet(
+    path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
+) -> None:
     """Write one Parquet file atomically.
 
-    Dictionary encoding only where text repeats: floats take 7 times longer with it. Snappy takes 60 % of the time of zstd, for files
-    4 to 10 % larger: numbers that are dispersed do not compress.
+    Dictionary encoding only where text repeats: floats take 7 times longer with it. Snappy takes 60
+    % of the time of zstd, for files 4 to 10 % larger: numbers that are dispersed do not compress.
 
     Raises
     ------
@@ -178,7 +228,8 @@ def _parts(folder: Path, kind: str) -> list[Path]:
 
 
 def _read_part(part: Path, columns: Sequence[str] | None = None, metadata: Any = None) -> pa.Table:
-    """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery for it (30 ms)."""
+    """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery
+    for it (30 ms)."""
     try:
         with pq.ParquetFile(part, metadata=metadata) as file:
             return file.read(columns=columns)
@@ -187,7 +238,8 @@ def _read_part(part: Path, columns: Sequence[str] | None = None, metadata: Any =
 
 
 def drop_incomplete(folder: Path) -> int:
-    """Delete the parts of cases whose part of histories is gone, so that they are flown again. Returns how many cases that are."""
+    """Delete the parts of cases whose part of histories is gone, so that they are flown again.
+    Returns how many cases that are."""
     dropped = 0
     for part in _parts(folder, CASES):
         if not (folder / HISTORIES / part.name).is_file():
@@ -201,19 +253,29 @@ def cases_done(folder: Path) -> np.ndarray:
     parts = _parts(folder, CASES)
     if not parts:
         return np.empty(0, dtype=np.int64)
-    return np.sort(np.concatenate([_read_part(part, ["case"])["case"].to_numpy() for part in parts]))
+    return np.sort(
+        np.concatenate([_read_part(part, ["case"])["case"].to_numpy() for part in parts])
+    )
 
 
 def cases_held(folder: Path, ok: str) -> tuple[int, int]:
     """Number of cases a run folder holds, and how many of them have another status than ``ok``."""
-    counts = [row for part in _parts(folder, CASES) for row in _read_part(part, ["status"])["status"].value_counts().to_pylist()]
-    return sum(row["counts"] for row in counts), sum(row["counts"] for row in counts if row["values"] != ok)
+    counts = [
+        row
+        for part in _parts(folder, CASES)
+        for row in _read_part(part, ["status"])["status"].value_counts().to_pylist()
+    ]
+    return sum(row["counts"] for row in counts), sum(
+        row["counts"] for row in counts if row["values"] != ok
+    )
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
-    """Columns of the case table of a run folder, read when they are asked for, in order of case; text as objects.
+    """Columns of the case table of a run folder, read when they are asked for, in order of case;
+    text as objects.
 
-    A table of up to `KEPT` cases is read once, a longer one column by column, and a part at a time by `batches`.
+    A table of up to `KEPT` cases is read once, a longer one column by column, and a part at a time
+    by `batches`.
     """
 
     KEPT = 65536
@@ -248,10 +310,18 @@ class CaseColumns(Mapping[str, np.ndarray]):
         return self._read(None)
 
     def _read(self, names: list[str] | None) -> pa.Table:
-        return pa.concat_tables([_read_part(part, names, metadata) for part, metadata in zip(self._parts, self._metadata, strict=True)])
+        return pa.concat_tables(
+            [
+                _read_part(part, names, metadata)
+                for part, metadata in zip(self._parts, self._metadata, strict=True)
+            ]
+        )
 
-    def batches(self, names: Sequence[str]) -> Iterator[tuple[np.ndarray, pd.Categorical, np.ndarray]]:
-        """Part by part: numbers and statuses, shape (n,), and the columns asked for, shape (len(names), n)."""
+    def batches(
+        self, names: Sequence[str]
+    ) -> Iterator[tuple[np.ndarray, pd.Categorical, np.ndarray]]:
+        """Part by part: numbers and statuses, shape (n,), and the columns asked for, shape
+        (len(names), n)."""
         for part, metadata in zip(self._parts, self._metadata, strict=True):
             read = _read_part(part, ["case", "status", *names], metadata)
             columns = np.empty((len(names), read.num_rows))
@@ -260,19 +330,29 @@ class CaseColumns(Mapping[str, np.ndarray]):
             yield read["case"].to_numpy(), pd.Categorical(read["status"].to_pandas()), columns
 
 
-def read_cases(folder: Path, below: int | None = None, columns: list[str] | None = None) -> pd.DataFrame:
-    """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or some."""
+def read_cases(
+    folder: Path, below: int | None = None, columns: list[str] | None = None
+) -> pd.DataFrame:
+    """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or
+    some."""
     return _read(folder, CASES, ["case"], below, columns)
 
 
 def read_histories(folder: Path, below: int | None = None) -> pd.DataFrame | None:
-    """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if given, or None if it kept none."""
+    """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if
+    given, or None if it kept none."""
     if not (folder / HISTORIES).is_dir():
         return None
     return _read(folder, HISTORIES, ["case", "time_s"], below)
 
 
-def _read(folder: Path, kind: str, order: list[str], below: int | None = None, columns: list[str] | None = None) -> pd.DataFrame:
+def _read(
+    folder: Path,
+    kind: str,
+    order: list[str],
+    below: int | None = None,
+    columns: list[str] | None = None,
+) -> pd.DataFrame:
     parts = _parts(folder, kind)
     if not parts:
         raise StoreError(f"{folder}: no {kind}/part-*.parquet here; give the folder of a run")
@@ -291,12 +371,17 @@ def units(folder: Path, kind: str = CASES) -> dict[str, str]:
     part = next(iter(sorted((folder / kind).glob("part-*.parquet"))), None)
     if part is None:
         return {}
-    return {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in pq.read_schema(part)}
+    return {
+        field.name: (field.metadata or {}).get(b"unit", b"").decode()
+        for field in pq.read_schema(part)
+    }
 
 
 def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[int, int]]:
     """Ranges (first, end) of at most ``chunk`` cases that are not done yet."""
-    index = np.unique(np.asarray(list(done) if not isinstance(done, np.ndarray) else done, dtype=np.int64))
+    index = np.unique(
+        np.asarray(list(done) if not isinstance(done, np.ndarray) else done, dtype=np.int64)
+    )
     fences = np.concatenate([[-1], index[index < cases], [cases]])
     gaps = np.flatnonzero(np.diff(fences) > 1)
     return [
@@ -314,23 +399,45 @@ def write_statistics(
     audit: pd.DataFrame,
     failed: dict[str, list[int]] | None = None,
 ) -> None:
-    """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit, ``failed`` names first cases by status.
-    What is not a number is null."""
-    columns = {str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name] for name in stats}
-    frame = pd.DataFrame({"unit": [of.get(str(name), "") for name in stats.index], **columns}, index=stats.index)
+    """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit,
+    ``failed`` names first cases by status. What is not a number is null."""
+    columns = {
+        str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
+        for name in stats
+    }
+    frame = pd.DataFrame(
+        {"unit": [of.get(str(name), "") for name in stats.index], **columns}, index=stats.index
+    )
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
     rows, audited = (
-        {str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()} for name, row in table.to_dict("index").items()}
+        {
+            str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()}
+            for name, row in table.to_dict("index").items()
+        }
         for table in (frame, audit)
     )
-    write_json(folder / "statistics.json", {"cases": counts, "failed_cases": failed or {}, "outcomes": rows, "audit": audited})
+    write_json(
+        folder / "statistics.json",
+        {"cases": counts, "failed_cases": failed or {}, "outcomes": rows, "audit": audited},
+    )
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
-    """Write the time history of a single run, ``history.parquet``; units are taken from ``history.attrs``."""
-    columns = [Column(str(name), history.attrs["units"][name], meanings.get(str(name), "")) for name in history.columns]
+    """Write the time history of a single run, ``history.parquet``; units are taken from
+    ``history.attrs``."""
+    columns = [
+        Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
+        for name in history.columns
+    ]
     path = folder / "history.parquet"
-    write_parquet(path, columns, {c.name: history[c.name].to_numpy(dtype=object if c.name == "phase" else None) for c in columns})
+    write_parquet(
+        path,
+        columns,
+        {
+            c.name: history[c.name].to_numpy(dtype=object if c.name == "phase" else None)
+            for c in columns
+        },
+    )
     return path
 
 

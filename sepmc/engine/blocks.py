@@ -1,7 +1,8 @@
-"""The door of kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls their kernels by address.
+"""The door of kernels: blocks of lanes in parallel. One prange loop serves all scenes; it calls
+their kernels by address.
 
-A kernel compiled into a prange loop of its own would be optimised and turned into machine code three times, a third of its time to
-compile.
+A kernel compiled into a prange loop of its own would be optimised and turned into machine code
+three times, a third of its time to compile.
 """
 
 import math
@@ -17,7 +18,8 @@ from sepmc.routines.lanes import LANES
 
 
 def _enter_intrinsic(typing_context, address, room, skipped, first, arguments):
-    """Call a kernel: void (double* workspace, int64 first, int64* arguments); the workspace starts after so many numbers of ``room``."""
+    """Call a kernel: void (double* workspace, int64 first, int64* arguments); the workspace starts
+    after so many numbers of ``room``."""
 
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
@@ -27,7 +29,9 @@ def _enter_intrinsic(typing_context, address, room, skipped, first, arguments):
         data = context.make_array(signature.args[1])(context, builder, values[1]).data
         array = context.make_array(signature.args[4])(context, builder, values[4])
         workspace = builder.gep(data, [values[2]])
-        builder.call(builder.inttoptr(values[0], kernel.as_pointer()), [workspace, values[3], array.data])
+        builder.call(
+            builder.inttoptr(values[0], kernel.as_pointer()), [workspace, values[3], array.data]
+        )
         return context.get_dummy_value()
 
     return types.none(types.int64, room, types.int64, types.int64, arguments), generate
@@ -53,7 +57,8 @@ _put: Any = intrinsic(_put_intrinsic)
 
 @door
 def _fly_blocks(address, blocks, size, calls, arguments):
-    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address, whose pieces are at ``calls``."""
+    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address, whose pieces are at
+    ``calls``."""
     for number in prange(blocks):
         room = np.empty(calls.shape[0] + size)
         for k in range(calls.shape[0]):
@@ -62,15 +67,34 @@ def _fly_blocks(address, blocks, size, calls, arguments):
 
 
 def fly(
-    kernel: Kernel, scene, whole, numbers, nominal, slots, draws, steps, pace, times, usual, every, outcomes, ends, history, status
+    kernel: Kernel,
+    scene,
+    whole,
+    numbers,
+    nominal,
+    slots,
+    draws,
+    steps,
+    pace,
+    times,
+    usual,
+    every,
+    outcomes,
+    ends,
+    history,
+    status,
 ) -> None:
-    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps`` (stages,) steps a stage, that is a phase, or
-    the time in which joints are late. It usually lasts ``usual`` (stages,) s. Where switches and events divide it, so many steps from one
-    to the next, or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace`` (stages,) s; 0: never fewer.
+    """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps``
+    (stages,) steps a stage, that is a phase, or the time in which joints are late. It usually lasts
+    ``usual`` (stages,) s. Where switches and events divide it, so many steps from one to the next,
+    or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace``
+    (stages,) s; 0: never fewer.
 
-    Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0, or -1 if this kernel cannot vouch for
-    a case. If it was written for separations over time, also speed and distance of every joint ``every`` so many seconds, into history
-    (n, rows, 2 joints); if for full histories, ``every`` (rows, 2) holds the time and the stage of every row. Arrays are contiguous.
+    Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0,
+    or -1 if this kernel cannot vouch for a case. If it was written for separations over time, also
+    speed and distance of every joint ``every`` so many seconds, into history (n, rows, 2 joints);
+    if for full histories, ``every`` (rows, 2) holds the time and the stage of every row. Arrays are
+    contiguous.
     """
     arrays = (
         nominal,
@@ -102,7 +126,9 @@ def fly(
         assert array.flags.c_contiguous
     sizes = [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays]
     blocks = (draws.shape[1] + LANES - 1) // LANES
-    _fly_blocks(kernel.address, blocks, kernel.size, kernel.calls, np.array(sizes, dtype=np.int64).ravel())
+    _fly_blocks(
+        kernel.address, blocks, kernel.size, kernel.calls, np.array(sizes, dtype=np.int64).ravel()
+    )
 
 
 def compile_blocks() -> None:

@@ -1,4 +1,5 @@
-"""Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and side by side, loaded."""
+"""Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and
+side by side, loaded."""
 
 import hashlib
 import importlib.util
@@ -17,7 +18,8 @@ _BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
 
 def write(texts: Sequence[str]) -> list[str]:
-    """Put the texts of modules into the cache folder where they are new. Returns the modules' names, digests of the texts."""
+    """Put the texts of modules into the cache folder where they are new. Returns the modules'
+    names, digests of the texts."""
     names = []
     for text in texts:
         name = "sepmc_piece_" + hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -31,22 +33,27 @@ def write(texts: Sequence[str]) -> list[str]:
 
 
 def module(name: str) -> ModuleType:
-    """A module of the cache folder, imported; its piece is loaded from the disk cache, or else compiled."""
+    """A module of the cache folder, imported; its piece is loaded from the disk cache, or else
+    compiled."""
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
-        sys.modules[name] = importlib.util.module_from_spec(spec)  # compiled code in the cache refers to it by name
+        # compiled code in the cache refers to it by name
+        sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[name])
     return sys.modules[name]
 
 
 def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
-    """A kernel from its pieces in the order of their table, the last of which is entered: names of functions, and of their modules."""
+    """A kernel from its pieces in the order of their table, the last of which is entered: names of
+    functions, and of their modules."""
     compile_blocks()
     addresses = [getattr(module(name), function).address for function, name in pieces]
     entry = module(pieces[-1][1])
-    return Kernel(addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES)
+    return Kernel(
+        addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES
+    )
 
 
 def missing(names: Sequence[str]) -> list[str]:
@@ -58,21 +65,25 @@ def missing(names: Sequence[str]) -> list[str]:
 
 
 def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own, the longest first; ``progress`` is told
-    after each. Returns whether that worked.
+    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own, the
+    longest first; ``progress`` is told after each. Returns whether that worked.
 
-    Every campaign flies what the cache holds: code as compiled and the same code loaded can differ in the last bit.
+    Every campaign flies what the cache holds: code as compiled and the same code loaded can differ
+    in the last bit.
     """
     try:
         with one_at_a_time("pieces"):
-            left = sorted(missing(names), key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size)
+            left = sorted(
+                missing(names), key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size
+            )
             return compile_all(left if is_module_cached("blocks") else [_BLOCKS, *left], progress)
     except OSError:
         return False
 
 
 def serve() -> None:
-    """Compile what the lines of the standard input name, and give each name back when that is done."""
+    """Compile what the lines of the standard input name, and give each name back when that is
+    done."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what anything prints is no answer
     for line in sys.stdin:

@@ -1,6 +1,7 @@
 """Processes that compile modules of the cache folder into the disk cache, side by side.
 
-They live on for a while: much of what a small piece takes is compiling the formulas that it calls, once in every process.
+They live on for a while: much of what a small piece takes is compiling the formulas that it calls,
+once in every process.
 """
 
 import atexit
@@ -28,7 +29,11 @@ class Compiler:
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
-            **compiling(_SERVE), text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            **compiling(_SERVE),
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
         )
 
     def compile_from(self, left: deque[str], done: Callable[[], None]) -> bool:
@@ -53,8 +58,8 @@ class Compiler:
 
 
 def compile_all(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile modules in a process for each core, each the next one as it is through; ``progress`` is told after each module. Returns
-    whether all were compiled."""
+    """Compile modules in a process for each core, each the next one as it is through; ``progress``
+    is told after each module. Returns whether all were compiled."""
     global _end  # noqa: PLW0603
     if not names:
         return True

@@ -1,4 +1,5 @@
-"""The Python side of the door: blocks of arrays in and out of compiled code, threads, compiling, and what a run may ask for."""
+"""The Python side of the door: blocks of arrays in and out of compiled code, threads, compiling,
+and what a run may ask for."""
 
 import contextlib
 import operator
@@ -25,8 +26,9 @@ _EVERY_S = 5.0  # between two words on how far the compiling is
 
 @dataclass
 class Again:
-    """Cases that are flown again: the largest change (o,) of outcomes by the last halvings of steps; how many were flown at finer steps
-    than the others, and by a spare kernel; and how many no step settled."""
+    """Cases that are flown again: the largest change (o,) of outcomes by the last halvings of
+    steps; how many were flown at finer steps than the others, and by a spare kernel; and how many
+    no step settled."""
 
     change: np.ndarray
     finer: int = 0
@@ -36,12 +38,18 @@ class Again:
     def with_others(self, others: "Again") -> "Again":
         """These and others."""
         change = np.maximum(self.change, others.change)
-        return Again(change, self.finer + others.finer, self.spare + others.spare, self.unsettled + others.unsettled)
+        return Again(
+            change,
+            self.finer + others.finer,
+            self.spare + others.spare,
+            self.unsettled + others.unsettled,
+        )
 
 
 @dataclass
 class Block:
-    """Arrays a call of the door fills, and what is to be told of the cases that another kernel flew."""
+    """Arrays a call of the door fills, and what is to be told of the cases that another kernel
+    flew."""
 
     outcomes: np.ndarray
     status: np.ndarray
@@ -49,8 +57,9 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.kernel.context.Context`), not below 0; NaN: not known; minus infinity: steps were
-    # too long to tell by how many turns pitch and roll went on
+    # (n, g): how hard cases are to integrate (`sepmc.kernel.context.Context`), not below 0; NaN:
+    # not known; minus infinity: steps were too long to tell by how many turns pitch and roll went
+    # on
     guards: np.ndarray | None = None
     again: Again | None = None
 
@@ -82,58 +91,106 @@ def fly_cases(
     draws: np.ndarray,
     room: int = 0,
 ) -> tuple[Block, np.ndarray]:
-    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps`` and ``usual``, each (stages,), as
-    `sepmc.engine.blocks.fly` has them. A scene's ``solver.step`` is the pace of all its stages, and ``steps`` are in how
-    many parts it is divided.
+    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``
+    and ``usual``, each (stages,), as `sepmc.engine.blocks.fly` has them. A scene's ``solver.step``
+    is the pace of all its stages, and ``steps`` are in how many parts it is divided.
 
-    Returns the block, whose status is below 0 where the kernel does not vouch for a case (FINER_STEPS and ANOTHER_KERNEL of
-    `sepmc.routines.layout`), and the times (stages, n) at which phases end, and joints that are late have let go.
+    Returns the block, whose status is below 0 where the kernel does not vouch for a case
+    (FINER_STEPS and ANOTHER_KERNEL of `sepmc.routines.layout`), and the times (stages, n) at which
+    phases end, and joints that are late have let go.
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
-    outcomes, status = np.full((len(columns) + kernel.guards, n), np.nan), np.zeros(n, dtype=np.int64)
+    outcomes, status = (
+        np.full((len(columns) + kernel.guards, n), np.nan),
+        np.zeros(n, dtype=np.int64),
+    )
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
-    _call(kernel, plan, steps, usual, slots, draws, plan.scene.run.history_step, outcomes, ends, history, status)
+    _call(
+        kernel,
+        plan,
+        steps,
+        usual,
+        slots,
+        draws,
+        plan.scene.run.history_step,
+        outcomes,
+        ends,
+        history,
+        status,
+    )
     rows = np.broadcast_to(np.arange(room) * plan.scene.run.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
     kept = np.where(status > Status.NEVER_RELEASED, 0, room)
-    block = Block(outcomes[: len(columns)].T, status, rows, phases, history, kept, outcomes[len(columns) :].T)
+    block = Block(
+        outcomes[: len(columns)].T, status, rows, phases, history, kept, outcomes[len(columns) :].T
+    )
     return block, ends
 
 
 def fly_everything(
     kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
-    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in SI; its status, as `fly_cases`
-    has it; whether shorter steps may tell by how many turns pitch and roll went on; the times (stages + changes,) at which stages end,
-    then those at which joints let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage, and 1 or
-    -1 if the row is to be as things are just after that time or before; NaN if the case did not get so far."""
+    """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in
+    SI; its status, as `fly_cases` has it; whether shorter steps may tell by how many turns pitch
+    and roll went on; the times (stages + changes,) at which stages end, then those at which joints
+    let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage,
+    and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case
+    did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
     outcomes, status = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64)
     ends = np.empty((kernel.stages + kernel.changes, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
-    _call(kernel, plan, steps, usual, none, np.empty((1, 0)), instants, outcomes, ends, history, status)
-    return outcomes[:columns, 0], int(status[0]), bool(np.isneginf(outcomes[columns:]).any()), ends[:, 0], history[0]
+    _call(
+        kernel,
+        plan,
+        steps,
+        usual,
+        none,
+        np.empty((1, 0)),
+        instants,
+        outcomes,
+        ends,
+        history,
+        status,
+    )
+    return (
+        outcomes[:columns, 0],
+        int(status[0]),
+        bool(np.isneginf(outcomes[columns:]).any()),
+        ends[:, 0],
+        history[0],
+    )
 
 
 def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
     """One call of the door of written kernels."""
     from sepmc.engine.blocks import fly  # noqa: PLC0415
 
-    model, nominal, drawn = plan.model, np.ascontiguousarray(plan.nominal), np.ascontiguousarray(draws.T)
+    model, nominal, drawn = (
+        plan.model,
+        np.ascontiguousarray(plan.nominal),
+        np.ascontiguousarray(draws.T),
+    )
     if plan.scene.solver.step is not None:
-        times, steps, pace = int(steps.max()), np.full(kernel.stages, _NO_LIMIT), np.full(kernel.stages, plan.scene.solver.step)
+        times, steps, pace = (
+            int(steps.max()),
+            np.full(kernel.stages, _NO_LIMIT),
+            np.full(kernel.stages, plan.scene.solver.step),
+        )
     else:
         times, pace = 1, np.zeros(kernel.stages)
     fly(
-        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace, times, usual, every, outcomes, ends, history,
+        kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
+        times, usual, every, outcomes, ends, history,
         status,
     )  # fmt: skip
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """A whole number in range; raises InputError (a ValueError) with the name, the value and what is allowed."""
+    """A whole number in range; raises InputError (a ValueError) with the name, the value and what
+    is allowed."""
     try:
         if isinstance(value, bool):
             raise TypeError
@@ -141,7 +198,10 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     except TypeError:
         raise InputError(f"{name} = {value!r}: must be a whole number") from None
     if number < least or (most is not None and number > most):
-        raise InputError(f"{name} = {number}: must be >= {least}" + (f" and <= {most}" if most is not None else ""))
+        raise InputError(
+            f"{name} = {number}: must be >= {least}"
+            + (f" and <= {most}" if most is not None else "")
+        )
     return number
 
 
@@ -149,7 +209,10 @@ def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
     """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
     most = 10 * MOST_ROWS
     if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
-        raise InputError(f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there are at most {most} rows")
+        raise InputError(
+            f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there "
+            f"are at most {most} rows"
+        )
 
 
 def check_threads(threads: int | None) -> int | None:
@@ -159,7 +222,9 @@ def check_threads(threads: int | None) -> int | None:
     from sepmc.engine.blocks import max_threads  # noqa: PLC0415
 
     if isinstance(threads, bool) or not 1 <= threads <= max_threads():
-        raise InputError(f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine")
+        raise InputError(
+            f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine"
+        )
     return threads
 
 
@@ -175,7 +240,8 @@ _interpreting = False
 
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
-    """Fly kernels that are loaded meanwhile as plain Python: nothing is compiled, a case takes milliseconds instead of microseconds."""
+    """Fly kernels that are loaded meanwhile as plain Python: nothing is compiled, a case takes
+    milliseconds instead of microseconds."""
     global _interpreting  # noqa: PLW0603
     before, _interpreting = _interpreting, wanted
     try:
@@ -198,7 +264,8 @@ def _now_and_then(announce: Callable[[str], None] | None) -> Callable[[int, int]
 
 
 def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
-    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there what of it is not yet."""
+    """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there
+    what of it is not yet."""
     if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.engine import interpreted as plain  # noqa: PLC0415
 
@@ -210,6 +277,9 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
     left = len(cache.missing(names))
     if left:
         if announce:
-            announce(f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some ten seconds) ...")
+            announce(
+                f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some "
+                "ten seconds) ..."
+            )
         cache.compile_apart(names, _now_and_then(announce))
     return cache.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])

@@ -1,8 +1,10 @@
-"""Written kernels as plain Python: the same text, one lane, nothing compiled. For a few cases of a new scene, and for a debugger.
+"""Written kernels as plain Python: the same text, one lane, nothing compiled. For a few cases of a
+new scene, and for a debugger.
 
-The formulas that a text calls are imported a second time with the compiler off; the compiled ones stay as they are. Numbers are Python's
-own, with which plain Python is three times as fast as with numpy's. What these would do and Python's would not is put in on the way:
-division by zero, roots and powers without an answer.
+The formulas that a text calls are imported a second time with the compiler off; the compiled ones
+stay as they are. Numbers are Python's own, with which plain Python is three times as fast as with
+numpy's. What these would do and Python's would not is put in on the way: division by zero, roots
+and powers without an answer.
 """
 
 import ast
@@ -61,15 +63,23 @@ class Rows:
 
 
 def in_numbers(array: np.ndarray, kept: bool = False) -> Any:
-    """What a kernel is given for an array: a list that reads fast, or what is written to the array if it is to be ``kept``."""
+    """What a kernel is given for an array: a list that reads fast, or what is written to the array
+    if it is to be ``kept``."""
     if array.dtype.names is not None:
-        return [SimpleNamespace(**{name: row[name].item() for name in array.dtype.names}) for row in array]
+        return [
+            SimpleNamespace(**{name: row[name].item() for name in array.dtype.names})
+            for row in array
+        ]
     return Numbers(array.tolist()) if array.ndim == 1 and not kept else Table(array)
 
 
 def _over(a: float, b: float) -> float:
     """A number over zero."""
-    return math.nan if a == 0.0 or math.isnan(a) else math.copysign(math.inf, a) * math.copysign(1.0, b)
+    return (
+        math.nan
+        if a == 0.0 or math.isnan(a)
+        else math.copysign(math.inf, a) * math.copysign(1.0, b)
+    )
 
 
 def _power(a: float, b: float) -> float:
@@ -89,7 +99,8 @@ def _rounded(to: Any) -> Any:
 
 _MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan})
 _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _rounded(math.ceil)})
-_ON_ARRAYS = {"search_clearance"}  # stages that take parts of the workspace for arrays, and have one of their own
+# stages that take parts of the workspace for arrays, and have one of their own
+_ON_ARRAYS = {"search_clearance"}
 
 
 class _Divisions(ast.NodeTransformer):
@@ -120,14 +131,20 @@ class _Divisions(ast.NodeTransformer):
         name = f"_divisor_{self.count}"
         divisor, there = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
         other = new(ast.Call(new(ast.Name("_over", ast.Load())), [left, there], []))
-        return new(ast.IfExp(new(ast.NamedExpr(divisor, right)), new(ast.BinOp(left, ast.Div(), there)), other))
+        return new(
+            ast.IfExp(
+                new(ast.NamedExpr(divisor, right)), new(ast.BinOp(left, ast.Div(), there)), other
+            )
+        )
 
 
 def _compiled(text: str, name: str) -> Any:
     """Python's code of a text whose functions divide safely."""
     tree, divisions, lines = ast.parse(text), _Divisions(), text.splitlines()
     for k, node in enumerate(tree.body):
-        if isinstance(node, ast.FunctionDef) and any("/" in line or "**" in line for line in lines[node.lineno - 1 : node.end_lineno]):
+        if isinstance(node, ast.FunctionDef) and any(
+            "/" in line or "**" in line for line in lines[node.lineno - 1 : node.end_lineno]
+        ):
             tree.body[k] = divisions.visit(node)
     return compile(tree, name, "exec")
 
@@ -145,7 +162,9 @@ class _Loader(importlib.machinery.SourceFileLoader):
 
 
 class _Finder(importlib.abc.MetaPathFinder):
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> importlib.machinery.ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: Any, target: Any = None
+    ) -> importlib.machinery.ModuleSpec | None:
         if not _is_ours(fullname):
             return None
         spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)
@@ -197,7 +216,9 @@ def load(text: str) -> Kernel:
             _in_python(plain)
         vars(module).update(np=SimpleNamespace(**vars(_NUMPY) | {"zeros": Rows}))
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
-        _loaded[text] = Kernel(guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module)
+        _loaded[text] = Kernel(
+            guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module
+        )
     return _loaded[text]
 
 
@@ -217,7 +238,8 @@ def _in_python(module: ModuleType) -> None:
 
 
 def _solve_lu(w: list[float], a: int, b: int, n: int, dependent: float) -> float:
-    """`linear.solve_lu`, rows as arrays: the same operations in the same order, ten times as fast for 78 unknowns."""
+    """`linear.solve_lu`, rows as arrays: the same operations in the same order, ten times as fast
+    for 78 unknowns."""
     matrix, known = np.array(w[a : a + n * n]).reshape(n, n), np.array(w[b : b + n])
     largest = np.fmax.reduce(abs(matrix), axis=1, initial=0.0)
     if not (largest > 0.0).all():

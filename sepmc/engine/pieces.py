@@ -1,6 +1,8 @@
-"""Pieces of written kernels: functions of a workspace and numbers, compiled each for itself, that call each other by address.
+"""Pieces of written kernels: functions of a workspace and numbers, compiled each for itself, that
+call each other by address.
 
-The addresses of a kernel's pieces stand in front of its workspace, so that whoever has the workspace can call them all.
+The addresses of a kernel's pieces stand in front of its workspace, so that whoever has the
+workspace can call them all.
 """
 
 from typing import Any
@@ -23,12 +25,16 @@ def workspace(address):
 
 
 def piece(codes: str) -> Any:
-    """Compile, at once, a function of a workspace's address and numbers ("i" whole, "f" floating; "a" arrays); kept on disk."""
-    return compiled_piece(types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes)))
+    """Compile, at once, a function of a workspace's address and numbers ("i" whole, "f" floating;
+    "a" arrays); kept on disk."""
+    return compiled_piece(
+        types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes))
+    )
 
 
 def callee(place: int, codes: str) -> Any:
-    """What calls the piece whose address stands at a place of the table, with a workspace and numbers."""
+    """What calls the piece whose address stands at a place of the table, with a workspace and
+    numbers."""
 
     def typer(typing_context, w, *numbers):
         def generate(context, builder, signature, values):
@@ -61,7 +67,8 @@ def _taking(count: int, typer: Any) -> Any:
 
 
 def table(addresses: list[int]) -> np.ndarray:
-    """Addresses in the order in which they stand in front of a workspace: the last first, after what fills up a line of memory."""
+    """Addresses in the order in which they stand in front of a workspace: the last first, after
+    what fills up a line of memory."""
     room = -len(addresses) % GRAIN
     return np.array([*room * [0], *reversed(addresses)], dtype=np.int64)
 

@@ -8,8 +8,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Kernel:
-    """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last is entered, the size of its
-    workspace, how many guards and stages it has, and sudden changes that it tells the times of; or a module of plain Python."""
+    """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last
+    is entered, the size of its workspace, how many guards and stages it has, and sudden changes
+    that it tells the times of; or a module of plain Python."""
 
     address: int = 0
     size: int = 0

@@ -1,4 +1,5 @@
-"""Lines of a kernel that fly a block of cases: phase after phase, hand-over between them, results; and its entry."""
+"""Lines of a kernel that fly a block of cases: phase after phase, hand-over between them, results;
+and its entry."""
 
 import functools
 import math
@@ -17,27 +18,45 @@ from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
 _SAME_TIME = 1e-12  # s
-_GOES_ON = "w[LOST + l] <= 0.0"  # of a lane: no status has ended its case (what only needs more care goes on)
-_LEAST_SHARE = 2.0**-16  # of the time left: a stretch where a load usually ends a phase at once, for the cases in which it does not
+# of a lane: no status has ended its case (what only needs more care goes on)
+_GOES_ON = "w[LOST + l] <= 0.0"
+# of the time left: a stretch where a load usually ends a phase at once, for the cases in which it
+# does not
+_LEAST_SHARE = 2.0**-16
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
 _ARGUMENTS = (
-    ("nominal, slots, draws, steps, usual", "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)"),
+    (
+        "nominal, slots, draws, steps, usual",
+        "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)",
+    ),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    ("scene, integers, numbers, pace, times", "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13), indices(a, 14)"),
+    (
+        "scene, integers, numbers, pace, times",
+        "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13), indices(a, 14)",
+    ),
 )
 
 
 def emit_block(out: Text, c: Context) -> None:
-    """The function that flies a block, with its arrays in the order of `sepmc.engine.blocks.fly`."""
-    says = "Fly the cases of a block, LANES from number ``first`` on; ``a`` holds the arrays that come in and go out."
+    """The function that flies a block, with its arrays in the order of
+    `sepmc.engine.blocks.fly`."""
+    says = (
+        "Fly the cases of a block, LANES from number ``first`` on; ``a`` holds the arrays that "
+        "come in and go out."
+    )
     text = out.function("fly_block(w, first: int, a: Arrays)", says)
     for names, arrays in _ARGUMENTS:
         text(f"{names} = {arrays}")
     text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
     text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
-    text.block("for l in range(LANES):  # the last block is filled up with its last case")("w[UNSOUND + l] = 0.0")
+    text.block("for l in range(LANES):  # the last block is filled up with its last case")(
+        "w[UNSOUND + l] = 0.0"
+    )
     inner = text.block("for k in range(slots.shape[0]):").lanes()
-    inner("value = draws[k, min(first + l, draws.shape[1] - 1)]", "w[P + slots[k] * LANES + l] = value")
+    inner(
+        "value = draws[k, min(first + l, draws.shape[1] - 1)]",
+        "w[P + slots[k] * LANES + l] = value",
+    )
     inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
     text("prepare(w)")
     if c.shape.borders:
@@ -46,7 +65,10 @@ def emit_block(out: Text, c: Context) -> None:
         text("centre(w, 0.0)")
     if c.shape.switches:
         text("m = Model(scene, integers, numbers)")
-        text(f"p = np.zeros((LANES, {int(c.model.size_w)}))  # as `sepmc.routines.stretches` reads it")
+        text(
+            f"p = np.zeros((LANES, {int(c.model.size_w)}))  # as `sepmc.routines.stretches` reads "
+            "it"
+        )
         text.lanes().block("for k in range(nominal.shape[0]):")("p[l, k] = w[P + k * LANES + l]")
     text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
     for number, stage in enumerate(c.shape.stages):
@@ -82,11 +104,16 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         _stretch(text, c, number, stage)
     if stage.rows:
         text(f"correct_{stage.name}(w)")
-        text.block("for e in range(4 * LANES):")("w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])")
+        text.block("for e in range(4 * LANES):")(
+            "w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])"
+        )
     scope = c.scope()
     c.slabs.add(f"ENDED_{stage.name}", 1)
     if number:
-        lose(scope, scope.load("T") >= scope.load(f"ENDED_{c.shape.stages[number - 1].name}") - _SAME_TIME)
+        lose(
+            scope,
+            scope.load("T") >= scope.load(f"ENDED_{c.shape.stages[number - 1].name}") - _SAME_TIME,
+        )
     scope.store(f"ENDED_{stage.name}", scope.load("T"))
     scope.write(text)
     if number + 1 < len(c.shape.stages):
@@ -158,13 +185,22 @@ def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
     scope.write(text)
 
 
-def _holds(scope: Scope, c: Context, stage: str, clauses: list[tuple[int, ...]], times: dict[int, tuple[int, ...]]) -> Value:
-    """Whether any of clauses is met, each all of conditions; of these ``times`` that have come are noted."""
+def _holds(
+    scope: Scope,
+    c: Context,
+    stage: str,
+    clauses: list[tuple[int, ...]],
+    times: dict[int, tuple[int, ...]],
+) -> Value:
+    """Whether any of clauses is met, each all of conditions; of these ``times`` that have come are
+    noted."""
     now, flags = scope.load("T"), {}
     for number in numbers_of(clauses):
         flags[number] = scope.load(met(stage, number)) > 0.0
     for number, places in times.items():
-        flags[number] = flags[number] | (now >= total([c.case.number(place) for place in places]) - _SAME_TIME)
+        flags[number] = flags[number] | (
+            now >= total([c.case.number(place) for place in places]) - _SAME_TIME
+        )
         scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
     found = None
     for clause in clauses:
@@ -184,7 +220,9 @@ def _note_told(text: Text, c: Context, stage: Stage) -> None:
             c.start(met(APART, number), 0.0)
         place = f"COMES_{release.name}"
         c.start(place, math.inf)
-        told = _holds(scope, c, APART, release.clauses, release.times) & scope.load(place).equals(math.inf)
+        told = _holds(scope, c, APART, release.clauses, release.times) & scope.load(place).equals(
+            math.inf
+        )
         scope.store(place, where(told, scope.load("T"), scope.load(place)))
     scope.write(text)
 
@@ -198,13 +236,16 @@ def _check_start(text: Text, c: Context) -> None:
 
 
 def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
-    """A time that is past as its phase begins ends it at once; a joint that lets go late is late from then on."""
+    """A time that is past as its phase begins ends it at once; a joint that lets go late is late
+    from then on."""
     scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
     now = scope.load("T")
     if stage.after_late:  # its end came while a late joint held on
         lose(scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), at.ANY_ORDER)
     until = scalar.larger(time, now)
-    scope.store(f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay))
+    scope.store(
+        f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay)
+    )
     scope.write(text)
 
 
@@ -219,7 +260,8 @@ def _begin_late(text: Text, c: Context, stage: Stage) -> None:
 
 
 def _stand_still(text: Text, c: Context) -> None:
-    """A start may not turn where a joint holds the vehicle's attitude to the ground: rows that would tell are left out."""
+    """A start may not turn where a joint holds the vehicle's attitude to the ground: rows that
+    would tell are left out."""
     scope = c.scope()
     omega = scope.load(f"Y + OMEGA_{c.shape.bodies[0]}", 3)
     lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
@@ -240,10 +282,19 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
             waits = _kind(scope, c, joint) < float(change.to)
             end = where(waits & (due < end), scalar.larger(due, now), end)
     times = [(met(stage.name, number), places) for number, places in stage.times.items()]
-    times += [(met(APART, number), places) for release in stage.releases for number, places in release.times.items()]
+    times += [
+        (met(APART, number), places)
+        for release in stage.releases
+        for number, places in release.times.items()
+    ]
     for flag, places in times:
-        comes, waits = total([c.case.number(place) for place in places]), scope.load(flag).equals(0.0)
-        end = where(waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end)
+        comes, waits = (
+            total([c.case.number(place) for place in places]),
+            scope.load(flag).equals(0.0),
+        )
+        end = where(
+            waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end
+        )
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
     for event in stage.events:
@@ -278,7 +329,9 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
     size, awaited, noted = f"{c.shape.active(stage)} * LANES", _awaited(stage), _noted(c, number)
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     inner(f"advance(w, {number}, {size}, left, usual[{number}])", *awaited)
-    if has_tables(c.shape) or any(joint.guide is not None for joint in c.shape.scene.joint.values()):
+    if has_tables(c.shape) or any(
+        joint.guide is not None for joint in c.shape.scene.joint.values()
+    ):
         inner("going = False")
         inner.lanes()(f"going = going or {_GOES_ON}")
         inner.block("if not going:")("break")
@@ -287,20 +340,29 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
         return
     if noted:
         inner.block("if left > 1:")(*noted)
-    text(f"approach(w, {number}, {size})", *awaited, *noted)  # of the last step only what comes before the event counts
+    # of the last step only what comes before the event counts
+    text(f"approach(w, {number}, {size})", *awaited, *noted)
 
 
 def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
-    """Each lane in as many steps as it needs for none to be longer than its pace, so many times, but in no more than the phase has."""
+    """Each lane in as many steps as it needs for none to be longer than its pace, so many times,
+    but in no more than the phase has."""
     size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
     if stage.waits_for_load:
-        inner(f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T + l]))")
+        inner(
+            f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T "
+            "+ l]))"
+        )
     text("going = True")
     inner = text.block("while going:")
-    inner(f"advance(w, {number}, {size}, 1, usual[{number}])", *([f"break_{stage.name}(w)"] if stage.loads else []), *awaited)
+    inner(
+        f"advance(w, {number}, {size}, 1, usual[{number}])",
+        *([f"break_{stage.name}(w)"] if stage.loads else []),
+        *awaited,
+    )
     if stage.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
@@ -321,7 +383,9 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
     for joint in stage.masked:
         before = kind = _kind(scope, c, joint)
         for change, due in _due(scope, c, stage, joint):
-            kind = where((now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind)
+            kind = where(
+                (now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind
+            )
         scope.store(f"KIND_{joint}", kind)
         _note_change(scope, c, joint, before, kind)
         for free in stage.free(joint):
@@ -340,8 +404,8 @@ def _note_change(scope: Scope, c: Context, joint: str, before: Value, kind: Valu
 
 
 def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Value | None) -> None:
-    """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far: when, and the rates of its bodies if they
-    are asked for."""
+    """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far:
+    when, and the rates of its bodies if they are asked for."""
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time
@@ -355,13 +419,17 @@ def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Valu
 
 
 def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
-    """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and these rates."""
+    """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and
+    these rates."""
     if joint in c.shape.scene.output.tip_off:
         for body in c.shape.scene.joint[joint].bodies:
             if body != GROUND:
                 c.slabs.add(f"TIP_OFF_{joint}_{body}", 3, optional=True)
                 leader = stage.leader(body)
-                yield f"TIP_OFF_{joint}_{body}", ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3)
+                yield (
+                    f"TIP_OFF_{joint}_{body}",
+                    ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
+                )
 
 
 def _noted(c: Context, number: int) -> list[str]:
@@ -387,10 +455,15 @@ def _switches(text: Text, c: Context) -> None:
 
 
 def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
-    """From a phase to the next: who did not get there before the end, attitudes of bodies that part, what is noted of a release."""
+    """From a phase to the next: who did not get there before the end, attitudes of bodies that
+    part, what is noted of a release."""
     scope = c.scope()
     now = scope.load("T")
-    ended = scope.load("DONE") > 0.0 if stage.ends_by_state else now >= scope.load(f"UNTIL_{stage.name}")
+    ended = (
+        scope.load("DONE") > 0.0
+        if stage.ends_by_state
+        else now >= scope.load(f"UNTIL_{stage.name}")
+    )
     lose(scope, ended | (now >= scope.load("RUN_END")))
     scope.store("UNRELEASED", where(ended, scope.load("UNRELEASED"), 1.0))
     for leader in after.leaders:
@@ -407,7 +480,9 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
     for joint, kinds in after.may.items():
         masked, to = joint in c.shape.masked, min(kinds)
         if stage.holds(joint) and not kinds[to]:
-            _note_release(scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None)
+            _note_release(
+                scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None
+            )
         if masked and to > min(stage.may[joint]):
             kind = _kind(scope, c, joint)
             changed = where(ended & (kind < float(to)), float(to), kind)

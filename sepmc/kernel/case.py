@@ -1,4 +1,5 @@
-"""What depends on the parameters of a case alone: masses, inertias, arms, the start. Computed once, before its flight."""
+"""What depends on the parameters of a case alone: masses, inertias, arms, the start. Computed once,
+before its flight."""
 
 from typing import Any
 
@@ -10,7 +11,8 @@ from sepmc.scene.model import GROUND
 
 
 class Case:
-    """The parameters of a case and what follows from them, as Values of the scope that runs before a flight."""
+    """The parameters of a case and what follows from them, as Values of the scope that runs before
+    a flight."""
 
     def __init__(self, scope: Scope, shape: Shape):
         self.scope, self.shape, self.model = scope, shape, shape.plan.model.scene[0]
@@ -34,13 +36,18 @@ class Case:
         return (1.0 / self.mass(body)).called("inverse_mass")
 
     def centre_of_mass(self, body: str) -> Any:
-        """Layout point of a body's mass centre; the ground's own axes start at that of all bodies."""
+        """Layout point of a body's mass centre; the ground's own axes start at that of all
+        bodies."""
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
     def inertia(self, body: str) -> Value:
         """Inertia tensor of a body."""
         p = self.body(body)
-        return vehicle.inertia_tensor(self.number(p + at.INERTIA_FACTOR), self.vector(p + at.INERTIA), self.vector(p + at.PRODUCTS))
+        return vehicle.inertia_tensor(
+            self.number(p + at.INERTIA_FACTOR),
+            self.vector(p + at.INERTIA),
+            self.vector(p + at.PRODUCTS),
+        )
 
     def group_inertia(self, group: tuple[str, ...]) -> Value:
         """Inertia tensor of bodies that turn as one: their axes are parallel."""
@@ -59,32 +66,40 @@ class Case:
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
         for body in bodies[1:]:
             weighted = vec3.add(weighted, vec3.scale(self.mass(body), self.centre_of_mass(body)))
-        return vec3.scale(1.0 / total([self.mass(body) for body in bodies]), weighted).called("centre")
+        return vec3.scale(1.0 / total([self.mass(body) for body in bodies]), weighted).called(
+            "centre"
+        )
 
     @property
     def attitude(self) -> Value:
         """Quaternion of the vehicle at the start."""
-        return quat.from_angles(self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)).called("start")
+        return quat.from_angles(
+            self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
+        ).called("start")
 
     @property
     def velocity(self) -> Value:
         """Velocity of the vehicle's mass centre at the start, ground axes."""
-        path = vehicle.flight_direction(self.number(at.PITCH) - self.number(at.ALPHA), self.number(at.PATH_YAW))
+        path = vehicle.flight_direction(
+            self.number(at.PITCH) - self.number(at.ALPHA), self.number(at.PATH_YAW)
+        )
         return vec3.scale(self.number(at.SPEED), path).called("velocity")
 
     @property
     def stream(self) -> Value:
-        """What the flow around a body has besides the body's own speed: that of the start, less the wind that is the same
-        at all heights."""
+        """What the flow around a body has besides the body's own speed: that of the start, less the
+        wind that is the same at all heights."""
         moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
         return vec3.sub(self.velocity, moving).called("stream")
 
     def ends(self, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[Any, Any, Any]:
-        """Arms of two bodies to the pair of points whose parameters start at ``start``, and the gap between the points, body axes."""
+        """Arms of two bodies to the pair of points whose parameters start at ``start``, and the gap
+        between the points, body axes."""
         first = self.vector(start + at.POINT)
         second = self.vector(start + at.SECOND_POINT) if has_second else first
         one, other = (
-            vehicle.arm(self.centre_of_mass(body), point).called("end") for body, point in zip(bodies, (first, second), strict=True)
+            vehicle.arm(self.centre_of_mass(body), point).called("end")
+            for body, point in zip(bodies, (first, second), strict=True)
         )
         return one, other, vehicle.arm(first, second) if has_second else ZERO
 

@@ -13,7 +13,8 @@ from sepmc.scene.model import GROUND, Clearance
 
 
 def emit_clearances(out: Text, c: Context) -> None:
-    """A function that searches the step of a lane, and for every phase one that searches those of all."""
+    """A function that searches the step of a lane, and for every phase one that searches those of
+    all."""
     powers, entries = c.method.dense.shape[1], c.shape.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(part("CLEARANCES", k), math.nan)
@@ -23,11 +24,17 @@ def emit_clearances(out: Text, c: Context) -> None:
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):
             c.case.scope.store(part("CENTRES", 6 * i + 3 * k), c.case.centre_of_mass(body))
-    says = "Search the step of a lane for less than a clearance so far: see `sepmc.routines.clearances.search_clearance`."
+    says = (
+        "Search the step of a lane for less than a clearance so far: see "
+        "`sepmc.routines.clearances.search_clearance`."
+    )
     out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
     for stage in c.shape.stages:
         if which := c.counted(stage):
-            text = out.function(f"clearances_{stage.name}(w)", f"Search the step just made in phase {stage.name} for the least clearances.")
+            text = out.function(
+                f"clearances_{stage.name}(w)",
+                f"Search the step just made in phase {stage.name} for the least clearances.",
+            )
             for i in which:
                 _search(text, c, stage, i, entries[i])
 
@@ -44,7 +51,9 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         s.scope.store(part("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
         for k, body in enumerate(entry.bodies):
             turning = _attitude(s, body, q)
-            s.scope.store(part("PATH", at.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4)))
+            s.scope.store(
+                part("PATH", at.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4))
+            )
         share = share * reach
     s.scope.write(text)
     model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
@@ -53,11 +62,14 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         counts += f" and ({among(entry.after, stage.free(entry.after))})"
     text = text.lanes().block(f"if {counts}:")
     text(
-        f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * w[LENGTH + l]",
+        f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
+        "w[LENGTH + l]",
         f"w[JOB + {at.JOB_POWERS}] = {powers}",
     )
     for k, body in enumerate(entry.bodies):
-        first, count = (int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2))
+        first, count = (
+            int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
+        )
         place = at.JOB_PARTS + 2 * k
         text(f"w[JOB + {place}], w[JOB + {place + 1}] = SHARED + {first}, {count}")
     for slab, first, place, count in (
@@ -65,10 +77,15 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES),
         ("PATH", 0, at.JOB_PATH, powers * at.PATH),
     ):
-        text.block(f"for k in range({count}):")(f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]")
+        text.block(f"for k in range({count}):")(
+            f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]"
+        )
     text("clearance(w, JOB)")
     inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
-    inner(f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} + k]")
+    inner(
+        f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} "
+        "+ k]"
+    )
     text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 

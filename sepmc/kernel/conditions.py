@@ -1,4 +1,5 @@
-"""Conditions that end phases and let joints go, as tables a kernel reads: events, met when one of their clauses is."""
+"""Conditions that end phases and let joints go, as tables a kernel reads: events, met when one of
+their clauses is."""
 
 import itertools
 import math
@@ -7,12 +8,19 @@ from dataclasses import dataclass, field
 from sepmc.routines import layout as at
 from sepmc.scene.model import Scene, Until
 
-_ON_JOINT = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "force": at.AT_FORCE, "moment": at.AT_MOMENT}
+_ON_JOINT = {
+    "stroke": at.AT_STROKE,
+    "distance": at.AT_DISTANCE,
+    "angle": at.AT_ANGLE,
+    "force": at.AT_FORCE,
+    "moment": at.AT_MOMENT,
+}
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """One comparison: what, of which joint, motor, body or spring, for which event; the path of its threshold, if it has one."""
+    """One comparison: what, of which joint, motor, body or spring, for which event; the path of its
+    threshold, if it has one."""
 
     what: int
     which: str
@@ -22,7 +30,8 @@ class Leaf:
 
 @dataclass
 class Conditions:
-    """``events`` (first clause, clauses), ``clauses`` (first leaf, leaves) and ``clause_leaves``, flat.
+    """``events`` (first clause, clauses), ``clauses`` (first leaf, leaves) and ``clause_leaves``,
+    flat.
 
     Events: the end of each phase, each release, the stroke of each spring.
     """
@@ -65,18 +74,23 @@ class Conditions:
         for number, item in enumerate(until.any):
             found += self._clauses(item, f"{path}.any.{number}")
         if until.all:
-            parts = [self._clauses(item, f"{path}.all.{number}") for number, item in enumerate(until.all)]
+            parts = [
+                self._clauses(item, f"{path}.all.{number}") for number, item in enumerate(until.all)
+            ]
             found += [list(itertools.chain(*choice)) for choice in itertools.product(*parts)]
         return found
 
 
 def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Conditions:
-    """Every condition of a scene some of whose parameters, by path, are dispersed: a stroke may come from there alone."""
+    """Every condition of a scene some of whose parameters, by path, are dispersed: a stroke may
+    come from there alone."""
     conditions = Conditions()
     for phase in scene.phase:
         conditions.add(phase.until, f"phase.{phase.name}.until")
     for release in scene.release:
         conditions.add(release.when, f"release.{release.name}.when")
     for spring in scene.spring:
-        conditions.add_stroke(spring.name, math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed)
+        conditions.add_stroke(
+            spring.name, math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed
+        )
     return conditions

@@ -16,13 +16,15 @@ from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 class Context:
     """What a module is written for, and what its parts have asked for so far.
 
-    Any part may add slabs, and ask for Values of the ``case``, which are computed before a flight. The function that does this and the
-    constants of the slabs are therefore written last.
+    Any part may add slabs, and ask for Values of the ``case``, which are computed before a flight.
+    The function that does this and the constants of the slabs are therefore written last.
     """
 
     shape: Shape
     method: Method
-    history: int  # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of `sepmc.routines.layout`
+    # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of
+    # `sepmc.routines.layout`
+    history: int
     slabs: Slabs = field(default_factory=Slabs)
 
     def __post_init__(self):
@@ -30,16 +32,26 @@ class Context:
 
     @property
     def sudden(self) -> list[str]:
-        """Slabs of the times within stages on both sides of which a full history has rows: joints take another of their kinds, springs end
-        their strokes."""
+        """Slabs of the times within stages on both sides of which a full history has rows: joints
+        take another of their kinds, springs end their strokes."""
         if self.history != FULL_HISTORY:
             return []
-        return [went(*change) for change in self.shape.changing] + [spent(spring) for spring in self.shape.spent]
+        return [went(*change) for change in self.shape.changing] + [
+            spent(spring) for spring in self.shape.spent
+        ]
 
     @property
     def followed(self) -> tuple[str, ...]:
-        """Joints whose loads are computed between the ends of steps: those that are watched, then those that break."""
-        return tuple(dict.fromkeys([*self.watched, *(load.which for stage in self.shape.stages for load in stage.loads)]))
+        """Joints whose loads are computed between the ends of steps: those that are watched, then
+        those that break."""
+        return tuple(
+            dict.fromkeys(
+                [
+                    *self.watched,
+                    *(load.which for stage in self.shape.stages for load in stage.loads),
+                ]
+            )
+        )
 
     def layer(self, body: str) -> str:
         """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
@@ -47,12 +59,13 @@ class Context:
 
     @property
     def idles(self) -> bool:
-        """Whether lanes may be through with a stage before others: steps of no length then leave a case as it is, to the last bit."""
+        """Whether lanes may be through with a stage before others: steps of no length then leave a
+        case as it is, to the last bit."""
         return any(self.paces(stage) for stage in self.shape.stages)
 
     def paces(self, stage: Stage) -> bool:
-        """Whether lanes go through a phase each in steps of its own, and not all in as many: where events and switches divide it, or steps
-        are to be no longer than so many seconds."""
+        """Whether lanes go through a phase each in steps of its own, and not all in as many: where
+        events and switches divide it, or steps are to be no longer than so many seconds."""
         return stage.stops > 1 or self.shape.scene.solver.step is not None
 
     @property
@@ -73,14 +86,15 @@ class Context:
 
     @property
     def node_size(self) -> int:
-        """Numbers that are followed: force and moment of joints; of guides what drives them, and the forces of each pin at both ends, if
-        friction held the guide and as they are."""
+        """Numbers that are followed: force and moment of joints; of guides what drives them, and
+        the forces of each pin at both ends, if friction held the guide and as they are."""
         return 6 * len(self.followed) + 3 * sum(1 + 4 * self.pins(joint) for joint in self.guides)
 
     @property
     def noted_of_guides(self) -> Iterator[tuple[str, int, int, list[int]]]:
-        """Of every guide that is followed: where its numbers start among those at a node; in GUIDES, where the time stands for which it
-        slid, with the least friction that jams behind it, and the peaks of both ends of each pin."""
+        """Of every guide that is followed: where its numbers start among those at a node; in
+        GUIDES, where the time stands for which it slid, with the least friction that jams behind
+        it, and the peaks of both ends of each pin."""
         first, place = 6 * len(self.followed), 0
         for joint in self.guides:
             ends = 2 * self.pins(joint)
@@ -88,7 +102,8 @@ class Context:
             first, place = first + 3 * (1 + 2 * ends), place + 2 + 3 * ends
 
     def watches(self, stage: Stage) -> bool:
-        """Whether a joint whose loads are asked for holds something in a phase, or pins may slide that are."""
+        """Whether a joint whose loads are asked for holds something in a phase, or pins may slide
+        that are."""
         return any(map(stage.holds, self.watched)) or any(map(stage.sliding, self.guides))
 
     def carries(self, stage: Stage) -> bool:
@@ -102,7 +117,12 @@ class Context:
 
     def notes(self, stage: Stage) -> bool:
         """Whether states between the ends of a step are needed in a phase."""
-        return bool(self.history) or self.watches(stage) or bool(self.counted(stage)) or bool(stage.loads)
+        return (
+            bool(self.history)
+            or self.watches(stage)
+            or bool(self.counted(stage))
+            or bool(stage.loads)
+        )
 
     @property
     def extends(self) -> bool:
@@ -116,15 +136,23 @@ class Context:
 
     @property
     def guards(self) -> list[str]:
-        """Numbers that tell how hard a case is to integrate. Of every body, what a step may do wrong to its velocity V, attitude Q and rate
-        OMEGA; of every event, how long its condition takes for a metre or a radian: the error of its time."""
+        """Numbers that tell how hard a case is to integrate. Of every body, what a step may do
+        wrong to its velocity V, attitude Q and rate OMEGA; of every event, how long its condition
+        takes for a metre or a radian: the error of its time."""
         doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
-        events = [(stage, event) for stage in self.shape.stages for event in (*stage.events, *stage.loads)]
-        return [*doubts, *(f"{stage.name}_{event.name}" for stage, event in events), *self.load_guards]
+        events = [
+            (stage, event) for stage in self.shape.stages for event in (*stage.events, *stage.loads)
+        ]
+        return [
+            *doubts,
+            *(f"{stage.name}_{event.name}" for stage, event in events),
+            *self.load_guards,
+        ]
 
     @property
     def load_guards(self) -> list[str]:
-        """Of every joint that is watched, how sharply its force and its moment turn within a step (`peaks.note_size`)."""
+        """Of every joint that is watched, how sharply its force and its moment turn within a step
+        (`peaks.note_size`)."""
         return [f"load_{what}_{joint}" for joint in self.watched for what in ("force", "moment")]
 
     def guard(self, name: str) -> str:
@@ -177,7 +205,8 @@ def height(scope: Scope, body: str) -> Value:
 
 
 def lose(scope: Scope, unless: Value, status: int = FINER_STEPS) -> None:
-    """A case that is not lost yet is, where a condition does not hold: with a status, or for finer steps or another kernel to tell."""
+    """A case that is not lost yet is, where a condition does not hold: with a status, or for finer
+    steps or another kernel to tell."""
     _lose(scope, where(unless, 0.0, float(status)))
 
 
@@ -193,4 +222,7 @@ def _lose(scope: Scope, status: Value) -> None:
 
 def lost_unless(condition: str, status: int = FINER_STEPS) -> str:
     """The line for it, for a lane."""
-    return f"w[LOST + l] = {float(status)} if w[LOST + l] == 0.0 and not ({condition}) else w[LOST + l]"
+    return (
+        f"w[LOST + l] = {float(status)} if w[LOST + l] == 0.0 and not ({condition}) else "
+        "w[LOST + l]"
+    )

@@ -11,37 +11,59 @@ def lines(plan: Plan) -> list[str]:
     """A line for each thing a scene contains."""
     scene, m = plan.scene, plan.model.scene[0]
     found = [
-        f"bodies       {len(plan.bodies)}: {', '.join(plan.bodies)}" + (" (and the ground)" if m.ground >= 0 else ""),
-        f"joints       {len(plan.joints)}: " + _names(f"{j} ({a} - {b})" for j, (a, b) in plan.joints.items()),
-        f"motors       {m.n_motors}: " + _names(f"{motor.name} ({_push(motor)})" for motor in scene.motor),
+        f"bodies       {len(plan.bodies)}: {', '.join(plan.bodies)}"
+        + (" (and the ground)" if m.ground >= 0 else ""),
+        f"joints       {len(plan.joints)}: "
+        + _names(f"{j} ({a} - {b})" for j, (a, b) in plan.joints.items()),
+        f"motors       {m.n_motors}: "
+        + _names(f"{motor.name} ({_push(motor)})" for motor in scene.motor),
     ]
-    for what, items in (("springs", scene.spring), ("loads", scene.load), ("releases", scene.release), ("clearances", scene.clearance)):
+    for what, items in (
+        ("springs", scene.spring),
+        ("loads", scene.load),
+        ("releases", scene.release),
+        ("clearances", scene.clearance),
+    ):
         if items:
             found.append(f"{what:12s} {len(items)}: " + _names(item.name for item in items))
-    tables = sum(body.aerodynamics is not None and body.aerodynamics.table is not None for body in scene.body.values())
+    tables = sum(
+        body.aerodynamics is not None and body.aerodynamics.table is not None
+        for body in scene.body.values()
+    )
     found += [
-        f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} tables, {m.n_proximity} increments",
+        f"atmosphere   {scene.environment.atmosphere}, {m.n_terms} aerodynamic terms, {tables} "
+        f"tables, {m.n_proximity} increments",
         f"gravity      {scene.environment.gravity}",
-        f"solver       {scene.solver.formulation}, {scene.solver.method}, {_resolution(scene)}, drift {scene.solver.drift}",
+        f"solver       {scene.solver.formulation}, {scene.solver.method}, {_resolution(scene)}, "
+        f"drift {scene.solver.drift}",
     ]
     for phase in scene.phase:
         rows = sum(len(rows_of(scene.joint[j], kind)) for j, kind in phase.joints.items())
         ends = f"{scene.run.end_time:g} s" if phase.until is None else condition(phase.until)
         found.append(f"phase        {phase.name}: {rows} constraint rows, until {ends}")
     for release in scene.release:
-        found.append(f"release      {release.name}: {release.joint} becomes {release.to} when {condition(release.when)}")
+        found.append(
+            f"release      {release.name}: {release.joint} becomes {release.to} when "
+            f"{condition(release.when)}"
+        )
     return found
 
 
 def _resolution(scene: Scene) -> str:
     """What steps follow from."""
-    return f"accuracy {scene.solver.accuracy:g}" if scene.solver.step is None else f"step {scene.solver.step:g} s"
+    return (
+        f"accuracy {scene.solver.accuracy:g}"
+        if scene.solver.step is None
+        else f"step {scene.solver.step:g} s"
+    )
 
 
 def _push(motor: Motor) -> str:
     """Which way a motor pushes its body."""
     forward = float(np.cos(motor.cant))
-    return f"pushes {motor.body} " + ("forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways")
+    return f"pushes {motor.body} " + (
+        "forward" if forward > 0.5 else "aft" if forward < -0.5 else "sideways"
+    )
 
 
 def _names(names) -> str:
@@ -53,8 +75,14 @@ def condition(until: Until) -> str:
     parts = [f"{until.time:g} s"] if until.time is not None else []
     parts += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []
     parts += [f"{until.joint} at {1e3 * until.stroke:g} mm"] if until.stroke is not None else []
-    parts += [f"{until.joint} {1e3 * until.distance:g} mm away"] if until.distance is not None else []
-    parts += [f"{until.joint} turned by {np.degrees(until.angle):g} deg"] if until.angle is not None else []
+    parts += (
+        [f"{until.joint} {1e3 * until.distance:g} mm away"] if until.distance is not None else []
+    )
+    parts += (
+        [f"{until.joint} turned by {np.degrees(until.angle):g} deg"]
+        if until.angle is not None
+        else []
+    )
     parts += [f"force of {until.joint} {until.force:g} N"] if until.force is not None else []
     parts += [f"moment of {until.joint} {until.moment:g} N m"] if until.moment is not None else []
     parts += [f"{until.body} at {until.altitude:g} m height"] if until.altitude is not None else []

@@ -1,7 +1,8 @@
-"""Writes the kernel of one scene: a readable Python module that calls the physics this scene needs, in order, and nothing else.
+"""Writes the kernel of one scene: a readable Python module that calls the physics this scene needs,
+in order, and nothing else.
 
-The module flies LANES cases side by side. Sizes and places are constants in it, masses and coefficients are data: scenes of the same
-shape share it. `sepmc check --code` prints it.
+The module flies LANES cases side by side. Sizes and places are constants in it, masses and
+coefficients are data: scenes of the same shape share it. `sepmc check --code` prints it.
 """
 
 from sepmc.kernel.block import emit_block
@@ -18,7 +19,14 @@ from sepmc.kernel.motion import emit_correct, emit_rates
 from sepmc.kernel.outcomes import emit_report
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.start import ZERO_AT_FIRST, emit_prepare, shared_size
-from sepmc.kernel.steps import coefficients, emit_advance, emit_approach, emit_guard, emit_lengths, emit_settle
+from sepmc.kernel.steps import (
+    coefficients,
+    emit_advance,
+    emit_approach,
+    emit_guard,
+    emit_lengths,
+    emit_settle,
+)
 from sepmc.kernel.tables import has_tables_over_height, looks_up
 from sepmc.kernel.text import Text
 from sepmc.kernel.watch import emit_watch
@@ -34,34 +42,39 @@ import math
 
 import numpy as np
 
-from sepmc.physics import guides, joints, quat, springs, vec3
-from sepmc.routines import friction, linear, peaks
 from sepmc.jit import keep_apart, routine
-from sepmc.routines.arrays import Arrays, block, indices, record, table, vector
+from sepmc.kernel.methods import method
+from sepmc.physics import guides, joints, quat, springs, vec3
 from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles
-from sepmc.physics.atmosphere import NEAR, density_near, density_series, geopotential, geopotential_rise, sound_speed
-from sepmc.physics.atmosphere import geometric, layer
-from sepmc.routines.clearances import search_clearance
+from sepmc.physics.atmosphere import NEAR, density_near, density_series, geometric, geopotential
+from sepmc.physics.atmosphere import geopotential_rise, layer, sound_speed
 from sepmc.physics.elementary import arctan2, exponential
 from sepmc.physics.gravity import inverse_square, inverse_square_near
-from sepmc.routines.lanes import LANES, get3, get4, get6, get9, larger, largest3, largest4, nearest_turn, put3, put4, put6, put9, time_left
-from sepmc.routines.layout import Model
-from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY
-from sepmc.kernel.methods import method
 from sepmc.physics.propulsion import building_up, tail_off, thrust_arm, thrust_direction
 from sepmc.physics.quat import SINE_SINGULAR
-from sepmc.routines.splines import hold_cell, is_held, put_cell
-from sepmc.routines.stretches import next_break, set_stretch
 from sepmc.physics.us1976_table import R0, TOP
 from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.physics.wind import wind
+from sepmc.routines import friction, linear, peaks
+from sepmc.routines.arrays import Arrays, block, indices, record, table, vector
+from sepmc.routines.clearances import search_clearance
+from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
+from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
+from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
+from sepmc.routines.splines import hold_cell, is_held, put_cell
+from sepmc.routines.stretches import next_break, set_stretch
 '''
 
 
 def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of the module that flies scenes of a shape with a Runge-Kutta method; ``history`` is what it also writes over time: nothing,
-    separations (`SEPARATION_HISTORY`), or all there is to know (`FULL_HISTORY`)."""
-    context = Context(shape, method(method_name), history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY)
+    """Text of the module that flies scenes of a shape with a Runge-Kutta method; ``history`` is
+    what it also writes over time: nothing, separations (`SEPARATION_HISTORY`), or all there is to
+    know (`FULL_HISTORY`)."""
+    context = Context(
+        shape,
+        method(method_name),
+        history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY,
+    )
     body = _body(context)  # first: the head names all slabs that its parts add
     return "\n".join(_head(context).lines + body.lines) + "\n"
 
@@ -95,7 +108,8 @@ def _body(c: Context) -> Text:
     with c.slabs.optional():
         _optional(body, c)
     block = Text()
-    emit_block(block, c)  # it is entered, so it stands last; what comes before a flight is known when all else is written
+    # it is entered, so it stands last; what comes before a flight is known when all else is written
+    emit_block(block, c)
     emit_prepare(body, c)
     body.lines += block.lines
     return body
@@ -116,7 +130,8 @@ def _optional(body: Text, c: Context) -> None:
 
 def _first_slabs(c: Context) -> None:
     """Slabs that every module has."""
-    for name in ("Y", "S", "D", "STEP"):  # state; state of a stage, its derivative; length of the step, for every number of a state
+    # state; state of a stage, its derivative; length of the step, for every number of a state
+    for name in ("Y", "S", "D", "STEP"):
         c.slabs.add(name, c.size)
     for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "LOST", "LONGEST", *ZERO_AT_FIRST):
         c.slabs.add(name, 1)
@@ -127,25 +142,39 @@ def _first_slabs(c: Context) -> None:
             for name in ("PACE", "TIMES", "LEFT", "FIRST", "WAY", "HELD_BACK", "USUALLY"):
                 c.slabs.add(name, 1)
             c.slabs.add("BEFORE", c.size)
-        for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):  # in this order and without a gap
+        # in this order and without a gap
+        for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):
             c.slabs.add(f"K{i}", c.size)
 
 
 def _head(c: Context) -> Text:
     """Docstring, imports and constants of a module."""
     title = "Flight of a scene in which these are:\n" + "\n".join(c.shape.names.legend)
-    about = "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
+    about = (
+        "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
+    )
     head = Text()
     head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))
-    head("", f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, weights, nodes.")
+    head(
+        "",
+        f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, "
+        "weights, nodes.",
+    )
     head(*coefficients(c.method))
     if c.extends:
-        head("# Of its continuous extension: the stage matrix, nodes, and coefficients by powers of the share of a step.")
-        head(f"_METHOD = method({c.method.name!r})", "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)")
+        head(
+            "# Of its continuous extension: the stage matrix, nodes, and coefficients by powers "
+            "of the share of a step."
+        )
+        head(
+            f"_METHOD = method({c.method.name!r})",
+            "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)",
+        )
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
-        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, {len(c.shape.stages)}, {len(c.sudden)}",
+        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, "
+        f"{len(c.shape.stages)}, {len(c.sudden)}",
         *_places(c.shape),
     )
     return head
@@ -153,18 +182,26 @@ def _head(c: Context) -> Text:
 
 def _places(shape: Shape) -> list[str]:
     """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
-    lines = [f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES" for i, body in enumerate(shape.bodies)]
+    lines = [
+        f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
+        for i, body in enumerate(shape.bodies)
+    ]
     lines.append(f"WORK = {6 * len(shape.bodies)} * LANES")
     start = 6 * len(shape.bodies) + 1
     for i, body in enumerate(shape.turning):
-        lines.append(f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES")
+        lines.append(
+            f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES"
+        )
     return lines
 
 
 def features(shape: Shape) -> tuple[list[str], list[str]]:
-    """What the kernel of a shape computes, and what it could but does not, because no scene of the shape needs it."""
+    """What the kernel of a shape computes, and what it could but does not, because no scene of the
+    shape needs it."""
     scene = shape.scene
-    air = scene.environment.atmosphere != "none" and any(body.aerodynamics for body in scene.body.values())
+    air = scene.environment.atmosphere != "none" and any(
+        body.aerodynamics for body in scene.body.values()
+    )
     parts = {
         "air and aerodynamics": air,
         "gravity": scene.environment.gravity != "none",
@@ -182,4 +219,6 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),
     }
-    return [name for name, there in parts.items() if there], [name for name, there in parts.items() if not there]
+    return [name for name, there in parts.items() if there], [
+        name for name, there in parts.items() if not there
+    ]

@@ -1,4 +1,5 @@
-"""Energy of the motion about the mass centre in a written kernel: the power of all loads, and what is lost between the two."""
+"""Energy of the motion about the mass centre in a written kernel: the power of all loads, and what
+is lost between the two."""
 
 from typing import Any
 
@@ -11,7 +12,9 @@ from sepmc.kernel.shape import Stage
 from sepmc.kernel.text import Text
 from sepmc.scene.model import GROUND
 
-_AT_REST = 0.5e-8  # m2/s2, and of the square of a speed: half the square of 0.1 mm/s, or of 1e-4 of a speed, of which round-off is a share
+# m2/s2, and of the square of a speed: half the square of 0.1 mm/s, or of 1e-4 of a speed, of which
+# round-off is a share
+_AT_REST = 0.5e-8
 
 
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
@@ -27,11 +30,17 @@ def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
 
 
 def _mean_speed(s: State) -> Any:
-    """Velocity of the mass centre of all bodies; none where there is a ground, which can take momentum."""
+    """Velocity of the mass centre of all bodies; none where there is a ground, which can take
+    momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
     whole = total([s.case.mass(body) for body in s.shape.bodies])
-    return add_all([vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body)) for body in s.shape.bodies]).called("mean")
+    return add_all(
+        [
+            vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
+            for body in s.shape.bodies
+        ]
+    ).called("mean")
 
 
 def _apart(s: State, body: str, mean: Any) -> Any:
@@ -40,8 +49,14 @@ def _apart(s: State, body: str, mean: Any) -> Any:
 
 def emit_energy(out: Text, c: Context, stage: Stage) -> None:
     """A function for the energy that is lost in a phase."""
-    says = "Kinetic energy about the mass centre less that at the start and the work of all loads: the largest, into ENERGY, and what"
-    text = out.function(f"energy_{stage.name}(w, first: float)", says + " counts as large; ``first`` of all it is that at the start.")
+    says = (
+        "Kinetic energy about the mass centre less that at the start and the work of all "
+        "loads: the largest, into ENERGY, and what"
+    )
+    text = out.function(
+        f"energy_{stage.name}(w, first: float)",
+        says + " counts as large; ``first`` of all it is that at the start.",
+    )
     c.slabs.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
     s, case = State(c, c.scope(), stage, "Y"), c.case
     mean, moving, slow = _mean_speed(s), [], []

@@ -19,8 +19,13 @@ _MET = -1e-12  # what counts as zero of a condition's value
 
 def emit_aim(out: Text, c: Context, stage: Stage) -> None:
     """A function that finds the time to a phase's next event."""
-    says = "Time to the next event, into STEP, foretold from values, rates and accelerations (in K1) of the conditions and from how fast"
-    text = out.function(f"aim_{stage.name}(w, usual: float)", says + " these change; at most to END.")
+    says = (
+        "Time to the next event, into STEP, foretold from values, rates and accelerations (in "
+        "K1) of the conditions and from how fast"
+    )
+    text = out.function(
+        f"aim_{stage.name}(w, usual: float)", says + " these change; at most to END."
+    )
     s = State(c, c.scope(), stage, "Y")
     ahead = s.scope.load("END") - s.time
     for event in stage.events:
@@ -37,46 +42,82 @@ def _wait(s: State, event: Event) -> Any:
         s.c.slabs.add(f"{slab}_{name}", count)
     scope.comment(f"{event.which}")
     value, rate, acceleration = (
-        x.called(called) for x, called in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
+        x.called(called)
+        for x, called in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
     )
     time, usual = s.time, scope.named("usual")
     earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
     first = earlier.equals(math.inf)
     jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
-    at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called("at_once")
+    at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called(
+        "at_once"
+    )
     _note_graze(scope, event, s.stage.name, value, rate)
-    noted = ((f"VALUE_{name}", value), (f"RATE_{name}", rate), (f"LAST_{name}", time), (f"AT_ONCE_{name}", at_once))
+    noted = (
+        (f"VALUE_{name}", value),
+        (f"RATE_{name}", rate),
+        (f"LAST_{name}", time),
+        (f"AT_ONCE_{name}", at_once),
+    )
     for place, now in (*noted, (part(f"LAST_{name}", 1), acceleration)):
-        scope.store(place, where(scope.load("HELD_BACK") > 0.0, scope.load(place), now) if s.c.paces(s.stage) else now)
-    wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called("wait")  # 0: met before it was waited for
+        scope.store(
+            place,
+            where(scope.load("HELD_BACK") > 0.0, scope.load(place), now)
+            if s.c.paces(s.stage)
+            else now,
+        )
+    # 0: met before it was waited for
+    wait = where(at_once > 0.0, 0.0, scalar.time_left(value, rate, acceleration, jerk)).called(
+        "wait"
+    )
     if event.ends_phase or event.number >= 0:
         wait = where(first & (wait > usual), usual, wait)
-    return wait if event.ends_phase or event.is_border else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
+    return (
+        wait
+        if event.ends_phase or event.is_border
+        else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
+    )
 
 
 def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Value) -> None:
     """A condition may be met and left again within a step: then the case is on its own."""
     name = f"{stage}_{event.name}"
-    earlier, past, slope = scope.load(f"LAST_{name}"), scope.load(f"VALUE_{name}"), scope.load(f"RATE_{name}")
-    grazes = _may_rise(past, slope, value, rate, scope.load("T") - earlier) & (earlier < math.inf) & (past < 0.0)
+    earlier, past, slope = (
+        scope.load(f"LAST_{name}"),
+        scope.load(f"VALUE_{name}"),
+        scope.load(f"RATE_{name}"),
+    )
+    grazes = (
+        _may_rise(past, slope, value, rate, scope.load("T") - earlier)
+        & (earlier < math.inf)
+        & (past < 0.0)
+    )
     if not event.is_border:
         grazes = grazes & scope.load(event.flag(stage)).equals(0.0)
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
 def _may_rise(past: Value, slope: Value, value: Value, rate: Value, length: Value) -> Any:
-    """Whether a value may be zero or more between two times: it rises at the first, falls at the second, and its tangents there cross
-    beyond zero."""
+    """Whether a value may be zero or more between two times: it rises at the first, falls at the
+    second, and its tangents there cross beyond zero."""
     turns = (slope > 0.0) & (rate < 0.0)
-    return turns & (past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0) >= 0.0)
+    return turns & (
+        past + slope * (value - past - rate * length) / where(turns, slope - rate, 1.0) >= 0.0
+    )
 
 
 def emit_await(out: Text, c: Context, stage: Stage) -> None:
-    """A function by which a case is lost if the condition that ends the next phase may be met while joints are late."""
+    """A function by which a case is lost if the condition that ends the next phase may be met while
+    joints are late."""
     event = stage.awaited
     assert event is not None
-    says = "Note the condition that ends the next phase; a case is lost if it may have been met while joints were late, since the last note"
-    text = out.function(f"await_{stage.name}(w, first: float)", says + " unless it is the ``first``.")
+    says = (
+        "Note the condition that ends the next phase; a case is lost if it may have been met "
+        "while joints were late, since the last note"
+    )
+    text = out.function(
+        f"await_{stage.name}(w, first: float)", says + " unless it is the ``first``."
+    )
     name = f"AWAITED_{stage.name}"
     c.slabs.add(name, 3)
     s = State(c, c.scope(), stage, "Y")
@@ -89,8 +130,14 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
     length = time - earlier
     met = (value >= _MET) | _may_rise(past, slope, value, rate, length)
     if event.what == at.AT_ALTITUDE:  # from below or from above
-        met = (value * past <= 0.0) | _may_rise(past, slope, value, rate, length) | _may_rise(-past, -slope, -value, -rate, length)
-    late = time >= scope.load(f"UNTIL_{stage.name}") - (s.case.number(stage.delay) if stage.delay is not None else math.inf)
+        met = (
+            (value * past <= 0.0)
+            | _may_rise(past, slope, value, rate, length)
+            | _may_rise(-past, -slope, -value, -rate, length)
+        )
+    late = time >= scope.load(f"UNTIL_{stage.name}") - (
+        s.case.number(stage.delay) if stage.delay is not None else math.inf
+    )
     counts = scope.named("first").equals(0.0) & late & met
     lose_if(scope, counts, at.ANY_ORDER)
     for k, now in enumerate((value, rate, time)):
@@ -117,9 +164,17 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         line = s.rod(s.joint(event.which))
         together = line.length > 0.0  # a direction there is not where the points are one
         acceleration = _acceleration(s, bodies, line)
-        return line.length - threshold, where(together, line.rate, 0.0), where(together, acceleration, 0.0)
+        return (
+            line.length - threshold,
+            where(together, line.rate, 0.0),
+            where(together, acceleration, 0.0),
+        )
     line = s.separation(event.which)  # its distance counts positive apart
-    return line.length - threshold, line.rate, s.case.apart(event.which) * _acceleration(s, bodies, line)
+    return (
+        line.length - threshold,
+        line.rate,
+        s.case.apart(event.which) * _acceleration(s, bodies, line),
+    )
 
 
 def _height(s: State, event: Event, threshold: Value) -> tuple[Any, Any, Any]:
@@ -143,7 +198,8 @@ def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
 
 
 def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
-    """The angle by which the second body of a joint has turned from the first; at 0 its axis is that of the motion to come."""
+    """The angle by which the second body of a joint has turned from the first; at 0 its axis is
+    that of the motion to come."""
     first, second = s.shape.scene.joint[joint].bodies
     if s.stage.leader(first) == s.stage.leader(second) == GROUND:
         return -threshold, 0.0 * threshold, 0.0 * threshold
@@ -157,7 +213,9 @@ def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
         between = vec3.sub(b, a)
         square = square + vec3.dot(between, between)
         turns.append(vec3.cross(a, b))
-        turning.append(vec3.add(vec3.cross(vec3.cross(spin_a, a), b), vec3.cross(a, vec3.cross(spin_b, b))))
+        turning.append(
+            vec3.add(vec3.cross(vec3.cross(spin_a, a), b), vec3.cross(a, vec3.cross(spin_b, b)))
+        )
     half = (0.125 * square).called("half")  # the square of the sine of half of it
     angle = 2.0 * scalar.arctan2(square_root(half), square_root(where(half < 1.0, 1.0 - half, 0.0)))
     turn, turn_rate = add_all(turns).called("turn"), add_all(turning)
@@ -167,14 +225,20 @@ def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
     n = vec3.scale(inverse, turn).called("n")
     n_rate = vec3.scale(inverse, vec3.sub(turn_rate, vec3.scale(vec3.dot(n, turn_rate), n)))
     rate = where(apart, vec3.dot(n, change), square_root(vec3.dot(change, change)))
-    acceleration = where(apart, vec3.dot(n, faster) + vec3.dot(n_rate, change), square_root(vec3.dot(faster, faster)))
+    acceleration = where(
+        apart, vec3.dot(n, faster) + vec3.dot(n_rate, change), square_root(vec3.dot(faster, faster))
+    )
     return angle - threshold, rate, acceleration
 
 
 def _spin_rate(s: State, body: str) -> Any:
     """Angular acceleration of a body in ground axes, from the derivative K1."""
     leader = s.stage.leader(body)
-    return ZERO if leader == GROUND else vec3.rotate(s.attitude(leader), s.scope.load(f"K1 + OMEGA_{leader}", 3))
+    return (
+        ZERO
+        if leader == GROUND
+        else vec3.rotate(s.attitude(leader), s.scope.load(f"K1 + OMEGA_{leader}", 3))
+    )
 
 
 def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
@@ -186,7 +250,10 @@ def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
 
 def emit_meet(out: Text, c: Context) -> None:
     """A function that notes which conditions are met."""
-    text = out.function("meet(w, phase: int)", "After the last step to an event: which conditions of the phase are met.")
+    text = out.function(
+        "meet(w, phase: int)",
+        "After the last step to an event: which conditions of the phase are met.",
+    )
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
@@ -201,11 +268,16 @@ def emit_meet(out: Text, c: Context) -> None:
 
 
 def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
-    """Whether a condition is met, and how slowly: an error of its value is so much of an error of its time."""
+    """Whether a condition is met, and how slowly: an error of its value is so much of an error of
+    its time."""
     name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
     if not event.ends_phase and event.number < 0:
         c.start(flag, 1.0 if event.is_border else 0.0)  # at the start every body enters a layer
-    met, before, rate = scope.load(f"VALUE_{name}") >= _MET, scope.load(flag), scope.load(f"RATE_{name}")
+    met, before, rate = (
+        scope.load(f"VALUE_{name}") >= _MET,
+        scope.load(flag),
+        scope.load(f"RATE_{name}"),
+    )
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
     waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)
     guard = c.guard(name)

@@ -1,4 +1,5 @@
-"""Lines of a written kernel for the state between the ends of a step: the continuous extension of the step just made."""
+"""Lines of a written kernel for the state between the ends of a step: the continuous extension of
+the step just made."""
 
 from sepmc.kernel.context import Context
 from sepmc.kernel.formulas import square_root
@@ -10,7 +11,8 @@ from sepmc.kernel.text import Text
 def emit_extension(out: Text, c: Context) -> None:
     """Functions for the coefficients of the extension, and for a state by them."""
     c.slabs.add("BEGIN", c.size), c.slabs.add("THETA", c.size)
-    for name in ("BEGIN_T", "LENGTH", "REACH"):  # start and length of the step, and where its phase ends, as a share of it: about 1
+    # start and length of the step, and where its phase ends, as a share of it: about 1
+    for name in ("BEGIN_T", "LENGTH", "REACH"):
         c.slabs.add(name, 1)
     _add(out)
     _extend(out, c)
@@ -20,14 +22,21 @@ def emit_extension(out: Text, c: Context) -> None:
 def _add(out: Text) -> None:
     """A function for a weighted sum of stages."""
     says = "Add the stages K1, K2, ..., each times its coefficient in row i, to a slab."
-    text = out.function("add(w, target, i, coefficients)", says).block("for j in range(coefficients.shape[1]):")
+    text = out.function("add(w, target, i, coefficients)", says).block(
+        "for j in range(coefficients.shape[1]):"
+    )
     text("weight = coefficients[i, j]")
-    text.block("if weight != 0.0:").block("for e in range(SIZE_Y):")("w[target + e] += weight * w[K1 + j * SIZE_Y + e]")
+    text.block("if weight != 0.0:").block("for e in range(SIZE_Y):")(
+        "w[target + e] += weight * w[K1 + j * SIZE_Y + e]"
+    )
 
 
 def _extend(out: Text, c: Context) -> None:
     """A function for the continuous extension, after the stages that only it needs."""
-    says = "Coefficients P1, P2, ... of the state over the step just made, by powers of its share gone by."
+    says = (
+        "Coefficients P1, P2, ... of the state over the step just made, by powers of its share "
+        "gone by."
+    )
     text = out.function("extend(w, phase: int)", says)
     stages, total, order = len(c.method.b), c.method.dense.shape[0], c.method.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
@@ -48,7 +57,10 @@ def _extend(out: Text, c: Context) -> None:
 
 def _sample(out: Text, c: Context) -> None:
     """A function for a state between the ends of a step."""
-    says = "The state at the shares THETA of the step just made, attitudes of unit length, into S, and its time into CLOCK."
+    says = (
+        "The state at the shares THETA of the step just made, attitudes of unit length, into "
+        "S, and its time into CLOCK."
+    )
     text = out.function("sample(w, phase: int)", says)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
     order = c.method.dense.shape[1] - 1

@@ -1,4 +1,5 @@
-"""The formulas that the wiring of a kernel calls, and what each gives: recorded, they are lines of the kernel that is being written."""
+"""The formulas that the wiring of a kernel calls, and what each gives: recorded, they are lines of
+the kernel that is being written."""
 
 from typing import Any
 
@@ -7,7 +8,9 @@ from sepmc.kernel.recorder import CONDITION, NUMBER, SYMMETRIC, Formulas
 vec3: Any = Formulas(
     "vec3",
     {
-        **dict.fromkeys(("add", "sub", "scale", "cross", "unit", "perpendicular", "rotate", "unrotate"), 3),
+        **dict.fromkeys(
+            ("add", "sub", "scale", "cross", "unit", "perpendicular", "rotate", "unrotate"), 3
+        ),
         "dot": NUMBER,
         "add_matrices": SYMMETRIC,  # of inertias
         "symmetric_inverse": SYMMETRIC,
@@ -47,13 +50,24 @@ loads: Any = Formulas(
     {
         "flow_angles": (NUMBER, NUMBER),
         **dict.fromkeys(("aero_force", "aero_moment", "thrust_direction", "thrust_arm", "wind"), 3),
-        **dict.fromkeys(("inverse_square", "inverse_square_near", "building_up", "tail_off", "springs.spring_force"), NUMBER),
+        **dict.fromkeys(
+            (
+                "inverse_square",
+                "inverse_square_near",
+                "building_up",
+                "tail_off",
+                "springs.spring_force",
+            ),
+            NUMBER,
+        ),
     },
 )
 air: Any = Formulas(
     "",
     {
-        **dict.fromkeys(("density_near", "geopotential", "geopotential_rise", "sound_speed"), NUMBER),
+        **dict.fromkeys(
+            ("density_near", "geopotential", "geopotential_rise", "sound_speed"), NUMBER
+        ),
         "density_series": 9,
         "layer": (4, NUMBER),
     },
@@ -63,7 +77,18 @@ scalar: Any = Formulas(
     "",
     {
         **dict.fromkeys(
-            ("larger", "abs", "arctan2", "exponential", "nearest_turn", "time_left", "largest3", "largest4", "math.sqrt"), NUMBER
+            (
+                "larger",
+                "abs",
+                "arctan2",
+                "exponential",
+                "nearest_turn",
+                "time_left",
+                "largest3",
+                "largest4",
+                "math.sqrt",
+            ),
+            NUMBER,
         ),
         "math.isfinite": CONDITION,
     },

@@ -1,6 +1,8 @@
-"""The constraint force equations in full, as the paper prints them: accelerations of all bodies, and wrenches at both ends of all joints.
+"""The constraint force equations in full, as the paper prints them: accelerations of all bodies,
+and wrenches at both ends of all joints.
 
-Unknowns: of each body a (ground axes) and w' (body axes); of each joint that holds something F_A, F_B, M_A, M_B (ground axes).
+Unknowns: of each body a (ground axes) and w' (body axes); of each joint that holds something F_A,
+F_B, M_A, M_B (ground axes).
 """
 
 from typing import Any
@@ -36,14 +38,17 @@ def _holding(stage: Stage) -> list[str]:
 
 
 class FullSystem:
-    """The system of a phase at a state, given the loads: forces in ground axes, moments in body axes."""
+    """The system of a phase at a state, given the loads: forces in ground axes, moments in body
+    axes."""
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
         bodies, joints = s.shape.bodies, _holding(s.stage)
         self.n = _size(s.stage, bodies)
         self.of_body = {body: _OF_BODY * k for k, body in enumerate(bodies)}
-        self.of_joint = {joint: _OF_BODY * len(bodies) + _OF_JOINT * k for k, joint in enumerate(joints)}
+        self.of_joint = {
+            joint: _OF_BODY * len(bodies) + _OF_JOINT * k for k, joint in enumerate(joints)
+        }
         self.entries: dict[tuple[int, int], Any] = {}
         self.side: list[Any] = [0.0] * self.n
         for body in bodies:
@@ -64,9 +69,12 @@ class FullSystem:
                 self.entries[first + 3 + i, first + 3 + k] = inertia[3 * i + k]
 
     def _put_wrench(self, joint: str) -> None:
-        """What its wrenches do to its bodies, and action and reaction, paper eq (15): F_A + F_B = 0, M_A + M_B + d x F_B = 0."""
+        """What its wrenches do to its bodies, and action and reaction, paper eq (15): F_A + F_B =
+        0, M_A + M_B + d x F_B = 0."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
-        for place, (body, rho) in enumerate(zip(s.shape.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)):
+        for place, (body, rho) in enumerate(
+            zip(s.shape.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
+        ):
             if body == GROUND:
                 continue
             row, column, axes = self.of_body[body], first + 3 * place, s.attitude(body)
@@ -87,15 +95,22 @@ class FullSystem:
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
 
     def _put_joint(self, joint: str) -> None:
-        """Its constraints, or none of that wrench where it has let go of one; no part of the wrench along what is free, paper eqs (24),
-        (25): on B at r_B, the body that does not carry the axes, where constraints leave none."""
-        first, rows = self.of_joint[joint], [row for row in self.rows.rows if row.row.joint == joint]
+        """Its constraints, or none of that wrench where it has let go of one; no part of the wrench
+        along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry the
+        axes, where constraints leave none."""
+        first, rows = (
+            self.of_joint[joint],
+            [row for row in self.rows.rows if row.row.joint == joint],
+        )
         line = first + 6
         for one in rows:
             self._put_constraint(line, first, one)
             line += 1
         moved, turned = ([one for one in rows if one.row.turns == turns] for turns in (False, True))
-        for column, free in ((_FORCE_B, self._unpushed(joint, moved)), (_MOMENT_B, _unturned(turned))):
+        for column, free in (
+            (_FORCE_B, self._unpushed(joint, moved)),
+            (_MOMENT_B, _unturned(turned)),
+        ):
             for direction in free:
                 for k in range(3):
                     self.entries[line, first + column + k] = direction[k]
@@ -103,7 +118,9 @@ class FullSystem:
 
     def _put_constraint(self, line: int, first: int, one: JointRow) -> None:
         held = one.held
-        for body, sign in zip(self.s.shape.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True):
+        for body, sign in zip(
+            self.s.shape.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
+        ):
             if body == GROUND:
                 continue
             for i in range(3):
@@ -124,17 +141,23 @@ class FullSystem:
         return [self.s.axis(joint, k) for k in range(3) if k not in held]
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
-        """Accelerations of mass centres (ground axes), angular accelerations (body axes), and wrenches. A case is lost where there are
-        none."""
+        """Accelerations of mass centres (ground axes), angular accelerations (body axes), and
+        wrenches. A case is lost where there are none."""
         s, n, name = self.s, self.n, self.s.stage.name
         slabs, scope = s.c.slabs, s.scope
-        for slab, size in ((f"SYSTEM_{name}", n * n + n), (f"FOUND_{name}", n), (f"SCRATCH_{name}", n * n + n)):
+        for slab, size in (
+            (f"SYSTEM_{name}", n * n + n),
+            (f"FOUND_{name}", n),
+            (f"SCRATCH_{name}", n * n + n),
+        ):
             slabs.add(slab, size)
         for (i, k), value in self.entries.items():
             scope.store(part(f"SYSTEM_{name}", i * n + k), value)
         for i, value in enumerate(self.side):
             scope.store(part(f"SYSTEM_{name}", n * n + i), value)
-        w, system, found, scratch = map(scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}"))
+        w, system, found, scratch = map(
+            scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}")
+        )
         pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
         lose(scope, pivot > 0.0, at.LEAST_SQUARES)
 
@@ -143,7 +166,14 @@ class FullSystem:
 
         acceleration = {body: vector(k) for body, k in self.of_body.items()}
         spin_rate = {body: vector(k + 3) for body, k in self.of_body.items()}
-        return acceleration, spin_rate, {joint: (vector(k + _FORCE_B), vector(k + _MOMENT_B)) for joint, k in self.of_joint.items()}
+        return (
+            acceleration,
+            spin_rate,
+            {
+                joint: (vector(k + _FORCE_B), vector(k + _MOMENT_B))
+                for joint, k in self.of_joint.items()
+            },
+        )
 
 
 def _unturned(rows: list[JointRow]) -> list[Any]:

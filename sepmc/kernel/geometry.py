@@ -1,4 +1,5 @@
-"""A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two bodies."""
+"""A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two
+bodies."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,8 @@ from sepmc.scene.model import GROUND, Spring
 
 @dataclass(frozen=True)
 class Pair:
-    """Between points of two bodies A and B: d = r_B - r_A and d', arms and rates, all in ground axes."""
+    """Between points of two bodies A and B: d = r_B - r_A and d', arms and rates, all in ground
+    axes."""
 
     d: Any
     d_rate: Any
@@ -25,7 +27,8 @@ class Pair:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of action: direction e, arms of both bodies, the part gamma of its second derivative, length and its rate."""
+    """A line of action: direction e, arms of both bodies, the part gamma of its second derivative,
+    length and its rate."""
 
     e: Any
     arm_a: Any
@@ -59,7 +62,8 @@ class State:
         return self.scope.load(f"{self.slab} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
-        """What the flow around a body has besides its own speed: that of the start, less the wind."""
+        """What the flow around a body has besides its own speed: that of the start, less the
+        wind."""
         if self.shape.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
@@ -82,7 +86,11 @@ class State:
     def spin(self, body: str) -> Any:
         """Angular rate of a body in ground axes."""
         leader = self.stage.leader(body)
-        return ZERO if leader == GROUND else vec3.rotate(self.attitude(leader), self.rate(leader)).called(f"spin_{leader}")
+        return (
+            ZERO
+            if leader == GROUND
+            else vec3.rotate(self.attitude(leader), self.rate(leader)).called(f"spin_{leader}")
+        )
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
         """Axis k of a joint as its first (or second) body carries it, ground axes."""
@@ -97,7 +105,9 @@ class State:
         rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
         rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
         spin_a, spin_b = self.spin(a), self.spin(b)
-        gap = joints.between(self.place(a), self.speed(a), rho_a, spin_a, self.place(b), self.speed(b), rho_b, spin_b)
+        gap = joints.between(
+            self.place(a), self.speed(a), rho_a, spin_a, self.place(b), self.speed(b), rho_b, spin_b
+        )
         d, d_rate = gap.called("gap")
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
@@ -112,10 +122,13 @@ class State:
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         arm_a, arm_b, gamma = translation(pair, e)
         distance = apart * (vec3.dot(pair.d, e) - start)
-        return Line(e, arm_a, arm_b, gamma, distance.called("distance"), apart * translation_rate(pair, e))
+        return Line(
+            e, arm_a, arm_b, gamma, distance.called("distance"), apart * translation_rate(pair, e)
+        )
 
     def sliding(self, joint: str) -> Any:
-        """1 while the pins of a joint may slide, 0 before or after, in a phase in which they may."""
+        """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
+        may."""
         return self.while_held(joint, self.stage.sliding(joint))
 
     def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
@@ -124,32 +137,47 @@ class State:
             return 1.0
         kind, found = self.scope.load(f"KIND_{joint}"), None
         for number in kinds:
-            found = kind.equals(float(number)) if found is None else found | kind.equals(float(number))
+            found = (
+                kind.equals(float(number)) if found is None else found | kind.equals(float(number))
+            )
         assert found is not None
         return where(found, 1.0, 0.0).called("held")
 
     def friction(self, joint: str) -> Any:
-        """Friction on the second body of a joint, N, in the direction of separation; None if there is none."""
+        """Friction on the second body of a joint, N, in the direction of separation; None if there
+        is none."""
         rubbing = self.shape.rubbing(self.stage)
         return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
 
     def lengthening(
-        self, bodies: tuple[str, str], line: Line, accelerations: dict[str, Any], spin_rates: dict[str, Any], moving: bool = True
+        self,
+        bodies: tuple[str, str],
+        line: Line,
+        accelerations: dict[str, Any],
+        spin_rates: dict[str, Any],
+        moving: bool = True,
     ) -> Any:
-        """Second derivative of a distance along a line, from accelerations of bodies and angular accelerations of groups; or what these
-        add to it, apart from what bodies do that are ``moving``."""
+        """Second derivative of a distance along a line, from accelerations of bodies and angular
+        accelerations of groups; or what these add to it, apart from what bodies do that are
+        ``moving``."""
         found = vec3.dot(line.e, relative_acceleration(accelerations, bodies))
         found = found - line.gamma if moving else found
         for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
             leader = self.stage.leader(body)
             if leader != GROUND:
-                found = found + vec3.dot(vec3.unrotate(self.attitude(leader), arm), spin_rates[leader])
+                found = found + vec3.dot(
+                    vec3.unrotate(self.attitude(leader), arm), spin_rates[leader]
+                )
         return found
 
     def rod(self, pair: Pair) -> Line:
         """Along the line between two points."""
-        e, arm_a, arm_b, gamma = joints.rod(pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b).called("line")
-        return Line(e, arm_a, arm_b, gamma, square_root(vec3.dot(pair.d, pair.d)), vec3.dot(pair.d_rate, e))
+        e, arm_a, arm_b, gamma = joints.rod(
+            pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
+        ).called("line")
+        return Line(
+            e, arm_a, arm_b, gamma, square_root(vec3.dot(pair.d, pair.d)), vec3.dot(pair.d_rate, e)
+        )
 
     def spring(self, spring: Spring) -> Line:
         """The line of action of a spring."""
@@ -184,7 +212,9 @@ class State:
 
 def translation(pair: Pair, e: Any) -> Any:
     """Arms and gamma of a translation along e."""
-    return joints.translation(pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b).called("row")
+    return joints.translation(
+        pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
+    ).called("row")
 
 
 def translation_rate(pair: Pair, e: Any) -> Any:
@@ -193,7 +223,8 @@ def translation_rate(pair: Pair, e: Any) -> Any:
 
 
 def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
-    """Acceleration of the second body's mass centre less that of the first's; the ground has none."""
+    """Acceleration of the second body's mass centre less that of the first's; the ground has
+    none."""
     of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
     if of_a is ZERO:
         return of_b

@@ -1,4 +1,5 @@
-"""Lines of a written kernel that write what is so over time: separations, or all there is to know."""
+"""Lines of a written kernel that write what is so over time: separations, or all there is to
+know."""
 
 from typing import Any
 
@@ -15,7 +16,9 @@ from sepmc.routines import layout as at
 
 def emit_history(out: Text, c: Context) -> None:
     """Functions for the rows of a history."""
-    row, keep = (_everything, _keep_everything) if c.history == at.FULL_HISTORY else (_separation, _keep)
+    row, keep = (
+        (_everything, _keep_everything) if c.history == at.FULL_HISTORY else (_separation, _keep)
+    )
     for stage in c.shape.stages:
         row(out, c, stage)
     keep(out, c)
@@ -35,30 +38,48 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
 
 
 def _keep(out: Text, c: Context) -> None:
-    """A function that writes the rows of a history that fall within a step. A row is written for the lanes whose step holds its instant."""
+    """A function that writes the rows of a history that fall within a step. A row is written for
+    the lanes whose step holds its instant."""
     says = "Separations at the instants within the step just made, every so many seconds."
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text("every, history = vector(a, 5)[0], block(a, 8)")
     text("low, high = math.inf, 0.0")
-    text.lanes()("low = min(low, w[BEGIN_T + l])", "high = max(high, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l])")
+    text.lanes()(
+        "low = min(low, w[BEGIN_T + l])",
+        "high = max(high, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l])",
+    )
     text.block("if not high < math.inf:")("return")
-    rows = "range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), history.shape[1] - 1) + 1)"
+    rows = (
+        "range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), "
+        "history.shape[1] - 1) + 1)"
+    )
     text = text.block(f"for row in {rows}:")
     inner = text.lanes()
-    inner("theta = (row * every - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0", "w[THETA + l] = theta")
+    inner(
+        "theta = (row * every - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0",
+        "w[THETA + l] = theta",
+    )
     emit_spread(text, c, "THETA")
     text("sample(w, phase)")
     for number, stage in enumerate(c.shape.stages):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"separation_{stage.name}(w)")
+        text.block(f"{'elif' if number else 'if'} phase == {number}:")(
+            f"separation_{stage.name}(w)"
+        )
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):")
     inner("t, last = row * every, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
-    inner = inner.block(f"if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}:")
-    inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")("history[first + l, row, k] = w[APART + k * LANES + l]")
+    inner = inner.block(
+        f"if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}:"
+    )
+    inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")(
+        "history[first + l, row, k] = w[APART + k * LANES + l]"
+    )
 
 
 def _everything(out: Text, c: Context, stage: Stage) -> None:
     """A function for a row of a full history, in the order of `sepmc.schema.history_columns`."""
-    says = f"All there is to know of the state S of phase {stage.name} at the times CLOCK, into ROW."
+    says = (
+        f"All there is to know of the state S of phase {stage.name} at the times CLOCK, into ROW."
+    )
     text = out.function(f"row_{stage.name}(w)", says)
     before_wrenches(text, c, stage)
     s = State(c, c.scope(), stage, "S")
@@ -73,8 +94,18 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     for joint, held in joints.items():
         force, moment, gap = force_of(motion, joint), moment_of(s, motion, joint), s.joint(joint).d
         levered = moment if force is ZERO else vec3.add(moment, vec3.cross(gap, force))
-        for sign, vector in ((-1.0, force), (-1.0, levered), (1.0, force), (1.0, moment), (1.0, gap)):
-            row.extend(ZERO if vector is ZERO else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector)))
+        for sign, vector in (
+            (-1.0, force),
+            (-1.0, levered),
+            (1.0, force),
+            (1.0, moment),
+            (1.0, gap),
+        ):
+            row.extend(
+                ZERO
+                if vector is ZERO
+                else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector))
+            )
     c.slabs.add("ROW", len(row))
     for k, value in enumerate(row):
         s.scope.store(part("ROW", k), value)
@@ -85,12 +116,18 @@ def _angles(s: State, leader: str) -> tuple[Any, Any]:
     """Pitch and roll of a group within a step, the nearest turn to those at its end."""
     attitude = s.attitude(leader)
     pitch, roll = (part(f"ANGLES_{leader}", k) for k in range(2))
-    return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(quat.roll(attitude), s.scope.load(roll))
+    return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(
+        quat.roll(attitude), s.scope.load(roll)
+    )
 
 
 def _keep_everything(out: Text, c: Context) -> None:
-    """A function that writes the rows of a full history whose stage and instant are those of the step just made, all lanes alike."""
-    says = "Rows at those of the instants (time, stage, side) that fall within the step just made, or at its end (-1) or beginning (1)."
+    """A function that writes the rows of a full history whose stage and instant are those of the
+    step just made, all lanes alike."""
+    says = (
+        "Rows at those of the instants (time, stage, side) that fall within the step just "
+        "made, or at its end (-1) or beginning (1)."
+    )
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text("instants, history = table(a, 5), block(a, 8)")
     text = text.block("for row in range(instants.shape[0]):")
@@ -109,5 +146,9 @@ def _keep_everything(out: Text, c: Context) -> None:
     text("sample(w, phase)")
     for number, stage in enumerate(c.shape.stages):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{stage.name}(w)")
-    inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block("if w[WITHIN + l] > 0.0:")
-    inner.block("for k in range(history.shape[2]):")("history[first + l, row, k] = w[ROW + k * LANES + l]")
+    inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block(
+        "if w[WITHIN + l] > 0.0:"
+    )
+    inner.block("for k in range(history.shape[2]):")(
+        "history[first + l, row, k] = w[ROW + k * LANES + l]"
+    )

@@ -28,7 +28,8 @@ class _Loads:
 
 
 def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Force and moment on every body; with the friction of guides, which has to be known, if it ``rubs``."""
+    """Force and moment on every body; with the friction of guides, which has to be known, if it
+    ``rubs``."""
     scene, found = s.shape.scene, {body: _Loads() for body in s.shape.bodies}
     for body, acting in found.items():
         if s.shape.feels_air(body):
@@ -69,12 +70,19 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     if acting.forces:
         terms.insert(0, vec3.rotate(s.attitude(body), add_all(acting.forces)))
     force, weight = add_all(terms), _weight(s, body)
-    return (force[0], force[1] - weight if terms else -weight, force[2]) if weight is not None else force
+    return (
+        (force[0], force[1] - weight if terms else -weight, force[2])
+        if weight is not None
+        else force
+    )
 
 
 def _rise(s: State, body: str) -> tuple[Value, Value]:
-    """Rise, m, above the height about which air and gravity are expanded, and its share of the distance there from the earth's centre."""
-    rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called("rise")
+    """Rise, m, above the height about which air and gravity are expanded, and its share of the
+    distance there from the earth's centre."""
+    rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called(
+        "rise"
+    )
     return rise, (rise * s.scope.load(part(f"NEAR_{body}", 1))).called("share")
 
 
@@ -82,18 +90,23 @@ _BORDER = 1e-6  # m
 
 
 def emit_centre(out: Text, c: Context) -> None:
-    """A function that expands density and gravity anew for bodies that have left the height about which they were expanded."""
+    """A function that expands density and gravity anew for bodies that have left the height about
+    which they were expanded."""
     bodies = [body for body in c.shape.bodies if c.shape.in_layers(body)]
     if not bodies:
         return
-    says = "Expand density and gravity about the height of every body that is further than ``far`` metres from where they were last."
+    says = (
+        "Expand density and gravity about the height of every body that is further than "
+        "``far`` metres from where they were last."
+    )
     text = out.function("centre(w, far: float)", says)
     scope, case = c.scope(), c.case
     if not c.shape.borders:
         c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
     for body in bodies:
         near = f"NEAR_{body}"
-        c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)  # height, 1 / (R0 + height), R0 / (R0 + height), weight there
+        # height, 1 / (R0 + height), R0 / (R0 + height), weight there
+        c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)
         case.scope.store(near, -math.inf)
         last = scope.load(near)
         now = height(scope, body).called("height")
@@ -103,28 +116,52 @@ def emit_centre(out: Text, c: Context) -> None:
         scope.store(part(near, 1), inverse)
         scope.store(part(near, 2), scope.named("R0") * inverse)
         if c.shape.scene.environment.gravity == "inverse-square":
-            scope.store(part(near, 3), case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre))
+            scope.store(
+                part(near, 3),
+                case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre),
+            )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
         if not c.shape.borders:
             reached = air.geopotential(centre).called("reached")
-            lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), at.ANY_ORDER)
+            lose(
+                scope,
+                (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
+                at.ANY_ORDER,
+            )
     scope.write(text)
 
 
 def emit_layers(out: Text, c: Context) -> None:
-    """A function by which bodies enter layers of the standard atmosphere. Their borders are met this side and beyond by `_BORDER`, so that
-    a body that has just passed one is not at it; one that starts on a border flies in the layer that it goes to."""
-    text = out.function("enter_layers(w)", "Let bodies that pass a border of their layer of air fly in the next, if there is one.")
+    """A function by which bodies enter layers of the standard atmosphere. Their borders are met
+    this side and beyond by `_BORDER`, so that a body that has just passed one is not at it; one
+    that starts on a border flies in the layer that it goes to."""
+    text = out.function(
+        "enter_layers(w)",
+        "Let bodies that pass a border of their layer of air fly in the next, if there is one.",
+    )
     text = text.lanes()
     for body in c.shape.bodies:
         if c.shape.in_layers(body):
             layer, borders, flag = c.layer(body), f"BORDERS_{body}", f"ENTERS_{body}"
             c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
             inner = text.block(f"if w[{flag} + l] > 0.0:")
-            inner(f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + l] * w[T + l])")
-            inner(f"goes_on = {2.0 * _BORDER} if w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l] >= 0.0 else -{2.0 * _BORDER}")
-            inner("air, top = layer(height + goes_on)", f"put4(w, {layer} + l, air)", f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0")
-            inner(f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, geometric(top) + {_BORDER}")
+            inner(
+                f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + "
+                "l] * w[T + l])"
+            )
+            inner(
+                f"goes_on = {2.0 * _BORDER} if w[Y + V_{body} + LANES + l] + w[ORIGIN_CLIMB + l] "
+                f">= 0.0 else -{2.0 * _BORDER}"
+            )
+            inner(
+                "air, top = layer(height + goes_on)",
+                f"put4(w, {layer} + l, air)",
+                f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0",
+            )
+            inner(
+                f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, "
+                f"geometric(top) + {_BORDER}"
+            )
             inner(lost_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
 
 
@@ -136,17 +173,23 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     named = _coefficients(s, body, alpha, beta)
     if looks_up(s.shape, body):
-        named = [value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)]
+        named = [
+            value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
+        ]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
     force = loads.aero_force(pressure * of_force, tuple(named[:3])).called("push")
     acting.forces.append(force)
     if any(isinstance(value, Value) for value in named[3:]):
-        of_moment = (scale * case.number(p + at.LENGTH) * case.number(p + at.MOMENT_FACTOR)).called("moment_scale")
+        of_moment = (scale * case.number(p + at.LENGTH) * case.number(p + at.MOMENT_FACTOR)).called(
+            "moment_scale"
+        )
         acting.moments.append(loads.aero_moment(pressure * of_moment, tuple(named[3:])))
     aero = s.shape.scene.body[body].aerodynamics
     if aero is not None and aero.moment_point is not None:
-        arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called("air_arm")
+        arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called(
+            "air_arm"
+        )
         acting.moments.append(vec3.cross(arm, force))
 
 
@@ -160,7 +203,8 @@ def _density(s: State, body: str) -> Value:
 
 
 def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
-    """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand; 0.0 where there is no term."""
+    """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand;
+    0.0 where there is no term."""
     terms: dict[int, list[Value]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.shape.scene)):
         if term.body == body:
@@ -169,7 +213,10 @@ def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
                 if power:
                     value = value * _power(angle, power)
             terms[term.coefficient].append(value)
-    return [total(terms[code]).called(name) if terms[code] else 0.0 for code, name in enumerate(_COEFFICIENTS)]
+    return [
+        total(terms[code]).called(name) if terms[code] else 0.0
+        for code, name in enumerate(_COEFFICIENTS)
+    ]
 
 
 def _power(x: Value, n: int) -> Value:
@@ -180,9 +227,15 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     """Thrust along a line that stays: build-up, and with switches the profile and the tail-off."""
     case, scope, name = s.case, s.scope, motor.name
     p = int(s.c.model.motors_p) + at.MOTOR_SIZE * i
-    line = loads.thrust_direction(*(case.number(p + k) for k in (at.CANT, at.CLOCK, at.DEFLECTION, at.DEFLECTION_CLOCK))).called("line")
-    point = (case.number(p + k) for k in (at.STATION, at.RADIUS, at.CLOCK, at.OFFSET, at.OFFSET + 1))
-    turn = vec3.cross(loads.thrust_arm(case.centre_of_mass(motor.body), *point), line).called("turn")
+    line = loads.thrust_direction(
+        *(case.number(p + k) for k in (at.CANT, at.CLOCK, at.DEFLECTION, at.DEFLECTION_CLOCK))
+    ).called("line")
+    point = (
+        case.number(p + k) for k in (at.STATION, at.RADIUS, at.CLOCK, at.OFFSET, at.OFFSET + 1)
+    )
+    turn = vec3.cross(loads.thrust_arm(case.centre_of_mass(motor.body), *point), line).called(
+        "turn"
+    )
     full, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
@@ -191,13 +244,19 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
         if not s.shape.may(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full
         built = loads.building_up(full, rate, since)
-        return where(rate > 0.0, built, full) if f"motor.{name}.build_up" in s.shape.dispersed else built
+        return (
+            where(rate > 0.0, built, full)
+            if f"motor.{name}.build_up" in s.shape.dispersed
+            else built
+        )
 
     if not s.shape.switches:
         thrust = level(s.time).called("thrust")
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
-        ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called("ignition")
+        ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called(
+            "ignition"
+        )
         since = scalar.larger(s.time - ignition, 0.0).called("since")
         thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
         if s.shape.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):
@@ -218,11 +277,16 @@ def _load(s: State, i: int, acting: _Loads) -> None:
         acts = s.scope.load(f"ACTS_{load.name}")
         push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)
     if load.frame == "ground":
-        push, turn = vec3.unrotate(s.attitude(load.body), push).called("push"), vec3.unrotate(s.attitude(load.body), turn)
+        push, turn = (
+            vec3.unrotate(s.attitude(load.body), push).called("push"),
+            vec3.unrotate(s.attitude(load.body), turn),
+        )
     acting.forces.append(push)
     acting.moments.append(turn)
     if load.point is not None:
-        arm = vehicle.arm(s.case.centre_of_mass(load.body), s.case.vector(p + at.LOAD_POINT)).called("load_arm")
+        arm = vehicle.arm(
+            s.case.centre_of_mass(load.body), s.case.vector(p + at.LOAD_POINT)
+        ).called("load_arm")
         acting.moments.append(vec3.cross(arm, push))
 
 
@@ -236,7 +300,9 @@ def _weight(s: State, body: str) -> Any:
         return (case.mass(body) * surface).called("weight")
     if s.shape.in_layers(body):
         return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
-    return case.mass(body) * loads.inverse_square(surface, s.place(body)[1] + level(s.scope, s.time))
+    return case.mass(body) * loads.inverse_square(
+        surface, s.place(body)[1] + level(s.scope, s.time)
+    )
 
 
 def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
@@ -244,7 +310,9 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     p = int(s.c.model.springs_p) + at.SPRING_SIZE * i
     line = s.spring(spring)
     strengths = (s.case.number(p + k) for k in (at.SPRING_FORCE, at.STIFFNESS, at.DAMPING))
-    push = getattr(loads, "springs.spring_force")(*strengths, line.length - s.spring_start(spring), line.rate)
+    push = getattr(loads, "springs.spring_force")(
+        *strengths, line.length - s.spring_start(spring), line.rate
+    )
     if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
         s.c.start(f"SPENT_{spring.name}", 0.0)
         push = where(s.scope.load(f"SPENT_{spring.name}") > 0.0, 0.0, push)
@@ -252,7 +320,9 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     _push_apart(s, spring.bodies, line, push, found)
 
 
-def _push_apart(s: State, bodies: tuple[str, str], line: Line, push: Value, found: dict[str, _Loads]) -> None:
+def _push_apart(
+    s: State, bodies: tuple[str, str], line: Line, push: Value, found: dict[str, _Loads]
+) -> None:
     """A force on two bodies along a line, away from each other."""
     for body, signed, arm in zip(bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):
         if body != GROUND:

@@ -1,4 +1,5 @@
-"""The motion in a phase: the derivative of a state, what joints carry, and the correction of drift off the joints."""
+"""The motion in a phase: the derivative of a state, what joints carry, and the correction of drift
+off the joints."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -47,7 +48,8 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
 
 
 def before_motion(text: Text, c: Context, stage: Stage) -> None:
-    """Lines for what has to be known of a state S before its motion: what tables give, and friction."""
+    """Lines for what has to be known of a state S before its motion: what tables give, and
+    friction."""
     call_look_up(text, c, stage)
     if c.shape.rubbing(stage):
         text(f"rub_{stage.name}(w)")
@@ -57,9 +59,10 @@ def before_motion(text: Text, c: Context, stage: Stage) -> None:
 
 @dataclass
 class Motion:
-    """Force (ground axes) and moment (body axes) of the loads on every body, accelerations of mass centres (ground axes) and angular
-    accelerations of groups (body axes, by leader), and the rows of the joints with their multipliers, or wrenches by the full system; or by
-    how much a force changes all these, whatever the bodies do that are ``moving``."""
+    """Force (ground axes) and moment (body axes) of the loads on every body, accelerations of mass
+    centres (ground axes) and angular accelerations of groups (body axes, by leader), and the rows
+    of the joints with their multipliers, or wrenches by the full system; or by how much a force
+    changes all these, whatever the bodies do that are ``moving``."""
 
     force: dict[str, Any]
     moment: dict[str, Any]
@@ -70,7 +73,9 @@ class Motion:
     factors: Solver | None = None
     wrenches: dict[str, Wrench] = field(default_factory=dict)
     moving: bool = True
-    shared: bool = False  # whether the rows are those of bodies that turn apart, the multipliers those of least sum of squares
+    # whether the rows are those of bodies that turn apart, the multipliers those of least sum of
+    # squares
+    shared: bool = False
 
     @property
     def rows(self) -> list[JointRow]:
@@ -80,7 +85,10 @@ class Motion:
 def make_motion(s: State, rubs: bool = True) -> Motion:
     """The motion at a state; with the friction of guides, which has to be known, if it ``rubs``."""
     force, moment = body_loads(s, rubs)
-    force, moment = ({name: called(vector, what) for name, vector in of.items()} for of, what in ((force, "force"), (moment, "moment")))
+    force, moment = (
+        {name: called(vector, what) for name, vector in of.items()}
+        for of, what in ((force, "force"), (moment, "moment"))
+    )
     s.scope.comment("motion without the joints")
     acceleration, spin_rate = without_joints(s, force, moment)
     if not s.stage.rows:
@@ -90,17 +98,36 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     factors = make_solver(s, rows.coupling())
     if s.stage.full and rubs:
         acceleration, spin_rate, wrenches = FullSystem(s, rows, force, moment).solve()
-        return Motion(force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches)
+        return Motion(
+            force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches
+        )
     multipliers = factors.solve(rows.without_joints(acceleration, spin_rate))
     linear, angular = rows.act(multipliers)
     s.scope.comment("what the joints do")
-    return Motion(force, moment, _plus(acceleration, linear), _plus(spin_rate, angular), multipliers, rows, factors)
+    return Motion(
+        force,
+        moment,
+        _plus(acceleration, linear),
+        _plus(spin_rate, angular),
+        multipliers,
+        rows,
+        factors,
+    )
 
 
-def without_joints(s: State, force: dict[str, Any], moment: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def without_joints(
+    s: State, force: dict[str, Any], moment: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Accelerations of bodies and angular accelerations of groups by loads alone."""
-    acceleration = {body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a") for body in s.shape.bodies}
-    return acceleration, {group[0]: spin_rate_of(s, group, moment).called("spin_rate") for group in s.stage.groups if GROUND not in group}
+    acceleration = {
+        body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
+        for body in s.shape.bodies
+    }
+    return acceleration, {
+        group[0]: spin_rate_of(s, group, moment).called("spin_rate")
+        for group in s.stage.groups
+        if GROUND not in group
+    }
 
 
 def make_drive(s: State, motion: Motion, joint: str) -> Motion:
@@ -109,7 +136,9 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     assert motion.factors is not None
     acceleration, moment = dict.fromkeys(s.shape.bodies, ZERO), dict.fromkeys(s.shape.bodies, ZERO)
     line, apart = s.separation(joint), s.case.apart(joint)
-    for body, sign, arm in zip(s.shape.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True):
+    for body, sign, arm in zip(
+        s.shape.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
+    ):
         if body != GROUND:
             acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
             moment[body] = vec3.scale(apart, vec3.unrotate(s.attitude(body), arm))
@@ -118,10 +147,20 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
         turning = add_all([moment[body] for body in group if body != GROUND])
         if group[0] in spin_rate and turning is not ZERO:
             spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), turning)
-    multipliers = motion.factors.solve(motion.system.without_joints(acceleration, spin_rate, moving=False))
+    multipliers = motion.factors.solve(
+        motion.system.without_joints(acceleration, spin_rate, moving=False)
+    )
     linear, angular = motion.system.act(multipliers)
     changed = _plus(acceleration, linear), _plus(spin_rate, angular)
-    return Motion(dict.fromkeys(moment, ZERO), moment, *changed, multipliers, motion.system, motion.factors, moving=False)
+    return Motion(
+        dict.fromkeys(moment, ZERO),
+        moment,
+        *changed,
+        multipliers,
+        motion.system,
+        motion.factors,
+        moving=False,
+    )
 
 
 def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
@@ -139,10 +178,15 @@ def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
 
 
 def emit_correct(out: Text, c: Context, stage: Stage) -> None:
-    """A function that notes how far a phase's rows are off, and brings the state back if the scene asks for it."""
+    """A function that notes how far a phase's rows are off, and brings the state back if the scene
+    asks for it."""
     corrects = c.shape.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"
-    says += ", and bring it back onto them by the least correction, weighted by mass." if corrects else "."
+    says += (
+        ", and bring it back onto them by the least correction, weighted by mass."
+        if corrects
+        else "."
+    )
     text = out.function(f"correct_{stage.name}(w)", says)
     s = State(c, c.scope(), stage, "Y")
     for k in range(4):
@@ -170,7 +214,10 @@ def _correct(s: State, rows: Rows, factors: Solver) -> None:
     shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
     kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.shape.bodies:
-        for slab, now, change in (("X", s.place(body), shift[body]), ("V", s.speed(body), kick[body])):
+        for slab, now, change in (
+            ("X", s.place(body), shift[body]),
+            ("V", s.speed(body), kick[body]),
+        ):
             if change is not None:
                 s.scope.store(f"Y + {slab}_{body}", vec3.add(now, change))
     for leader in s.stage.leaders:

@@ -1,4 +1,5 @@
-"""Names of a kernel: every name of a scene is replaced by one made here, so that none of a file can meet another or one of ours."""
+"""Names of a kernel: every name of a scene is replaced by one made here, so that none of a file can
+meet another or one of ours."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -21,15 +22,23 @@ _WORDS = {
 
 
 class Names:
-    """What the items of a scene are called in its kernel: ``body1``, ``joint2``, in the order of the file."""
+    """What the items of a scene are called in its kernel: ``body1``, ``joint2``, in the order of
+    the file."""
 
     def __init__(self, scene: Scene):
         tables: dict[str, Iterable[str]] = {
             "body": scene.body,
             "joint": scene.joint,
-            **{key: [item.name for item in getattr(scene, key)] for key in _WORDS if key not in ("body", "joint")},
+            **{
+                key: [item.name for item in getattr(scene, key)]
+                for key in _WORDS
+                if key not in ("body", "joint")
+            },
         }
-        self.of = {key: {name: f"{_WORDS[key]}{i}" for i, name in enumerate(names, 1)} for key, names in tables.items()}
+        self.of = {
+            key: {name: f"{_WORDS[key]}{i}" for i, name in enumerate(names, 1)}
+            for key, names in tables.items()
+        }
 
     @property
     def back(self) -> dict[str, str]:
@@ -39,7 +48,9 @@ class Names:
     @property
     def legend(self) -> list[str]:
         """A line for each table: what stands for what."""
-        tables = (", ".join(f"{new} {old}" for old, new in table.items()) for table in self.of.values())
+        tables = (
+            ", ".join(f"{new} {old}" for old, new in table.items()) for table in self.of.values()
+        )
         return [line for line in tables if line]
 
     def path(self, path: str) -> str:
@@ -49,21 +60,51 @@ class Names:
         return f"{head}.{self.of[head].get(name, name)}{dot}{tail}" if head in self.of else path
 
     def scene(self, scene: Scene) -> Scene:
-        """A scene with all these names in place of its own. What no kernel is written for keeps its names."""
+        """A scene with all these names in place of its own. What no kernel is written for keeps its
+        names."""
         return change(
             scene,
             body={self._body(name): body for name, body in scene.body.items()},
-            joint={self.of["joint"][name]: change(j, bodies=self._pair(j.bodies)) for name, j in scene.joint.items()},
-            motor=tuple(change(m, name=self.of["motor"][m.name], body=self._body(m.body)) for m in scene.motor),
-            spring=tuple(change(s, name=self.of["spring"][s.name], bodies=self._pair(s.bodies)) for s in scene.spring),
-            load=tuple(change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load),
+            joint={
+                self.of["joint"][name]: change(j, bodies=self._pair(j.bodies))
+                for name, j in scene.joint.items()
+            },
+            motor=tuple(
+                change(m, name=self.of["motor"][m.name], body=self._body(m.body))
+                for m in scene.motor
+            ),
+            spring=tuple(
+                change(s, name=self.of["spring"][s.name], bodies=self._pair(s.bodies))
+                for s in scene.spring
+            ),
+            load=tuple(
+                change(x, name=self.of["load"][x.name], body=self._body(x.body)) for x in scene.load
+            ),
             phase=tuple(self._phase(phase) for phase in scene.phase),
             release=tuple(
-                change(r, name=self.of["release"][r.name], joint=self.of["joint"][r.joint], when=self._until(r.when)) for r in scene.release
+                change(
+                    r,
+                    name=self.of["release"][r.name],
+                    joint=self.of["joint"][r.joint],
+                    when=self._until(r.when),
+                )
+                for r in scene.release
             ),
-            proximity=tuple(change(x, body=self._body(x.body), joint=self.of["joint"][x.joint]) for x in scene.proximity),
-            clearance=tuple(change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after]) for x in scene.clearance),
-            output=change(scene.output, **{key: self._joints(getattr(scene.output, key)) for key in ("loads", "tip_off", "guide")}),
+            proximity=tuple(
+                change(x, body=self._body(x.body), joint=self.of["joint"][x.joint])
+                for x in scene.proximity
+            ),
+            clearance=tuple(
+                change(x, bodies=self._pair(x.bodies), after=x.after and self.of["joint"][x.after])
+                for x in scene.clearance
+            ),
+            output=change(
+                scene.output,
+                **{
+                    key: self._joints(getattr(scene.output, key))
+                    for key in ("loads", "tip_off", "guide")
+                },
+            ),
         )
 
     def plan(self, plan: Plan) -> Plan:
@@ -74,7 +115,9 @@ class Names:
             extremes=tuple(map(self.scene, plan.extremes)),
             slots={self.path(path): place for path, place in plan.slots.items()},
             bodies=[self._body(name) for name in plan.bodies],
-            joints={self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()},
+            joints={
+                self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()
+            },
             phases=[self.of["phase"][name] for name in plan.phases],
         )
 
@@ -89,7 +132,12 @@ class Names:
 
     def _phase(self, phase: Phase) -> Phase:
         joints = {self.of["joint"][name]: kind for name, kind in phase.joints.items()}
-        return change(phase, name=self.of["phase"][phase.name], joints=joints, until=phase.until and self._until(phase.until))
+        return change(
+            phase,
+            name=self.of["phase"][phase.name],
+            joints=joints,
+            until=phase.until and self._until(phase.until),
+        )
 
     def _until(self, until: Until) -> Until:
         """A condition, and its parts."""

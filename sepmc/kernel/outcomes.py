@@ -1,4 +1,5 @@
-"""The outcomes of a flight: from the final state into slabs, from slabs into the columns of results."""
+"""The outcomes of a flight: from the final state into slabs, from slabs into the columns of
+results."""
 
 import math
 from collections.abc import Callable
@@ -14,14 +15,19 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-_UNRESOLVED = 1e-6  # drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
+# drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
+_UNRESOLVED = 1e-6
 
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
     shape, stage = c.shape, c.shape.stages[-1]
-    text = out.function("report(w)", "Outcomes of the final state, in the order of the columns, into OUT.")
-    c.slabs.add("OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES)
+    text = out.function(
+        "report(w)", "Outcomes of the final state, in the order of the columns, into OUT."
+    )
+    c.slabs.add(
+        "OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
+    )
     if has_wind_profile(shape):
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
@@ -46,13 +52,20 @@ def emit_report(out: Text, c: Context) -> None:
 
 
 def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:
-    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body; ``followed`` gives the pitch and the roll of a
-    group that turns, carried through turns."""
+    """Angles of the flow, the pitch above the nominal path, rates and attitude of a body;
+    ``followed`` gives the pitch and the roll of a group that turns, carried through turns."""
     leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
-    alpha, beta = loads.flow_angles(vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body)))).called("angles")
+    alpha, beta = loads.flow_angles(
+        vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body)))
+    ).called("angles")
     held = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
-    found = [alpha, beta, pitch - case.number(at.PATH_REFERENCE), *(ZERO if held else s.rate(leader))]
+    found = [
+        alpha,
+        beta,
+        pitch - case.number(at.PATH_REFERENCE),
+        *(ZERO if held else s.rate(leader)),
+    ]
     return [*found, roll, quat.yaw(attitude), pitch]
 
 
@@ -62,37 +75,69 @@ def angles(s: State, leader: str) -> tuple[Any, Any]:
 
 
 def emit_results(text: Text, c: Context) -> None:
-    """Lines that copy outcomes, rates at release, audit columns and ends of phases into the arrays of a block, and say which cases hold."""
+    """Lines that copy outcomes, rates at release, audit columns and ends of phases into the arrays
+    of a block, and say which cases hold."""
     shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
     text("# outcomes", "report(w)")
     text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
     text("i, lost = first + l, w[ENERGY + l] / w[ENERGY + 2 * LANES + l]")
-    text(f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= {_UNRESOLVED}")
+    text(
+        f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= "
+        f"{_UNRESOLVED}"
+    )
     o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
     inner = text.block(f"for k in range({o}):")
-    inner("outcomes[k, i] = w[OUT + k * LANES + l]", f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))")
+    inner(
+        "outcomes[k, i] = w[OUT + k * LANES + l]",
+        f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))",
+    )
     for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES"):
         if slab in c.slabs.counts:
-            text.block(f"for k in range({c.slabs.counts[slab]}):")(f"outcomes[{o} + k, i] = w[{slab} + k * LANES + l]")
+            text.block(f"for k in range({c.slabs.counts[slab]}):")(
+                f"outcomes[{o} + k, i] = w[{slab} + k * LANES + l]"
+            )
             o += c.slabs.counts[slab]
     for joint in shape.scene.output.tip_off:
         for body in shape.scene.joint[joint].bodies:
             if body != GROUND:
                 if c.slabs.has(f"TIP_OFF_{joint}_{body}"):
-                    text(f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, TIP_OFF_{joint}_{body} + l)")
+                    text(
+                        f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, "
+                        f"TIP_OFF_{joint}_{body} + l)"
+                    )
                 o += 3
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
-    pivot, redundant = "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0", str(float(max(stage.redundant for stage in shape.stages)))
+    pivot, redundant = (
+        "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0",
+        str(float(max(stage.redundant for stage in shape.stages))),
+    )
     redundant = "w[REDUNDANT + l]" if c.slabs.has("REDUNDANT") else redundant
-    audits = ("w[DRIFT + l]", "lost", pivot, redundant, "w[EVENT_ERROR + l]", "w[TURNED_FAR + l]", "w[STEPS + l]")
+    audits = (
+        "w[DRIFT + l]",
+        "lost",
+        pivot,
+        redundant,
+        "w[EVENT_ERROR + l]",
+        "w[TURNED_FAR + l]",
+        "w[STEPS + l]",
+    )
     for k, value in enumerate(audits):
         text(f"outcomes[{o + 4 + k}, i] = {value}")
-    text("unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan", "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0")
-    text.block("for k in range(GUARDS):")(f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown")
+    text(
+        "unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan",
+        "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0",
+    )
+    text.block("for k in range(GUARDS):")(
+        f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown"
+    )
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
     for number, place in enumerate(c.sudden, len(shape.stages)):
         text(f"ends[{number}, i] = w[{place} + l]")
-    text(f"told = w[LOST + l] if w[LOST + l] != 0.0 else w[UNRELEASED + l] if sound else {float(at.FINER_STEPS)}", "status[i] = int(told)")
+    text(
+        "told = w[LOST + l] if w[LOST + l] != 0.0 else w[UNRELEASED + l] if sound else "
+        f"{float(at.FINER_STEPS)}",
+        "status[i] = int(told)",
+    )
     inner = text.block(f"if told > {float(Status.NEVER_RELEASED)}:")
     inner.block(f"for k in range({o + 11}):")("outcomes[k, i] = math.nan")

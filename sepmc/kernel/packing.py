@@ -9,7 +9,14 @@ from sepmc.kernel.splines import pack
 from sepmc.routines import layout as at
 from sepmc.scene.model import Motor, Proximity, Scene, WindProfile
 
-COEFFICIENTS = {"axial": at.AXIAL, "normal": at.NORMAL, "side": at.SIDE, "roll": at.ROLLING, "yaw": at.YAWING, "pitch": at.PITCHING}
+COEFFICIENTS = {
+    "axial": at.AXIAL,
+    "normal": at.NORMAL,
+    "side": at.SIDE,
+    "roll": at.ROLLING,
+    "yaw": at.YAWING,
+    "pitch": at.PITCHING,
+}
 
 
 class Pool:
@@ -63,7 +70,8 @@ def direction(axis: tuple[float, float, float] | None) -> np.ndarray:
 
 
 def add_air(pool: Pool, scene: Scene) -> int:
-    """Logarithm of the density and speed of sound over height, after the least and greatest height; -1 without a table."""
+    """Logarithm of the density and speed of sound over height, after the least and greatest height;
+    -1 without a table."""
     air = scene.environment.air
     if scene.environment.atmosphere != "table" or air is None:
         return -1
@@ -112,7 +120,9 @@ def add_aero_table(pool: Pool, scene: Scene, name: str) -> int:
 
 def add_proximity(pool: Pool, entry: Proximity) -> int:
     """Start of six increments over the distance of separation."""
-    values = [getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS]
+    values = [
+        getattr(entry, coefficient) or (0.0,) * len(entry.distance) for coefficient in COEFFICIENTS
+    ]
     return pool.add(pack([entry.distance], np.array(values, dtype=float), ends="flat"))
 
 

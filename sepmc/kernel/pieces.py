@@ -1,9 +1,11 @@
 """A written module split into pieces, each compiled for itself and called by its address.
 
-Numba optimises a function anew in every function that calls it, so a module compiled as a whole costs two to three times its pieces. Pieces
-are compiled side by side, and kept by their own text: a scene that differs in its outputs compiles only what differs.
+Numba optimises a function anew in every function that calls it, so a module compiled as a whole
+costs two to three times its pieces. Pieces are compiled side by side, and kept by their own text: a
+scene that differs in its outputs compiles only what differs.
 
-A piece is a function of the workspace and numbers. Functions that take anything else stay with their callers.
+A piece is a function of the workspace and numbers. Functions that take anything else stay with
+their callers.
 """
 
 import ast
@@ -38,7 +40,11 @@ class _Module:
                 self.meanings |= {alias.asname or alias.name: node for alias in node.names}
             elif isinstance(node, ast.Assign):
                 self.meanings |= dict.fromkeys(_stored(node), node)
-        self.codes = {name: code for name, node in self.functions.items() if (code := _codes(node)) is not None}
+        self.codes = {
+            name: code
+            for name, node in self.functions.items()
+            if (code := _codes(node)) is not None
+        }
         self.places = {name: place for place, name in enumerate(self.codes)}
 
     def source(self, node: ast.stmt) -> list[str]:
@@ -47,7 +53,11 @@ class _Module:
 
     def line(self, name: str, node: ast.stmt) -> list[str]:
         """What gives a name its meaning; of an import, only the part that does."""
-        return [f"from {node.module} import {name}"] if isinstance(node, ast.ImportFrom) else self.source(node)
+        return (
+            [f"from {node.module} import {name}"]
+            if isinstance(node, ast.ImportFrom)
+            else self.source(node)
+        )
 
     def piece(self, name: str) -> Piece:
         """The piece of a function, with the functions that it calls in the ordinary way."""
@@ -56,7 +66,9 @@ class _Module:
         needed: dict[str, ast.stmt] = {}
         left = [name]
         if name == ENTRY:
-            needed |= {constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS", "STAGES")}
+            needed |= {
+                constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS", "STAGES")
+            }
         while left:
             function = left.pop()
             own.append(function)
@@ -70,13 +82,24 @@ class _Module:
                 elif used in self.meanings and used not in needed:
                     needed[used] = self.meanings[used]
                     names += _loaded(self.meanings[used])
-        lines = [f'"""Piece of a written kernel: {name}."""', "", "from sepmc.engine.pieces import callee, piece, workspace"]
+        lines = [
+            f'"""Piece of a written kernel: {name}."""',
+            "",
+            "from sepmc.engine.pieces import callee, piece, workspace",
+        ]
         order = sorted(needed, key=lambda used: (needed[used].lineno, used))
         for used in order:
             lines += [text for text in self.line(used, needed[used]) if text not in lines]
-        lines += [f"{used} = callee({self.places[used]}, {self.codes[used]!r})" for used in dict.fromkeys(called)]
+        lines += [
+            f"{used} = callee({self.places[used]}, {self.codes[used]!r})"
+            for used in dict.fromkeys(called)
+        ]
         for function in reversed(own):
-            source = [text for text in self.source(self.functions[function]) if function != name or text.strip() not in _MARKS]
+            source = [
+                text
+                for text in self.source(self.functions[function])
+                if function != name or text.strip() not in _MARKS
+            ]
             if function == name:
                 source = _as_piece(source, self.codes[name])
             lines += ["", "", *source]
@@ -85,7 +108,8 @@ class _Module:
 
 @lru_cache(maxsize=16)
 def split(text: str) -> list[Piece]:
-    """The pieces of a module in the order of their places in the table of addresses; the last is the one that is entered."""
+    """The pieces of a module in the order of their places in the table of addresses; the last is
+    the one that is entered."""
     module = _Module(text)
     return [module.piece(name) for name in module.places]
 
@@ -100,21 +124,31 @@ def _as_piece(source: list[str], codes: str) -> list[str]:
 
 
 def _codes(node: ast.FunctionDef) -> str | None:
-    """A letter for each number that a function takes besides the workspace; None if it is not a function of these."""
+    """A letter for each number that a function takes besides the workspace; None if it is not a
+    function of these."""
     first, *others = node.args.args
-    kinds = [other.annotation.id if isinstance(other.annotation, ast.Name) else "" for other in others]
+    kinds = [
+        other.annotation.id if isinstance(other.annotation, ast.Name) else "" for other in others
+    ]
     if first.arg != "w" or not all(kind in _CODES for kind in kinds):
         return None
     return "".join(_CODES[kind] for kind in kinds)
 
 
 def _stored(node: ast.AST) -> list[str]:
-    return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    return [
+        n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    ]
 
 
 @lru_cache(maxsize=4096)
 def _loaded(node: ast.stmt, body_only: bool = False) -> list[str]:
     """Names that a statement uses, or the body of a function."""
     parts = node.body if body_only and isinstance(node, ast.FunctionDef) else [node]
-    found = [n.id for part in parts for n in ast.walk(part) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)]
+    found = [
+        n.id
+        for part in parts
+        for n in ast.walk(part)
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
+    ]
     return [name for name in dict.fromkeys(found) if not (body_only and f"{name}()" in _MARKS)]

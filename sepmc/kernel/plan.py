@@ -1,4 +1,5 @@
-"""A scene as the arrays a kernel reads: its structure (`Model`), its nominal numbers, and the place of each number."""
+"""A scene as the arrays a kernel reads: its structure (`Model`), its nominal numbers, and the place
+of each number."""
 
 import math
 from dataclasses import dataclass
@@ -93,8 +94,9 @@ _LOAD = {
 class Plan:
     """What a kernel needs to fly a scene.
 
-    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI. ``bodies`` are those that move.
-    ``extremes`` are the scene with every dispersed parameter at its least, and at its largest.
+    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
+    ``bodies`` are those that move. ``extremes`` are the scene with every dispersed parameter at its
+    least, and at its largest.
     """
 
     scene: Scene
@@ -111,7 +113,8 @@ class Plan:
 def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
     """Pack a scene.
 
-    ``dispersed`` : paths of the parameters that vary from case to case. What only they make possible is in the plan too.
+    ``dispersed`` : paths of the parameters that vary from case to case. What only they make
+        possible is in the plan too.
     """
     conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
@@ -119,23 +122,39 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
     for path, slot in slots.items():
         nominal[slot] = value(scene, path)
     reference = scene.initial.path_reference
-    nominal[at.PATH_REFERENCE] = scene.initial.pitch - scene.initial.alpha if reference is None else reference
+    nominal[at.PATH_REFERENCE] = (
+        scene.initial.pitch - scene.initial.alpha if reference is None else reference
+    )
     for i, motor in enumerate(scene.motor):
         if motor.profile is not None and math.isinf(motor.burn):
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
     model = _model(scene, order, starts, len(nominal))
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
-    return Plan(scene, model, nominal, slots, list(scene.body), pairs, [phase.name for phase in scene.phase], contents(scene))
+    return Plan(
+        scene,
+        model,
+        nominal,
+        slots,
+        list(scene.body),
+        pairs,
+        [phase.name for phase in scene.phase],
+        contents(scene),
+    )
 
 
 def body_order(scene: Scene) -> list[str]:
     """Bodies in the order of a kernel: those that move, then the ground if anything names it."""
-    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
+    named = {b for joint in scene.joint.values() for b in joint.bodies} | {
+        b for spring in scene.spring for b in spring.bodies
+    }
     return [*scene.body, GROUND] if GROUND in named else list(scene.body)
 
 
-def _parameters(scene: Scene, order: list[str], conditions: Conditions) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
-    """Place of every parameter by path, a vector for their nominal values, and the starts of their blocks."""
+def _parameters(
+    scene: Scene, order: list[str], conditions: Conditions
+) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
+    """Place of every parameter by path, a vector for their nominal values, and the starts of their
+    blocks."""
     sizes = {
         "motors_p": at.MOTOR_SIZE * len(scene.motor),
         "joints_p": at.JOINT_SIZE * len(scene.joint),
@@ -156,21 +175,35 @@ def _parameters(scene: Scene, order: list[str], conditions: Conditions) -> tuple
         start, aero = at.HEAD + at.BODY_SIZE * b, scene.body[name].aerodynamics
         slots |= {f"body.{name}.{key}": start + offset for key, offset in _BODY.items()}
         if aero is not None:
-            slots |= {f"body.{name}.aerodynamics.{key}": start + offset for key, offset in _AERO.items()}
-            slots |= _optional(f"body.{name}.aerodynamics.moment_point", aero.moment_point, start + at.MOMENT_POINT, unset)
+            slots |= {
+                f"body.{name}.aerodynamics.{key}": start + offset for key, offset in _AERO.items()
+            }
+            slots |= _optional(
+                f"body.{name}.aerodynamics.moment_point",
+                aero.moment_point,
+                start + at.MOMENT_POINT,
+                unset,
+            )
     for i, motor in enumerate(scene.motor):
         start = starts["motors_p"] + at.MOTOR_SIZE * i
         slots |= {f"motor.{motor.name}.{key}": start + offset for key, offset in _MOTOR.items()}
     for i, (name, joint) in enumerate(scene.joint.items()):
         start = starts["joints_p"] + at.JOINT_SIZE * i
         slots |= {f"joint.{name}.{key}": start + offset for key, offset in _JOINT.items()}
-        slots |= _optional(f"joint.{name}.second_point", joint.second_point, start + at.SECOND_POINT, unset)
+        slots |= _optional(
+            f"joint.{name}.second_point", joint.second_point, start + at.SECOND_POINT, unset
+        )
         if joint.guide is not None:
             slots |= {f"joint.{name}.guide.{key}": start + offset for key, offset in _GUIDE.items()}
     for i, spring in enumerate(scene.spring):
         start = starts["springs_p"] + at.SPRING_SIZE * i
         slots |= {f"spring.{spring.name}.{key}": start + offset for key, offset in _SPRING.items()}
-        slots |= _optional(f"spring.{spring.name}.second_point", spring.second_point, start + at.SECOND_POINT, unset)
+        slots |= _optional(
+            f"spring.{spring.name}.second_point",
+            spring.second_point,
+            start + at.SECOND_POINT,
+            unset,
+        )
     for i, load in enumerate(scene.load):
         start = starts["loads_p"] + at.LOAD_SIZE * i
         slots |= {f"load.{load.name}.{key}": start + offset for key, offset in _LOAD.items()}
@@ -185,8 +218,11 @@ def _parameters(scene: Scene, order: list[str], conditions: Conditions) -> tuple
     return slots, nominal, starts
 
 
-def _optional(path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]) -> dict[str, int]:
-    """Places of a point that may be given; if it is not, its numbers are NaN and nothing can name them."""
+def _optional(
+    path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
+) -> dict[str, int]:
+    """Places of a point that may be given; if it is not, its numbers are NaN and nothing can name
+    them."""
     if point is None:
         unset += range(start, start + 3)
         return {}
@@ -194,10 +230,17 @@ def _optional(path: str, point: tuple[float, float, float] | None, start: int, u
 
 
 def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) -> at.Model:
-    """The scene's structure, and the layout of a case's array: parameters first, then what stretches of time know."""
+    """The scene's structure, and the layout of a case's array: parameters first, then what
+    stretches of time know."""
     joints = list(scene.joint)
     pool = Pool()
-    pool.add([x for j in joints for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))])
+    pool.add(
+        [
+            x
+            for j in joints
+            for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))
+        ]
+    )
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
     air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene)
     tables = {
@@ -206,8 +249,19 @@ def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) 
         "proximity_i": [packing.add_proximity(pool, entry) for entry in scene.proximity],
         "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
     }
-    table_starts = dict(zip(tables, np.cumsum([0, *(len(table) for table in tables.values())]).tolist(), strict=False))
-    behind = {"work": 0, "motors_w": at.MOTOR_WORK * len(scene.motor), "loads_w": at.LOAD_WORK * len(scene.load), "size_w": 0}
+    table_starts = dict(
+        zip(
+            tables,
+            np.cumsum([0, *(len(table) for table in tables.values())]).tolist(),
+            strict=False,
+        )
+    )
+    behind = {
+        "work": 0,
+        "motors_w": at.MOTOR_WORK * len(scene.motor),
+        "loads_w": at.LOAD_WORK * len(scene.load),
+        "size_w": 0,
+    }
     starts |= dict(zip(behind, np.cumsum([size_p, *behind.values()]).tolist(), strict=False))
     structure = dict(
         ground=len(order) - 1 if order[-1] == GROUND else -1,
@@ -225,11 +279,16 @@ def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) 
     record = np.zeros(1, dtype=at.STRUCTURE)
     for name, number in structure.items():
         record[name] = number
-    return at.Model(record, np.array([x for table in tables.values() for x in table], dtype=np.int64), pool.array())
+    return at.Model(
+        record,
+        np.array([x for table in tables.values() for x in table], dtype=np.int64),
+        pool.array(),
+    )
 
 
 def _pivot_joint(scene: Scene) -> int:
-    """The joint about which the vehicle turns at the start: the first that holds it to the ground; -1 if none does."""
+    """The joint about which the vehicle turns at the start: the first that holds it to the ground;
+    -1 if none does."""
     for number, (name, joint) in enumerate(scene.joint.items()):
         if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
             return number
@@ -237,12 +296,17 @@ def _pivot_joint(scene: Scene) -> int:
 
 
 def apart(scene: Scene, name: str) -> int:
-    """Sign that makes the separation positive when the second body moves away from the first along the joint's x axis. Mass centres that
-    are level with each other but for round-off (of units) count as level: then it is 1."""
+    """Sign that makes the separation positive when the second body moves away from the first along
+    the joint's x axis. Mass centres that are level with each other but for round-off (of units)
+    count as level: then it is 1."""
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart
     first, second = (scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies)
     x = joint_axes(joint.x_axis, joint.y_axis)[:3]
-    toward_second = (first[0] - second[0]) * x[0] + (second[1] - first[1]) * x[1] + (second[2] - first[2]) * x[2]
+    toward_second = (
+        (first[0] - second[0]) * x[0]
+        + (second[1] - first[1]) * x[1]
+        + (second[2] - first[2]) * x[2]
+    )
     return 1 if toward_second >= -_LEVEL * max(1.0, *map(abs, (*first, *second))) else -1

@@ -1,8 +1,10 @@
-"""Records formulas that are called on values of a kernel being written, and writes them down as lines for one lane.
+"""Records formulas that are called on values of a kernel being written, and writes them down as
+lines for one lane.
 
-The wiring of a kernel is ordinary Python: ``flow = vec3.unrotate(attitude, vec3.add(velocity, stream))`` on Values records two calls.
-The same call is recorded once, a value that nothing asks for is not written, and a value that depends on the parameters of a case
-alone is computed before the flight and kept in a slab.
+The wiring of a kernel is ordinary Python: ``flow = vec3.unrotate(attitude, vec3.add(velocity,
+stream))`` on Values records two calls. The same call is recorded once, a value that nothing asks
+for is not written, and a value that depends on the parameters of a case alone is computed before
+the flight and kept in a slab.
 """
 
 import math
@@ -11,15 +13,46 @@ from typing import Any
 
 from sepmc.kernel.text import Slabs, Text
 
-# Parts of a value: one number, a condition, so many numbers, a symmetric matrix (nine numbers kept as six), or a tuple of values.
+# Parts of a value: one number, a condition, so many numbers, a symmetric matrix (nine numbers kept
+# as six), or a tuple of values.
 Shape = int | str | tuple[Any, ...]
 NUMBER, CONDITION, SYMMETRIC = 1, "condition", "symmetric"
 
-_KEPT: dict[Shape, tuple[str, int]] = {3: ("3", 3), 4: ("4", 4), SYMMETRIC: ("6", 6), 9: ("9", 9)}  # suffix of get and put, numbers
-_PRECEDENCE = {"where": 0, "or": 1, "and": 2, "==": 3, "<": 3, "<=": 3, ">": 3, ">=": 3, "+": 4, "-": 4, "*": 5, "/": 5, "neg": 6}
+# suffix of get and put, numbers
+_KEPT: dict[Shape, tuple[str, int]] = {3: ("3", 3), 4: ("4", 4), SYMMETRIC: ("6", 6), 9: ("9", 9)}
+_PRECEDENCE = {
+    "where": 0,
+    "or": 1,
+    "and": 2,
+    "==": 3,
+    "<": 3,
+    "<=": 3,
+    ">": 3,
+    ">=": 3,
+    "+": 4,
+    "-": 4,
+    "*": 5,
+    "/": 5,
+    "neg": 6,
+}
 _ATOM = 9
-_TAKEN = {"w", "l", "math", "np", "phase", "usual", "left", "size"}  # names that functions have already, and functions
-_TAKEN |= {"add", "advance", "approach", "centre", "extend", "guard", "keep", "meet", "rates", "report", "sample", "settle", "watch"}
+# names that functions have already, and functions
+_TAKEN = {"w", "l", "math", "np", "phase", "usual", "left", "size"}
+_TAKEN |= {
+    "add",
+    "advance",
+    "approach",
+    "centre",
+    "extend",
+    "guard",
+    "keep",
+    "meet",
+    "rates",
+    "report",
+    "sample",
+    "settle",
+    "watch",
+}
 
 
 class Value:
@@ -134,7 +167,8 @@ def total(values: Sequence[Any]) -> Any:
 
 
 def record(op: str, args: tuple[Any, ...], shape: Shape) -> Value:
-    """A call of an operator or formula, in the scope of what it depends on most: a phase's function, or else the case alone."""
+    """A call of an operator or formula, in the scope of what it depends on most: a phase's
+    function, or else the case alone."""
     found = [value.scope for value in _values(args)]
     scope = next((scope for scope in found if scope.case is not None), found[0])
     return scope.add(op, args, shape)
@@ -149,15 +183,18 @@ def _values(args: Any) -> Iterator[Value]:
 
 
 class Scope:
-    """Lines of one loop over lanes. ``case`` is the scope of what depends on the parameters of a case alone; it has none itself."""
+    """Lines of one loop over lanes. ``case`` is the scope of what depends on the parameters of a
+    case alone; it has none itself."""
 
     def __init__(self, slabs: Slabs, case: "Scope | None" = None):
         self.slabs, self.case = slabs, case
         self.nodes: list[tuple[str, tuple[Any, ...], Shape]] = []
         self.names: dict[int, str] = {}
         self._known: dict[Any, int] = {}
-        self.stores: dict[str, tuple[int, Value]] = {}  # what places hold, and after how many nodes that was stored
-        self._kept: dict[int, str] = {}  # of the case: slabs that its values are kept in, for other scopes
+        # what places hold, and after how many nodes that was stored
+        self.stores: dict[str, tuple[int, Value]] = {}
+        # of the case: slabs that its values are kept in, for other scopes
+        self._kept: dict[int, str] = {}
         self.comments: list[tuple[int, str]] = []  # and after how many nodes each stands
 
     # -- recording
@@ -172,7 +209,8 @@ class Scope:
         return Value(self, self._known[key], shape)
 
     def load(self, place: str, shape: Shape = NUMBER) -> Value:
-        """What stands at a place of the workspace, such as ``S + X_body1``; or what was stored there before."""
+        """What stands at a place of the workspace, such as ``S + X_body1``; or what was stored
+        there before."""
         return self.stores[place][1] if place in self.stores else self.add("load", (place,), shape)
 
     def parameter(self, place: int) -> Value:
@@ -190,7 +228,11 @@ class Scope:
     def store(self, place: str, value: Any) -> None:
         """Put a value at a place; only what stands there at the end is written."""
         if not isinstance(value, Value):
-            value = self.add("tuple" if isinstance(value, tuple) else "constant", (value,), len(value) if isinstance(value, tuple) else 1)
+            value = self.add(
+                "tuple" if isinstance(value, tuple) else "constant",
+                (value,),
+                len(value) if isinstance(value, tuple) else 1,
+            )
         value = self._adopt(value)
         self.stores[place] = len(self.nodes), value
 
@@ -199,10 +241,18 @@ class Scope:
         self.comments.append((len(self.nodes), text))
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(self._adopt(a) if isinstance(a, Value) else self._adopted(a) if isinstance(a, tuple) else a for a in args)
+        return tuple(
+            self._adopt(a)
+            if isinstance(a, Value)
+            else self._adopted(a)
+            if isinstance(a, tuple)
+            else a
+            for a in args
+        )
 
     def _adopt(self, value: Value) -> Value:
-        """A value as this scope sees it: one of the case is kept in a slab; numbers of the file are read where they stand."""
+        """A value as this scope sees it: one of the case is kept in a slab; numbers of the file are
+        read where they stand."""
         if value.scope is self:
             return value
         assert value.scope is self.case, "a value of another function"
@@ -217,7 +267,9 @@ class Scope:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
             number = 1
-            while not self.slabs.add(f"{name}_{number}", _KEPT[value.shape][1] if value.shape in _KEPT else 1):
+            while not self.slabs.add(
+                f"{name}_{number}", _KEPT[value.shape][1] if value.shape in _KEPT else 1
+            ):
                 number += 1
             self._kept[value.node] = f"{name}_{number}"
             self.store(self._kept[value.node], value)
@@ -230,7 +282,8 @@ class Scope:
         return _Writer(self).lines()
 
     def write(self, text: Text) -> None:
-        """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads it is not vectorised."""
+        """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads
+        it is not vectorised."""
         writer = _Writer(self)
         lines = writer.lines()
         text(*writer.shared)
@@ -245,12 +298,15 @@ class _Writer:
     def __init__(self, scope: Scope):
         self.scope = scope
         self.uses: dict[int, int] = {}
-        self.alone: set[int] = set()  # values that a choice is between: computed before it, so that lanes need not part
+        # values that a choice is between: computed before it, so that lanes need not part
+        self.alone: set[int] = set()
         for _, value in scope.stores.values():
             self._visit((value,))
         self.spelled: dict[int, tuple[str, int]] = {}
         self.shared: list[str] = []
-        self.taken = {op.partition(".")[0] for op, _, _ in scope.nodes if op not in _READINGS} | _TAKEN
+        self.taken = {
+            op.partition(".")[0] for op, _, _ in scope.nodes if op not in _READINGS
+        } | _TAKEN
 
     def _visit(self, args: tuple[Any, ...]) -> None:
         left = list(args)
@@ -288,9 +344,14 @@ class _Writer:
             self.shared.append(f"{name} = {code}")
             self.spelled[node] = name, _ATOM
             return None
-        reads = op == "load" and args[0] not in self.scope.stores  # what a place holds may change before it is used
+        # what a place holds may change before it is used
+        reads = op == "load" and args[0] not in self.scope.stores
         plain = op in ("item", "constant", "tuple") or (op in _READINGS and (op != "load" or reads))
-        once = self.uses[node] == 1 and not (op == "load" and not reads) and (node not in self.alone or plain)
+        once = (
+            self.uses[node] == 1
+            and not (op == "load" and not reads)
+            and (node not in self.alone or plain)
+        )
         if (once and node not in self.scope.names) or op in ("item", "constant", "named"):
             self.spelled[node] = code, precedence
             return None
@@ -328,7 +389,8 @@ class _Writer:
         return code, rank
 
     def _spell(self, a: Any, least: int = 0) -> str:
-        """How a value, number or tuple is written, in parentheses if it binds more loosely than ``least``."""
+        """How a value, number or tuple is written, in parentheses if it binds more loosely than
+        ``least``."""
         if isinstance(a, tuple):
             return f"({', '.join(self._spell(part) for part in a)}{',' if len(a) == 1 else ''})"
         if not isinstance(a, Value):
@@ -346,7 +408,11 @@ class _Writer:
 def _load(place: str, shape: Shape) -> tuple[str, int]:
     if shape in _KEPT:
         return f"get{_KEPT[shape][0]}(w, {place} + l)", _ATOM
-    return (f"w[{place} + l] > 0.0", _PRECEDENCE[">"]) if shape == CONDITION else (f"w[{place} + l]", _ATOM)
+    return (
+        (f"w[{place} + l] > 0.0", _PRECEDENCE[">"])
+        if shape == CONDITION
+        else (f"w[{place} + l]", _ATOM)
+    )
 
 
 def _shared(place: int, shape: Shape) -> tuple[str, int]:
@@ -375,7 +441,15 @@ def _word(op: str, args: tuple[Any, ...]) -> str:
         word = str(args[0]).rpartition(" + ")[2].lower() if op == "load" else op
         return word if word.isidentifier() else "value"
     if op in _PRECEDENCE:
-        return {"where": "chosen", "and": "holds", "or": "holds", "<": "holds", "<=": "holds", ">": "holds", ">=": "holds"}.get(op, "x")
+        return {
+            "where": "chosen",
+            "and": "holds",
+            "or": "holds",
+            "<": "holds",
+            "<=": "holds",
+            ">": "holds",
+            ">=": "holds",
+        }.get(op, "x")
     return op.rpartition(".")[2]
 
 
@@ -386,7 +460,8 @@ def _number(a: Any) -> str:
 
 
 class Formulas:
-    """Formulas of a module of the physics, which the wiring calls as it would call them: on Values they are recorded."""
+    """Formulas of a module of the physics, which the wiring calls as it would call them: on Values
+    they are recorded."""
 
     def __init__(self, prefix: str, shapes: dict[str, Shape]):
         self._prefix, self._shapes = prefix, shapes
@@ -398,4 +473,15 @@ class Formulas:
         return lambda *args: record(op, args, self._shapes[name])
 
 
-__all__ = ["CONDITION", "NUMBER", "SYMMETRIC", "Formulas", "Scope", "Value", "called", "record", "total", "where"]
+__all__ = [
+    "CONDITION",
+    "NUMBER",
+    "SYMMETRIC",
+    "Formulas",
+    "Scope",
+    "Value",
+    "called",
+    "record",
+    "total",
+    "where",
+]

@@ -13,13 +13,15 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-DEPENDENT = 1e-9  # share of its diagonal below which a pivot is too small: rows are redundant, or nearly
+# share of its diagonal below which a pivot is too small: rows are redundant, or nearly
+DEPENDENT = 1e-9
 
 
 @dataclass
 class JointRow:
-    """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the groups that it turns (body axes) and
-    these times the inverse inertia, the part gamma of its second derivative, and how far it is off."""
+    """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the
+    groups that it turns (body axes) and these times the inverse inertia, the part gamma of its
+    second derivative, and how far it is off."""
 
     row: Row
     e: Any
@@ -33,12 +35,18 @@ class JointRow:
 
 
 class Rows:
-    """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as one, or of bodies ``apart``."""
+    """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as
+    one, or of bodies ``apart``."""
 
     def __init__(self, s: State, rows: list[Row] | None = None, apart: bool = False):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
-        self.apart, groups = apart, [(body,) for body in s.shape.bodies] if apart else s.stage.groups
-        self.inverse = {group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group}
+        self.apart, groups = (
+            apart,
+            [(body,) for body in s.shape.bodies] if apart else s.stage.groups,
+        )
+        self.inverse = {
+            group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group
+        }
         self.rows: list[JointRow] = []
         for row in s.stage.rows if rows is None else rows:
             if not self.rows or row.joint != self.rows[-1].row.joint:
@@ -47,7 +55,9 @@ class Rows:
 
     def _row(self, row: Row) -> JointRow:
         s, pair = self.s, self.s.joint(row.joint)
-        e, arm_a, arm_b, gamma, value, rate = self._turning(row, pair) if row.turns else self._moving(row, pair)
+        e, arm_a, arm_b, gamma, value, rate = (
+            self._turning(row, pair) if row.turns else self._moving(row, pair)
+        )
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
             leader = body if self.apart else s.stage.leader(body)
@@ -55,17 +65,32 @@ class Rows:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
         if s.shape.scene.solver.drift == "baumgarte":
             gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
-        normals = {leader: vec3.unrotate(s.attitude(leader), arm).called("n") for leader, arm in arms.items()}
-        turned = {leader: vec3.rotate(self.inverse[leader], n).called("turned") for leader, n in normals.items()}
+        normals = {
+            leader: vec3.unrotate(s.attitude(leader), arm).called("n")
+            for leader, arm in arms.items()
+        }
+        turned = {
+            leader: vec3.rotate(self.inverse[leader], n).called("turned")
+            for leader, n in normals.items()
+        }
         held = s.while_held(row.joint, row.kinds) if row.kinds else 1.0
-        return JointRow(row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held)
+        return JointRow(
+            row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held
+        )
 
     def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """A row that holds an angle."""
         of_second, of_first = (row.code - at.ROTATION) // 3, (row.code - at.ROTATION) % 3
         b, a = self.s.axis(row.joint, of_second, second=True), self.s.axis(row.joint, of_first)
         arm, gamma = joints.rotation(b, a, pair.spin_a, pair.spin_b).called("row")
-        return ZERO, vec3.scale(-1.0, arm), arm, gamma, vec3.dot(b, a), joints.rotation_rate(b, a, pair.spin_a, pair.spin_b)
+        return (
+            ZERO,
+            vec3.scale(-1.0, arm),
+            arm,
+            gamma,
+            vec3.dot(b, a),
+            joints.rotation_rate(b, a, pair.spin_a, pair.spin_b),
+        )
 
     def _moving(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """A row that holds a distance."""
@@ -78,8 +103,12 @@ class Rows:
         return e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e)
 
     def coupling(self) -> list[list[Any]]:
-        """G M^-1 G^T below and on its diagonal; of a row that is not held any more, that of a multiplier of zero."""
-        return [[self._coupling(one, two) for two in self.rows[: r + 1]] for r, one in enumerate(self.rows)]
+        """G M^-1 G^T below and on its diagonal; of a row that is not held any more, that of a
+        multiplier of zero."""
+        return [
+            [self._coupling(one, two) for two in self.rows[: r + 1]]
+            for r, one in enumerate(self.rows)
+        ]
 
     def _coupling(self, one: JointRow, two: JointRow) -> Any:
         signs: dict[str, int] = {}
@@ -88,12 +117,22 @@ class Rows:
                 for other, other_sign in zip(self.bodies[two.row.joint], (-1, 1), strict=True):
                     if body == other != GROUND:
                         signs[body] = sign * other_sign
-        perpendicular = one.row.joint == two.row.joint and one is not two and at.ROD not in (one.row.code, two.row.code)
+        perpendicular = (
+            one.row.joint == two.row.joint
+            and one is not two
+            and at.ROD not in (one.row.code, two.row.code)
+        )
         terms = []
         if signs and not perpendicular:
-            masses = total([float(sign) * self.s.case.inverse_mass(body) for body, sign in signs.items()])
+            masses = total(
+                [float(sign) * self.s.case.inverse_mass(body) for body, sign in signs.items()]
+            )
             terms.append(masses if one is two else masses * vec3.dot(one.e, two.e))
-        terms += [vec3.dot(two.normals[leader], one.turned[leader]) for leader in one.normals if leader in two.normals]
+        terms += [
+            vec3.dot(two.normals[leader], one.turned[leader])
+            for leader in one.normals
+            if leader in two.normals
+        ]
         found = one.held * two.held * total(terms) if terms else 0.0
         return found + (1.0 - one.held) if one is two else found
 
@@ -104,8 +143,11 @@ class Rows:
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
         lose(self.s.scope, left <= DEPENDENT * own, at.LEAST_SQUARES)
 
-    def without_joints(self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True) -> list[Any]:
-        """What accelerations without the joints leave of each row; by themselves, apart from what bodies do that are ``moving``."""
+    def without_joints(
+        self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
+    ) -> list[Any]:
+        """What accelerations without the joints leave of each row; by themselves, apart from what
+        bodies do that are ``moving``."""
         found = []
         for one in self.rows:
             side = one.gamma if moving else 0.0
@@ -113,7 +155,11 @@ class Rows:
                 apart = relative_acceleration(acceleration, self.bodies[one.row.joint])
                 side = side if apart is ZERO else side - vec3.dot(one.e, apart)
             for leader, normal in one.normals.items():
-                side = side if spin_rate[leader] is ZERO else side - vec3.dot(normal, spin_rate[leader])
+                side = (
+                    side
+                    if spin_rate[leader] is ZERO
+                    else side - vec3.dot(normal, spin_rate[leader])
+                )
             found.append(one.held * side)
         return found
 
@@ -126,9 +172,15 @@ class Rows:
                 a, b = self.bodies[one.row.joint]
                 if not one.row.turns and body in (a, b):
                     pulls.append(vec3.scale(-m if body == a else m, one.e))
-            linear[body] = vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
+            linear[body] = (
+                vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
+            )
         for leader in self.s.stage.leaders:
-            turns = [vec3.scale(m, one.turned[leader]) for m, one in zip(multipliers, self.rows, strict=True) if leader in one.turned]
+            turns = [
+                vec3.scale(m, one.turned[leader])
+                for m, one in zip(multipliers, self.rows, strict=True)
+                if leader in one.turned
+            ]
             angular[leader] = add_all(turns) if turns else None
         return linear, angular
 
@@ -143,7 +195,8 @@ class Rows:
 
 
 class LeastSquares:
-    """Solutions of least sum of squares of a symmetric system some of whose rows follow from others, given below and on its diagonal."""
+    """Solutions of least sum of squares of a symmetric system some of whose rows follow from
+    others, given below and on its diagonal."""
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
@@ -155,12 +208,16 @@ class LeastSquares:
         """The solution for a right-hand side."""
         scope, slabs, n = self.s.scope, self.s.c.slabs, len(side)
         self.solved += 1
-        system, found, rank = (f"{slab}_{self.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK"))
+        system, found, rank = (
+            f"{slab}_{self.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK")
+        )
         slabs.add(system, len(self.matrix) + n), slabs.add(found, n), slabs.add(rank, 1)
         slabs.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
         for k, value in enumerate((*self.matrix, *side)):
             scope.store(part(system, k), value)
-        w, here, there, scratch = map(scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}"))
+        w, here, there, scratch = map(
+            scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}")
+        )
         self.rank, self.smallest = linear.share(w, here, n, scratch, there).called("solved")
         scope.store(rank, self.rank)  # what is stored is written
         lose_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
@@ -201,8 +258,11 @@ Solver = Factors | LeastSquares
 
 
 def is_finite(s: State) -> Value:
-    """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that it moves."""
-    found: Value = getattr(scalar, "math.isfinite")(total([x for body in s.shape.bodies for x in s.speed(body)]))
+    """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that
+    it moves."""
+    found: Value = getattr(scalar, "math.isfinite")(
+        total([x for body in s.shape.bodies for x in s.speed(body)])
+    )
     return found
 
 
@@ -212,13 +272,15 @@ def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
-    """Note the smallest share of its diagonal that a pivot keeps; a case is lost where that is too little: rows follow from others, or
-    nearly do. If some are known to, note how many."""
+    """Note the smallest share of its diagonal that a pivot keeps; a case is lost where that is too
+    little: rows follow from others, or nearly do. If some are known to, note how many."""
     s.c.start("PIVOT", 1.0)
     least = s.scope.load("PIVOT")
     if isinstance(factors, LeastSquares):
         s.c.start("REDUNDANT", 0.0)
-        s.scope.store("REDUNDANT", scalar.larger(s.scope.load("REDUNDANT"), len(coupling) - factors.rank))
+        s.scope.store(
+            "REDUNDANT", scalar.larger(s.scope.load("REDUNDANT"), len(coupling) - factors.rank)
+        )
         s.scope.store("PIVOT", where(factors.smallest < least, factors.smallest, least))
         return
     for row, pivot in zip(coupling, factors.diagonal, strict=True):

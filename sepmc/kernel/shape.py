@@ -18,17 +18,25 @@ from sepmc.scene.kinds import joint_axes, rows_of, slides
 from sepmc.scene.model import GROUND, Phase, Scene, Until
 from sepmc.scene.redundancy import dependent_rows
 
-_ON_STATE = {"stroke": at.AT_STROKE, "distance": at.AT_DISTANCE, "angle": at.AT_ANGLE, "altitude": at.AT_ALTITUDE}
+_ON_STATE = {
+    "stroke": at.AT_STROKE,
+    "distance": at.AT_DISTANCE,
+    "angle": at.AT_ANGLE,
+    "altitude": at.AT_ALTITUDE,
+}
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
-_UNTOLD = 2**17  # stretches of a phase that a load may end: each as long as the phase usually is, or a share of the time left
+# stretches of a phase that a load may end: each as long as the phase usually is, or a share of the
+# time left
+_UNTOLD = 2**17
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-Kinds = dict[int, tuple[int, ...]]  # codes of the rows that a joint holds, by the number of its kind: the one that holds most first
+# codes of the rows that a joint holds, by the number of its kind: the one that holds most first
+Kinds = dict[int, tuple[int, ...]]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint and its code (`layout`); if it counts in some of its stage only, the kinds of its joint, by
-    number, in which it does."""
+    """A constraint row: its joint and its code (`layout`); if it counts in some of its stage only,
+    the kinds of its joint, by number, in which it does."""
 
     joint: str
     code: int
@@ -42,8 +50,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Event:
-    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where its threshold stands in w; whether it
-    ends its phase by itself, or else its number among the conditions that do so together, or, ``apart`` from phases, release a joint."""
+    """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where
+    its threshold stands in w; whether it ends its phase by itself, or else its number among the
+    conditions that do so together, or, ``apart`` from phases, release a joint."""
 
     what: int
     which: str
@@ -61,7 +70,8 @@ class Event:
 
     @property
     def is_border(self) -> bool:
-        """Whether it is a border of a body's layer of air, which is met as often as it is passed."""
+        """Whether it is a border of a body's layer of air, which is met as often as it is
+        passed."""
         return self.what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
     def flag(self, stage: str) -> str:
@@ -70,7 +80,11 @@ class Event:
             return f"ENTERS_{self.which}"
         if self.ends_phase:
             return "DONE"
-        return f"SPENT_{self.which}" if self.number < 0 else met(APART if self.apart else stage, self.number)
+        return (
+            f"SPENT_{self.which}"
+            if self.number < 0
+            else met(APART if self.apart else stage, self.number)
+        )
 
 
 APART = "apart"  # in place of a phase, of a condition that releases a joint in any
@@ -88,8 +102,9 @@ def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
 
 @dataclass
 class Release:
-    """A release apart from phases, of a joint: any of clauses, each all of conditions by number; those of these that are times, places of
-    what adds up to them, those on the state and those on loads."""
+    """A release apart from phases, of a joint: any of clauses, each all of conditions by number;
+    those of these that are times, places of what adds up to them, those on the state and those on
+    loads."""
 
     name: str
     joint: str
@@ -101,7 +116,8 @@ class Release:
 
 @dataclass(frozen=True)
 class Change:
-    """What an event tells a joint, the end of a phase or a release apart from phases: to hold its kind number ``to``, from its delay on."""
+    """What an event tells a joint, the end of a phase or a release apart from phases: to hold its
+    kind number ``to``, from its delay on."""
 
     joint: str
     event: str
@@ -110,34 +126,47 @@ class Change:
 
 @dataclass
 class Stage:
-    """A phase, or the time after it in which joints are late in letting go: its groups of bodies that turn as one (the first leads), its
-    rows, what ends it, and what it does not hold any more."""
+    """A phase, or the time after it in which joints are late in letting go: its groups of bodies
+    that turn as one (the first leads), its rows, what ends it, and what it does not hold any
+    more."""
 
     name: str
     phase: str
     may: dict[str, Kinds]  # what joints may hold in it: codes of rows, by the number of the kind
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
-    welds: list[str] = field(default_factory=list)  # joints that let nothing turn, whose bodies turn as one
+    # joints that let nothing turn, whose bodies turn as one
+    welds: list[str] = field(default_factory=list)
     dropped: list[Row] = field(default_factory=list)  # rows that follow from the others
-    redundant: int = 0  # how many would, if each body turned by itself: what joints carry is then not unique
-    full: bool = False  # whether bodies turn by themselves, and wrenches and accelerations are solved for together
-    least_squares: bool = False  # whether bodies do turn by themselves, and all rows are solved for, by least sum of squares
+    # how many would, if each body turned by itself: what joints carry is then not unique
+    redundant: int = 0
+    # whether bodies turn by themselves, and wrenches and accelerations are solved for together
+    full: bool = False
+    # whether bodies do turn by themselves, and all rows are solved for, by least sum of squares
+    least_squares: bool = False
     events: list[Event] = field(default_factory=list)
     loads: list[Event] = field(default_factory=list)  # conditions on what joints carry
-    end_time: tuple[int, ...] = ()  # places in w of what adds up to the time that ends it; none: the end of the run
+    # places in w of what adds up to the time that ends it; none: the end of the run
+    end_time: tuple[int, ...] = ()
     delay: int | None = None  # place in w of the delay of the joint that lets go then
-    late: dict[str, int] = field(default_factory=dict)  # joints that are late, and the places of their delays: the last one ends it
-    after_late: bool = False  # whether its end was waited for before it began, while joints were late
-    awaited: Event | None = None  # the condition that ends the phase after it and is waited for while joints are late
-    clauses: list[tuple[int, ...]] = field(default_factory=list)  # of several conditions: any of these ends it, each all of its numbers
-    times: dict[int, tuple[int, ...]] = field(default_factory=dict)  # which of them are times: places of what adds up to them
-    releases: list[Release] = field(default_factory=list)  # apart from phases, that may change what joints hold in it
+    # joints that are late, and the places of their delays: the last one ends it
+    late: dict[str, int] = field(default_factory=dict)
+    # whether its end was waited for before it began, while joints were late
+    after_late: bool = False
+    # the condition that ends the phase after it and is waited for while joints are late
+    awaited: Event | None = None
+    # of several conditions: any of these ends it, each all of its numbers
+    clauses: list[tuple[int, ...]] = field(default_factory=list)
+    # which of them are times: places of what adds up to them
+    times: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    # apart from phases, that may change what joints hold in it
+    releases: list[Release] = field(default_factory=list)
     stops: int = 1
 
     @property
     def shares(self) -> bool:
-        """Whether what joints carry is not what moves its groups of bodies, and has to be shared out."""
+        """Whether what joints carry is not what moves its groups of bodies, and has to be shared
+        out."""
         return self.redundant > 0 and not self.least_squares
 
     @property
@@ -147,9 +176,15 @@ class Stage:
 
     def _rows(self, joint: str) -> list[Row]:
         """Rows that a joint may have in it."""
-        kinds, codes = self.may[joint], dict.fromkeys(code for codes in self.may[joint].values() for code in codes)
+        kinds, codes = (
+            self.may[joint],
+            dict.fromkeys(code for codes in self.may[joint].values() for code in codes),
+        )
         having = {code: tuple(k for k, held in kinds.items() if code in held) for code in codes}
-        return [Row(joint, code, () if len(which) == len(kinds) else which) for code, which in having.items()]
+        return [
+            Row(joint, code, () if len(which) == len(kinds) else which)
+            for code, which in having.items()
+        ]
 
     def leader(self, body: str) -> str:
         """The body whose attitude is that of a body, or the ground."""
@@ -195,13 +230,15 @@ class Stage:
 
 @dataclass
 class Shape:
-    """A scene as a kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in ``dispersed`` too."""
+    """A scene as a kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in
+    ``dispersed`` too."""
 
     plan: Plan
     dispersed: frozenset[str]
     names: Names
     stages: list[Stage]
-    turning: list[str]  # bodies in the order their attitudes stand in the state: leaders of the first phase first
+    # bodies in the order their attitudes stand in the state: leaders of the first phase first
+    turning: list[str]
     changes: list[Change]  # what events tell joints
     care: int  # USUAL, ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`
     failing: list[str]  # joints that may fail to let go
@@ -217,51 +254,81 @@ class Shape:
         return self.plan.bodies
 
     def may(self, path: str, nominally: bool) -> bool:
-        """Whether some case may have what the nominal one has if ``nominally``, since a parameter says so that may be dispersed."""
+        """Whether some case may have what the nominal one has if ``nominally``, since a parameter
+        says so that may be dispersed."""
         return nominally or path in self.dispersed
 
     def feels_air(self, body: str) -> bool:
         """Whether a body has aerodynamics, and air to fly in."""
-        return self.scene.environment.atmosphere != "none" and self.scene.body[body].aerodynamics is not None
+        return (
+            self.scene.environment.atmosphere != "none"
+            and self.scene.body[body].aerodynamics is not None
+        )
 
     def in_layers(self, body: str) -> bool:
-        """Whether a body flies in the layers of the standard atmosphere, whose density is expanded about its height."""
+        """Whether a body flies in the layers of the standard atmosphere, whose density is expanded
+        about its height."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
     def active(self, stage: Stage) -> int:
         """Numbers of the state that are integrated in a phase."""
-        return 6 * len(self.bodies) + 1 + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+        return (
+            6 * len(self.bodies)
+            + 1
+            + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+        )
 
     @property
     def any_order(self) -> bool:
-        """Whether joints that are late, fail or are released apart from phases may let go before or after any event."""
+        """Whether joints that are late, fail or are released apart from phases may let go before or
+        after any event."""
         return self.care <= at.ANY_ORDER
 
     @property
     def spares(self) -> list[int]:
-        """With what care kernels may fly cases that one of this shape loses: in which joints are late beyond the next event or fail, or
-        bodies leave their layer of air though that was not foreseen; in which rows cease to follow from others, or come to."""
-        lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(self.failing)
+        """With what care kernels may fly cases that one of this shape loses: in which joints are
+        late beyond the next event or fail, or bodies leave their layer of air though that was not
+        foreseen; in which rows cease to follow from others, or come to."""
+        lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(
+            self.failing
+        )
         lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
         found = [at.ANY_ORDER] if lost and not self.any_order else []
-        return found + ([at.LEAST_SQUARES] if self.care != at.LEAST_SQUARES and any(stage.rows for stage in self.stages) else [])
+        return found + (
+            [at.LEAST_SQUARES]
+            if self.care != at.LEAST_SQUARES and any(stage.rows for stage in self.stages)
+            else []
+        )
 
     @cached_property
     def masked(self) -> dict[str, int]:
-        """Joints that let go within a stage, and the numbers of the kinds as which they hold at the start."""
+        """Joints that let go within a stage, and the numbers of the kinds as which they hold at the
+        start."""
         names = dict.fromkeys(name for stage in self.stages for name in stage.masked)
         return {name: min(self.stages[0].may[name]) for name in names}
 
     @property
     def changing(self) -> list[tuple[str, int]]:
         """Joints that let go within a stage, and the numbers of the kinds that they take."""
-        found = {(name, number) for stage in self.stages for name in stage.masked for number in stage.may[name]}
+        found = {
+            (name, number)
+            for stage in self.stages
+            for name in stage.masked
+            for number in stage.may[name]
+        }
         return sorted((name, number) for name, number in found if number > self.masked[name])
 
     @property
     def spent(self) -> list[str]:
         """Springs whose strokes may end."""
-        return list(dict.fromkeys(e.which for stage in self.stages for e in stage.events if e.what == at.AT_SPRING_STROKE))
+        return list(
+            dict.fromkeys(
+                e.which
+                for stage in self.stages
+                for e in stage.events
+                if e.what == at.AT_SPRING_STROKE
+            )
+        )
 
     def told(self, joint: str) -> list[Change]:
         """What events tell a joint."""
@@ -269,8 +336,16 @@ class Shape:
 
     def rubbing(self, stage: Stage) -> list[str]:
         """Joints whose pins may slide in a phase, with friction."""
-        guides = {name: joint.guide for name, joint in self.scene.joint.items() if joint.guide is not None and stage.sliding(name)}
-        return [name for name, guide in guides.items() if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)]
+        guides = {
+            name: joint.guide
+            for name, joint in self.scene.joint.items()
+            if joint.guide is not None and stage.sliding(name)
+        }
+        return [
+            name
+            for name, guide in guides.items()
+            if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)
+        ]
 
     def plain_axes(self, joint: str) -> bool:
         """Whether a joint's axes are those of its first body."""
@@ -279,15 +354,23 @@ class Shape:
 
 
 def _needs_any_order(shape: Shape) -> bool:
-    """Whether a scene asks for more than phases that follow each other, with joints that are late between them: where conditions are
-    waited for meanwhile that cannot be noted, joints fail nominally or let go in part twice, or rows are redundant while joints let go."""
+    """Whether a scene asks for more than phases that follow each other, with joints that are late
+    between them: where conditions are waited for meanwhile that cannot be noted, joints fail
+    nominally or let go in part twice, or rows are redundant while joints let go."""
     scene, stages = shape.scene, shape.stages
-    if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(j.fails for j in scene.joint.values()):
+    if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(
+        j.fails for j in scene.joint.values()
+    ):
         return True
-    if any(release.to != "free" or _may_be_late(scene, release.joint, shape.dispersed) for release in scene.release):
+    if any(
+        release.to != "free" or _may_be_late(scene, release.joint, shape.dispersed)
+        for release in scene.release
+    ):
         return True
     guides = [name for name, joint in scene.joint.items() if joint.guide is not None]
-    return any(stage.redundant and (stage.masked or any(map(stage.sliding, guides))) for stage in stages)
+    return any(
+        stage.redundant and (stage.masked or any(map(stage.sliding, guides))) for stage in stages
+    )
 
 
 def _is_manifold(until: Until) -> bool:
@@ -303,9 +386,11 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
 def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL) -> Shape:
     """The shape of a scene.
 
-    A joint that is late lets go between two phases, in a stage of its own; a case in which the next phase ends meanwhile is lost. With
-    the ``care`` of ANY_ORDER, and for scenes that need it, it may let go whenever it is due, in any phase: stages are the phases, and what
-    such joints hold is masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any case.
+    A joint that is late lets go between two phases, in a stage of its own; a case in which the next
+    phase ends meanwhile is lost. With the ``care`` of ANY_ORDER, and for scenes that need it, it
+    may let go whenever it is due, in any phase: stages are the phases, and what such joints hold is
+    masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any
+    case.
     """
     if care == at.USUAL:
         shape = _shape(plan, dispersed, at.USUAL)
@@ -318,10 +403,16 @@ def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
     names = Names(plan.scene)
     plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
     scene = plan.scene
-    spent = {s.name: s.bodies for s in scene.spring if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed}
+    spent = {
+        s.name: s.bodies
+        for s in scene.spring
+        if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed
+    }
     switches, releases = _breaks(scene, dispersed), _releases(plan, dispersed)
     stages, any_order = _stages(plan, dispersed, releases, care), care <= at.ANY_ORDER
-    in_layers = scene.environment.atmosphere == "us1976" and any(body.aerodynamics is not None for body in scene.body.values())
+    in_layers = scene.environment.atmosphere == "us1976" and any(
+        body.aerodynamics is not None for body in scene.body.values()
+    )
     borders = in_layers and (any_order or may_pass_borders(scene, plan.extremes))
     for stage in stages:
         stage.events += [
@@ -331,22 +422,41 @@ def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
         ]
         for body in plan.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
-                stage.events += [Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)]
-        stage.events += dict.fromkeys(event for release in stage.releases for event in release.events)
+                stage.events += [
+                    Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
+                ]
+        stage.events += dict.fromkeys(
+            event for release in stage.releases for event in release.events
+        )
         stage.loads += dict.fromkeys(load for release in stage.releases for load in release.loads)
         times = len(stage.times) + sum(len(release.times) for release in stage.releases)
         others = sum(not event.ends_phase for event in (*stage.events, *stage.loads))
         told = sum(change.joint in stage.masked for change in _changes(scene))
-        stage.stops = 1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
+        stage.stops = (
+            1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
+        )
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
     turning += [b for b in plan.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
-    return Shape(plan, dispersed, names, stages, turning, _changes(scene), care, failing, switches > 0, borders)
+    return Shape(
+        plan,
+        dispersed,
+        names,
+        stages,
+        turning,
+        _changes(scene),
+        care,
+        failing,
+        switches > 0,
+        borders,
+    )
 
 
-def _stages(plan: Plan, dispersed: frozenset[str], releases: list[Release], care: int) -> list[Stage]:
+def _stages(
+    plan: Plan, dispersed: frozenset[str], releases: list[Release], care: int
+) -> list[Stage]:
     """The stages of a flight, with what ends each by itself."""
     scene, stages, any_order = plan.scene, list[Stage](), care <= at.ANY_ORDER
     for number, phase in enumerate(scene.phase):
@@ -391,33 +501,60 @@ def _changes(scene: Scene) -> list[Change]:
         to = _in_phase(scene, joint, number + 1)
         if to > _in_phase(scene, joint, number):
             found.append(Change(joint, phase.name, to))
-    return found + [Change(release.joint, release.name, _numbered(scene, release.joint, release.to)) for release in scene.release]
+    return found + [
+        Change(release.joint, release.name, _numbered(scene, release.joint, release.to))
+        for release in scene.release
+    ]
 
 
-def _may_hold(scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool) -> Kinds:
-    """What a joint may hold in a phase: that of the phase or what it was released to, or, if it may be late or fail and may let go in
-    ``any_order``, what it held before."""
+def _may_hold(
+    scene: Scene, joint: str, phase: int, dispersed: frozenset[str], any_order: bool
+) -> Kinds:
+    """What a joint may hold in a phase: that of the phase or what it was released to, or, if it may
+    be late or fail and may let go in ``any_order``, what it held before."""
     told = [_in_phase(scene, joint, phase)]
     if any_order and (_may_be_late(scene, joint, dispersed) or _may_fail(scene, joint, dispersed)):
         told = [_in_phase(scene, joint, number) for number in range(phase + 1)]
-    released = [_numbered(scene, joint, release.to) for release in scene.release if release.joint == joint]
+    released = [
+        _numbered(scene, joint, release.to) for release in scene.release if release.joint == joint
+    ]
     numbers = sorted({*told, *(number for number in released if number > told[0])})
     chain = _chain(scene, joint)
     return {number: chain[number] for number in numbers}
 
 
-def _add_late(stages: list[Stage], stage: Stage, number: int, plan: Plan, dispersed: frozenset[str], releases: list[Release]) -> None:
-    """What joints that are late in letting go before phase ``number`` add: a delay to the end of the one before, if that is a time and no
-    other joint changes; or else a stage of its own, in which those joints hold as before and all others as from now on.
+def _add_late(
+    stages: list[Stage],
+    stage: Stage,
+    number: int,
+    plan: Plan,
+    dispersed: frozenset[str],
+    releases: list[Release],
+) -> None:
+    """What joints that are late in letting go before phase ``number`` add: a delay to the end of
+    the one before, if that is a time and no other joint changes; or else a stage of its own, in
+    which those joints hold as before and all others as from now on.
 
-    What ends the second phase is waited for meanwhile, too: cases in which it may have come are lost (`Stage.after_late`).
+    What ends the second phase is waited for meanwhile, too: cases in which it may have come are
+    lost (`Stage.after_late`).
     """
     scene, phase = plan.scene, plan.scene.phase[number]
-    changed = [joint for joint in scene.joint if _in_phase(scene, joint, number) != _in_phase(scene, joint, number - 1)]
-    late = {joint: plan.slots[f"joint.{joint}.delay"] for joint in changed if _may_be_late(scene, joint, dispersed)}
+    changed = [
+        joint
+        for joint in scene.joint
+        if _in_phase(scene, joint, number) != _in_phase(scene, joint, number - 1)
+    ]
+    late = {
+        joint: plan.slots[f"joint.{joint}.delay"]
+        for joint in changed
+        if _may_be_late(scene, joint, dispersed)
+    }
     if not late:
         return
-    stage.after_late, awaited = True, next((event for event in stage.events if event.ends_phase), None)
+    stage.after_late, awaited = (
+        True,
+        next((event for event in stage.events if event.ends_phase), None),
+    )
     if len(changed) == 1 and stages[-1].end_time:
         stages[-1].delay, stages[-1].awaited = late[changed[0]], awaited
         return
@@ -444,7 +581,9 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         assert until.joint is not None
         stage.loads.append(Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True))
     else:
-        key, what = next((key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None)
+        key, what = next(
+            (key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None
+        )
         which = until.body if what == at.AT_ALTITUDE else until.joint
         assert which is not None
         stage.events.append(Event(what, which, leaves[f"{path}.{key}"], True))
@@ -465,8 +604,8 @@ def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str
 def _clauses(
     number: int, plan: Plan, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, tuple[int, ...]], list[Event], list[Event]]:
-    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of conditions; those that are times, those
-    on the state, those on loads."""
+    """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of
+    conditions; those that are times, those on the state, those on loads."""
     conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
@@ -484,7 +623,9 @@ def _clauses(
         elif leaf.what == at.AT_BURN_OUT:
             times[k] = _burn_out(plan, leaf.which)
         else:
-            event = Event(leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase))
+            event = Event(
+                leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase)
+            )
             (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
     return clauses, times, on_state, on_load
 
@@ -492,7 +633,10 @@ def _clauses(
 def _releases(plan: Plan, dispersed: frozenset[str]) -> list[Release]:
     """Releases apart from phases."""
     first = len(plan.scene.phase)
-    return [Release(r.name, r.joint, *_clauses(number, plan, dispersed)) for number, r in enumerate(plan.scene.release, first)]
+    return [
+        Release(r.name, r.joint, *_clauses(number, plan, dispersed))
+        for number, r in enumerate(plan.scene.release, first)
+    ]
 
 
 def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
@@ -505,12 +649,19 @@ def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, i
 
 def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
-    between = [row.joint for row in stage.rows if set(scene.joint[row.joint].bodies) == set(bodies) and not row.kinds]
-    return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(between.count(joint) == 3 for joint in between)
+    between = [
+        row.joint
+        for row in stage.rows
+        if set(scene.joint[row.joint].bodies) == set(bodies) and not row.kinds
+    ]
+    return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(
+        between.count(joint) == 3 for joint in between
+    )
 
 
 def brief_transient(scene: Scene) -> float:
-    """Time constant, s, below which a transient is a stretch of its own, in which a kernel takes all steps of its phase."""
+    """Time constant, s, below which a transient is a stretch of its own, in which a kernel takes
+    all steps of its phase."""
     return at.BRIEF / at.TRANSIENT * scene.run.end_time
 
 
@@ -519,11 +670,20 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     count = 0
     for motor in scene.motor:
         path = f"motor.{motor.name}"
-        count += motor.ignition > 0.0 or motor.delay > 0.0 or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
-        count += math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
+        count += (
+            motor.ignition > 0.0
+            or motor.delay > 0.0
+            or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
+        )
+        count += (
+            math.isfinite(motor.burn) or motor.profile is not None or f"{path}.burn" in dispersed
+        )
         count += len(motor.profile.time) if motor.profile else 0
-        for key in ("build_up", "tail_off"):  # only a brief one is a stretch of its own, and some case may have one
-            count += 0.0 < getattr(motor, key) < brief_transient(scene) or f"{path}.{key}" in dispersed
+        # only a brief one is a stretch of its own, and some case may have one
+        for key in ("build_up", "tail_off"):
+            count += (
+                0.0 < getattr(motor, key) < brief_transient(scene) or f"{path}.{key}" in dispersed
+            )
     for load in scene.load:
         path = f"load.{load.name}"
         count += load.start > 0.0 or f"{path}.start" in dispersed
@@ -531,27 +691,63 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _stage(scene: Scene, name: str, phase: str, may: dict[str, Kinds], bodies: list[str], releases: list[Release], care: int) -> Stage:
-    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one attitude. If rows are redundant, and joints
-    may let go in any order, or if rows may become so, all bodies turn by themselves, and all rows are left in."""
+def _stage(
+    scene: Scene,
+    name: str,
+    phase: str,
+    may: dict[str, Kinds],
+    bodies: list[str],
+    releases: list[Release],
+    care: int,
+) -> Stage:
+    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one
+    attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
+    all bodies turn by themselves, and all rows are left in."""
     numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
-    made = Stage(name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])])
-    named = {b for joint in scene.joint.values() for b in joint.bodies} | {b for spring in scene.spring for b in spring.bodies}
-    alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, GROUND] if body != GROUND or GROUND in named]
-    largest = [(row.joint, row.code) for row in made.every_row if min(may[row.joint]) in (row.kinds or may[row.joint])]
+    made = Stage(
+        name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])]
+    )
+    named = {b for joint in scene.joint.values() for b in joint.bodies} | {
+        b for spring in scene.spring for b in spring.bodies
+    }
+    alone: list[tuple[str, ...]] = [
+        (body,) for body in [*bodies, GROUND] if body != GROUND or GROUND in named
+    ]
+    largest = [
+        (row.joint, row.code)
+        for row in made.every_row
+        if min(may[row.joint]) in (row.kinds or may[row.joint])
+    ]
     made.redundant = len(dependent_rows(scene, largest, []))
     made.groups = alone
-    made.least_squares = bool(made.every_row) and (care == at.LEAST_SQUARES or (care == at.ANY_ORDER and made.redundant > 0))
-    made.full = scene.solver.formulation == "full" and bool(made.every_row) and not (made.redundant or made.least_squares)
+    made.least_squares = bool(made.every_row) and (
+        care == at.LEAST_SQUARES or (care == at.ANY_ORDER and made.redundant > 0)
+    )
+    made.full = (
+        scene.solver.formulation == "full"
+        and bool(made.every_row)
+        and not (made.redundant or made.least_squares)
+    )
     if made.least_squares or made.full:
         made.rows = made.every_row
         return made
-    made.welds = [joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())]
+    made.welds = [
+        joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())
+    ]
     made.groups = _groups(scene, made.welds, [*bodies, GROUND])
-    rows = [row for row in made.every_row if not (row.turns and len({made.leader(b) for b in scene.joint[row.joint].bodies}) == 1)]
+    rows = [
+        row
+        for row in made.every_row
+        if not (row.turns and len({made.leader(b) for b in scene.joint[row.joint].bodies}) == 1)
+    ]
     held = [(row.joint, row.code) for row in rows]
-    redundant = made.redundant > 0 and not made.masked  # of one kind or the other, rows of a joint that lets go are not all held at once
-    dependent = dependent_rows(scene, held, [group for group in made.groups if group != (GROUND,)]) if redundant else []
+    # of one kind or the other, rows of a joint that lets go are not all held at once
+    redundant = made.redundant > 0 and not made.masked
+    dependent = (
+        dependent_rows(scene, held, [group for group in made.groups if group != (GROUND,)])
+        if redundant
+        else []
+    )
     made.groups = [group for group in made.groups if group != (GROUND,) or GROUND in named]
     made.rows = [row for number, row in enumerate(rows) if number not in dependent]
     made.dropped = [rows[number] for number in dependent]

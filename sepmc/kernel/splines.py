@@ -1,8 +1,10 @@
-"""Tables as smooth functions: cubic splines on a grid of up to three axes, packed into one flat array.
+"""Tables as smooth functions: cubic splines on a grid of up to three axes, packed into one flat
+array.
 
-Each axis carries cubic B-splines on a clamped knot vector; the pieces of the four that are not zero on a span are stored as polynomials, so
-that a kernel finds the span, evaluates four cubics and needs no division. Two and three points give the line and the parabola through them,
-raised to cubics on one span: the kernel knows one form only. Read by ``sepmc.routines.splines``.
+Each axis carries cubic B-splines on a clamped knot vector; the pieces of the four that are not zero
+on a span are stored as polynomials, so that a kernel finds the span, evaluates four cubics and
+needs no division. Two and three points give the line and the parabola through them, raised to
+cubics on one span: the kernel knows one form only. Read by ``sepmc.routines.splines``.
 """
 
 from collections.abc import Sequence
@@ -14,19 +16,23 @@ AXES = 3
 _BOUNDARY = {"not-a-knot": None, "flat": "clamped"}
 
 
-def pack(axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a-knot") -> np.ndarray:
+def pack(
+    axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a-knot"
+) -> np.ndarray:
     """Spline through tabulated functions as the numbers a kernel reads.
 
     Parameters
     ----------
-    axes : grid points of each axis, strictly rising; at most three. Nothing varies along an axis that is missing or has one point.
+    axes : grid points of each axis, strictly rising; at most three. Nothing varies along an axis
+        that is missing or has one point.
     values : ndarray, shape (functions, n1, n2, n3), without the axes that are missing
-    ends : "not-a-knot" (cubic polynomials are reproduced) or "flat" (zero slope at both ends, smooth if held constant beyond)
+    ends : "not-a-knot" (cubic polynomials are reproduced) or "flat" (zero slope at both ends,
+        smooth if held constant beyond)
 
     Returns
-    -------
-    ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1 breaks and 16 q numbers of the basis; the
-    coefficients, the functions side by side. The functions are twice continuously differentiable in every coordinate.
+    ------- ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1
+    breaks and 16 q numbers of the basis; the coefficients, the functions side by side. The
+    functions are twice continuously differentiable in every coordinate.
     """
     coefficients = np.asarray(values, float)
     assert len(axes) <= AXES
@@ -41,7 +47,8 @@ def pack(axes: Sequence[Sequence[float]], values: np.ndarray, ends: str = "not-a
 
 
 def _axis(points, ends):
-    """Numbers of one axis, and the matrix (coefficients, points) that takes tabulated values to spline coefficients."""
+    """Numbers of one axis, and the matrix (coefficients, points) that takes tabulated values to
+    spline coefficients."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415  (0.3 s that scenes without tables do not need)
 
     assert np.all(np.diff(points) > 0.0)
@@ -70,10 +77,12 @@ def _raised(degree):
 
 
 def _pieces(knots, starts):
-    """Basis functions i to i + 3 on span i as polynomials in x - start: ndarray, shape (spans, 4 functions, 4 powers)."""
+    """Basis functions i to i + 3 on span i as polynomials in x - start: ndarray, shape (spans, 4
+    functions, 4 powers)."""
     from scipy.interpolate import BSpline  # noqa: PLC0415
 
     basis = BSpline(knots, np.eye(len(knots) - 4), 3)
-    powers = [basis(starts, nu=power) / factorial(power) for power in range(4)]  # each (spans, functions)
+    # each (spans, functions)
+    powers = [basis(starts, nu=power) / factorial(power) for power in range(4)]
     rows = np.arange(len(starts))[:, None]
     return np.stack([power[rows, rows + np.arange(4)] for power in powers], axis=-1)

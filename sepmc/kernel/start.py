@@ -1,4 +1,5 @@
-"""The start of a flight: the initial state, what disqualifies a case, and what depends on its parameters alone."""
+"""The start of a flight: the initial state, what disqualifies a case, and what depends on its
+parameters alone."""
 
 from typing import Any
 
@@ -15,8 +16,8 @@ ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLE
 
 
 def shared_size(c: Context) -> int:
-    """Numbers that all cases share: axes of joints and what makes their separation positive, axes of springs; outlines and
-    tables."""
+    """Numbers that all cases share: axes of joints and what makes their separation positive, axes
+    of springs; outlines and tables."""
     if c.shape.scene.clearance or has_tables(c.shape):
         return len(c.shape.plan.model.numbers)
     return int(c.model.springs_x) + 3 * len(c.shape.scene.spring)
@@ -27,21 +28,33 @@ def emit_prepare(out: Text, c: Context) -> None:
     shape, slabs, case = c.shape, c.slabs, c.case
     text = out.function("prepare(w)", "What a flight needs of the parameters P of its cases.")
     slabs.add("P", int(c.model.work)), slabs.add("UNSOUND", 1), slabs.add("SHARED", shared_size(c))
-    text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")("w[k] = 0.0")
+    text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")(
+        "w[k] = 0.0"
+    )
     _start(c)
     scope = case.scope
-    for name in (*ZERO_AT_FIRST, *(part("RESIDUAL", k) for k in range(4)), *(c.guard(name) for name in c.guards)):
+    for name in (
+        *ZERO_AT_FIRST,
+        *(part("RESIDUAL", k) for k in range(4)),
+        *(c.guard(name) for name in c.guards),
+    ):
         scope.store(name, 0.0)
     lose(scope, scope.load("UNSOUND").equals(0.0), Status.INVALID_INPUT)
     for stage in shape.stages:
         if stage.end_time:
             slabs.add(f"UNTIL_{stage.name}", 1)
-            scope.store(f"UNTIL_{stage.name}", total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]))
+            scope.store(
+                f"UNTIL_{stage.name}",
+                total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]),
+            )
     for joint in [] if shape.any_order else shape.failing:
         lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANY_ORDER)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()
-        inner(f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])", "put4(w, AIR + l, air)")
+        inner(
+            f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
+            "put4(w, AIR + l, air)",
+        )
     scope.write(text)
 
 
@@ -50,17 +63,21 @@ def _some(place: int | None) -> list[int]:
 
 
 def _start(c: Context) -> None:
-    """The initial state of the mated vehicle, consistent with every joint, and what disqualifies a case.
+    """The initial state of the mated vehicle, consistent with every joint, and what disqualifies a
+    case.
 
-    It is seen from a frame that moves with the first velocity of the mass centre: places and speeds of separation are then small numbers,
-    and lose nothing to cancellation. A vehicle held to the ground turns about the joint that holds it.
+    It is seen from a frame that moves with the first velocity of the mass centre: places and speeds
+    of separation are then small numbers, and lose nothing to cancellation. A vehicle held to the
+    ground turns about the joint that holds it.
     """
     shape, slabs, case, scope = c.shape, c.slabs, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
     pivot = _pivot(c)
     sound: Any = None
     for body in shape.bodies:
-        offset = vec3.scale(-1.0, vehicle.arm(case.centre_of_mass(body), case.common_centre)).called("offset")
+        offset = vec3.scale(
+            -1.0, vehicle.arm(case.centre_of_mass(body), case.common_centre)
+        ).called("offset")
         turning = offset if pivot is None else vec3.sub(offset, pivot)
         scope.store(f"Y + X_{body}", vec3.rotate(r, offset))
         scope.store(f"Y + V_{body}", vec3.rotate(r, vec3.cross(omega, turning)))
@@ -83,15 +100,22 @@ def _start(c: Context) -> None:
     scope.store("ORIGIN_CLIMB", case.velocity[1])
     for body in shape.bodies:
         if slabs.has(f"CLIMB_{body}"):  # height and its rate at the last end of a step
-            scope.store(f"CLIMB_{body}", scope.load(f"Y + X_{body}", 3)[1] + case.number(at.ALTITUDE))
-            scope.store(part(f"CLIMB_{body}", 1), scope.load(f"Y + V_{body}", 3)[1] + case.velocity[1])
+            scope.store(
+                f"CLIMB_{body}", scope.load(f"Y + X_{body}", 3)[1] + case.number(at.ALTITUDE)
+            )
+            scope.store(
+                part(f"CLIMB_{body}", 1), scope.load(f"Y + V_{body}", 3)[1] + case.velocity[1]
+            )
 
 
 def _pivot(c: Context) -> Any:
-    """From the mass centre to the joint point about which the vehicle turns at the start; None: about the mass centre."""
+    """From the mass centre to the joint point about which the vehicle turns at the start; None:
+    about the mass centre."""
     if c.model.pivot_joint < 0:
         return None
     joint = list(c.shape.scene.joint.values())[int(c.model.pivot_joint)]
     start = int(c.model.joints_p) + at.JOINT_SIZE * int(c.model.pivot_joint)
     second = joint.bodies[0] != GROUND and joint.second_point is not None
-    return vehicle.arm(c.case.common_centre, c.case.vector(start + (at.SECOND_POINT if second else at.POINT)))
+    return vehicle.arm(
+        c.case.common_centre, c.case.vector(start + (at.SECOND_POINT if second else at.POINT))
+    )

@@ -1,4 +1,5 @@
-"""Lines of a kernel for a step: its length, its stages, what follows its end; and the short step to an event."""
+"""Lines of a kernel for a step: its length, its stages, what follows its end; and the short step to
+an event."""
 
 import math
 from collections.abc import Callable
@@ -14,16 +15,24 @@ from sepmc.kernel.shape import Stage
 from sepmc.kernel.text import Text
 from sepmc.routines.layout import ANY_ORDER, GRAIN
 
-# A step may be so many times as long as the last one; the way to an event, left to a method of low order, only a small part of it:
-# hundredths are usual, and a way much longer is that to END, of an event that was foretold and does not come (a stroke just missed).
+# A step may be so many times as long as the last one; the way to an event, left to a method of low
+# order, only a small part of it: hundredths are usual, and a way much longer is that to END, of an
+# event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
-_NEARLY, _LAST = 0.9, 0.2  # of the way to an event goes a step before the last; the last is so much of the one before at most
-_GROWS = 1.5  # times as long as the first, and as the last, may a step be where an event does not come
+# of the way to an event goes a step before the last; the last is so much of the one before at most
+_NEARLY, _LAST = 0.9, 0.2
+# times as long as the first, and as the last, may a step be where an event does not come
+_GROWS = 1.5
 _MANY = 4096.0  # steps that it may take then; a case in which it does not come for longer is lost
-_UNEVEN = 1.6  # times as long as the last: such a step errs by more than the trial cases' and its estimate may not tell
-_SHORTEST = 2.0 * GRAIN  # s, of a step that is one of several: shorter ones are no time at all to what follows loads
+# times as long as the last: such a step errs by more than the trial cases' and its estimate may not
+# tell
+_UNEVEN = 1.6
+# s, of a step that is one of several: shorter ones are no time at all to what follows loads
+_SHORTEST = 2.0 * GRAIN
 _MOST_TURNED = 2.0  # rad in a step
-_BEYOND = 0.55  # a height turns half of its rate times the time to its turning further on; a tenth more for an acceleration that changes
+# a height turns half of its rate times the time to its turning further on; a tenth more for an
+# acceleration that changes
+_BEYOND = 0.55
 
 
 def coefficients(rk: Method) -> list[str]:
@@ -42,8 +51,13 @@ def coefficients(rk: Method) -> list[str]:
 
 def emit_lengths(out: Text, c: Context) -> None:
     """A function for the step lengths of all lanes."""
-    says = "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; an event is never foretold later than"
-    text = out.function("set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first.")
+    says = (
+        "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
+        "an event is never foretold later than"
+    )
+    text = out.function(
+        "set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first."
+    )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
         if not (stage.events or c.paces(stage)):
@@ -64,18 +78,21 @@ def emit_lengths(out: Text, c: Context) -> None:
 
 
 def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
-    """Lines by which nothing is noted of the conditions of a phase but for the lanes that go now."""
+    """Lines by which nothing is noted of the conditions of a phase but for the lanes that go
+    now."""
     if c.paces(stage):
         text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 
 def _keep_pace(lane: Text, end: str, given: bool) -> None:
-    """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which no more are LEFT than there were, nor
-    more than TIMES what it takes for none to be longer than PACE; but more where an event that was foretold does not come: so that no
-    step is longer than is ``given``, or else longer by more than half than the first one or the last.
+    """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which
+    no more are LEFT than there were, nor more than TIMES what it takes for none to be longer than
+    PACE; but more where an event that was foretold does not come: so that no step is longer than is
+    ``given``, or else longer by more than half than the first one or the last.
 
-    WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is the last; 2 if the last one was. Until
-    an event has been aimed at twice, the step before the last stops short of it, so that nothing is noted of what comes after.
+    WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is
+    the last; 2 if the last one was. Until an event has been aimed at twice, the step before the
+    last stops short of it, so that nothing is noted of what comes after.
     """
     lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
     lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
@@ -90,14 +107,20 @@ def _keep_pace(lane: Text, end: str, given: bool) -> None:
         lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[LONGEST + l])), left)")
     lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
-    lane(f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h", "w[STEP + l] = step if way < 1.0 else 0.0")
+    lane(
+        f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h",
+        "w[STEP + l] = step if way < 1.0 else 0.0",
+    )
     lane("w[WAY + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
     lane(lost_unless(f"way >= 1.0 or h >= -{GRAIN}"))
 
 
 def _emit_rest(out: Text, c: Context) -> None:
     """A function for the lengths of last short steps."""
-    text = out.function("set_rest(w, phase: int)", "What is left of the way to END or to the next event, into all of STEP.")
+    text = out.function(
+        "set_rest(w, phase: int)",
+        "What is left of the way to END or to the next event, into all of STEP.",
+    )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, stage in enumerate(c.shape.stages):
         if stage.events:
@@ -112,24 +135,31 @@ def _emit_rest(out: Text, c: Context) -> None:
 
 
 def emit_spread(text: Text, c: Context, slab: str) -> None:
-    """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a state, by doubling."""
+    """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a
+    state, by doubling."""
     filled = 1
     while filled < c.size:
         more = min(filled, c.size - filled)
-        text.block(f"for e in range({more} * LANES):")(f"w[{slab} + {filled} * LANES + e] = w[{slab} + e]")
+        text.block(f"for e in range({more} * LANES):")(
+            f"w[{slab} + {filled} * LANES + e] = w[{slab} + e]"
+        )
         filled += more
 
 
 def emit_advance(out: Text, c: Context) -> None:
-    """A function for one step by the method of the module; with a history, the beginning of the step is kept."""
+    """A function for one step by the method of the module; with a history, the beginning of the
+    step is kept."""
     rk = c.method
-    says = f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
+    says = (
+        f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
+    )
     text = out.function("advance(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = len(rk.b), np.empty((0, len(rk.b)))
     if c.extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, c, "set_step(w, phase, left, usual)", c.extends)
-    inner = text.lanes()  # an event that was foretold and then does not come leaves too long a way for the last step
+    # an event that was foretold and then does not come leaves too long a way for the last step
+    inner = text.lanes()
     inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
@@ -138,14 +168,22 @@ def emit_advance(out: Text, c: Context) -> None:
     noted = [number for number, stage in enumerate(c.shape.stages) if c.notes(stage)]
     if noted:
         few = len(noted) < len(c.shape.stages)
-        (text.block(f"if {' or '.join(f'phase == {number}' for number in noted)}:") if few else text)("extend(w, phase)")
+        (
+            text.block(f"if {' or '.join(f'phase == {number}' for number in noted)}:")
+            if few
+            else text
+        )("extend(w, phase)")
     text("settle(w, phase)")
 
 
 def emit_approach(out: Text, c: Context) -> None:
-    """A function for the rest of the way to an event: what is left is short, so that a method of low order will do."""
+    """A function for the rest of the way to an event: what is left is short, so that a method of
+    low order will do."""
     rk = method("rk4")
-    says = f"The rest of the way to an event: a short step by {rk.name}, and a last correction along the derivative."
+    says = (
+        f"The rest of the way to an event: a short step by {rk.name}, and a last correction "
+        "along the derivative."
+    )
     text = out.function("approach(w, phase: int, size: int)", says)
     _begin(text, c, "set_rest(w, phase)", False)
     text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
@@ -153,15 +191,20 @@ def emit_approach(out: Text, c: Context) -> None:
     text("settle(w, phase)", "set_rest(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
-    inner("h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)")
+    inner(
+        "h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)"
+    )
     inner(lost_unless("abs(h) < 1e-6"))
     if c.extends:
         inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
-        inner("w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]")
+        inner(
+            "w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]"
+        )
 
 
 def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
-    """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time it starts from."""
+    """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time
+    it starts from."""
     if c.idles:
         text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
     inner = text.block("for e in range(size):")
@@ -177,19 +220,31 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     text(set_length)
 
 
-def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, float], str], doubt: np.ndarray | None = None) -> None:
-    """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also what the step may do wrong, into DOUBT.
+def _stages(
+    text: Text,
+    rk: Method,
+    later: np.ndarray,
+    spell: Callable[[str, float], str],
+    doubt: np.ndarray | None = None,
+) -> None:
+    """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also
+    what the step may do wrong, into DOUBT.
 
-    later : weights of what uses the derivatives of the stages after the step, by rows: these derivatives are kept, the others never stored
+    later : weights of what uses the derivatives of the stages after the step, by rows: these
+        derivatives are kept, the others never stored
     spell : what stands for a coefficient, given its name and value
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
     ends = rk.b if doubt is None else np.abs(rk.b) + np.abs(doubt)
-    names = [[f"A{i + 1}_{j + 1}" for j in range(stages)] for i in range(stages)] + [[f"B{j + 1}" for j in range(stages)]]
+    names = [[f"A{i + 1}_{j + 1}" for j in range(stages)] for i in range(stages)] + [
+        [f"B{j + 1}" for j in range(stages)]
+    ]
     for i in range(1, stages + 1):
         used = [j for j in range(i) if weights[i][j] != 0.0]
-        kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (i < stages and ends[i - 1] != 0.0)
+        kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (
+            i < stages and ends[i - 1] != 0.0
+        )
         inner = text.block("for e in range(size):")
         if i > 1 and (i - 1 in used or kept):
             inner(f"k{i} = w[D + e]")
@@ -197,12 +252,22 @@ def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, flo
                 inner(f"w[K{i} + e] = k{i}")
         values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
         if i == stages and doubt is not None:
-            wrong = [f"E{j + 1} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}" for j in np.flatnonzero(doubt)]
+            wrong = [
+                f"E{j + 1} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
+                for j in np.flatnonzero(doubt)
+            ]
             inner.wrapped("w[DOUBT + e] = w[STEP + e] * (", wrong, ")")
-        terms = [f"{spell(names[i][j], float(weights[i][j]))} * {value}" for j, value in zip(used, values, strict=True)]
-        inner.wrapped(f"w[{'S' if i < stages else 'Y'} + e] = w[Y + e] + w[STEP + e] * (", terms, ")")
+        terms = [
+            f"{spell(names[i][j], float(weights[i][j]))} * {value}"
+            for j, value in zip(used, values, strict=True)
+        ]
+        inner.wrapped(
+            f"w[{'S' if i < stages else 'Y'} + e] = w[Y + e] + w[STEP + e] * (", terms, ")"
+        )
         if i < stages:
-            text.lanes()(f"w[CLOCK + l] = w[T + l] + {spell(f'C{i + 1}', float(rk.c[i]))} * w[STEP + l]")
+            text.lanes()(
+                f"w[CLOCK + l] = w[T + l] + {spell(f'C{i + 1}', float(rk.c[i]))} * w[STEP + l]"
+            )
             text("rates(w, phase)")
     text.lanes()("w[T + l] += w[STEP + l]")
 
@@ -210,7 +275,10 @@ def _stages(text: Text, rk: Method, later: np.ndarray, spell: Callable[[str, flo
 def emit_settle(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
     shape = c.shape
-    says = "After a step: attitudes of unit length, pitch and roll followed through turns, constraints, and what disqualifies a case."
+    says = (
+        "After a step: attitudes of unit length, pitch and roll followed through turns, "
+        "constraints, and what disqualifies a case."
+    )
     text = out.function("settle(w, phase: int)", says)
     for first, bodies in turning_from(c):
         scope = c.scope()
@@ -236,7 +304,9 @@ def emit_settle(out: Text, c: Context) -> None:
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
     if c.idles:
-        text.block("for e in range(SIZE_Y):")("w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]")
+        text.block("for e in range(SIZE_Y):")(
+            "w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
+        )
     for number, stage in enumerate(shape.stages):
         text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
 
@@ -252,9 +322,13 @@ def turning_from(c: Context) -> list[tuple[int, list[str]]]:
 
 
 def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
-    """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it made."""
+    """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it
+    made."""
     c.slabs.add(f"ANGLES_{body}", 2)
-    q, last = scope.load(f"Y + Q_{body}", 4).called("q"), (f"ANGLES_{body}", part(f"ANGLES_{body}", 1))
+    q, last = (
+        scope.load(f"Y + Q_{body}", 4).called("q"),
+        (f"ANGLES_{body}", part(f"ANGLES_{body}", 1)),
+    )
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
     drift = _unless_idle(scope, c, scalar.abs(length - 1.0), 0.0)
@@ -262,7 +336,10 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     unit = tuple(q[i] * inverse for i in range(4))
     scope.store(f"Y + Q_{body}", unit)
     r = quat.matrix(unit).called("r")
-    now = [scalar.nearest_turn(angle(r), scope.load(place)) for angle, place in zip((quat.pitch, quat.roll), last, strict=True)]
+    now = [
+        scalar.nearest_turn(angle(r), scope.load(place))
+        for angle, place in zip((quat.pitch, quat.roll), last, strict=True)
+    ]
     omega = scope.load(f"Y + OMEGA_{body}", 3)
     turned = (square_root(vec3.dot(omega, omega)) * scalar.abs(scope.load("STEP"))).called("turned")
     change = turned
@@ -277,7 +354,8 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
 
 
 def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
-    """Whether pitch or roll may have gone on by a turn more or less in the step (`quat.turns_unclear`)."""
+    """Whether pitch or roll may have gone on by a turn more or less in the step
+    (`quat.turns_unclear`)."""
     c.slabs.add(f"HEADING_{body}", 4), c.slabs.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     now = quat.heading(r).called("heading")
@@ -293,27 +371,42 @@ def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:
 
 
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
-    """How far a body is from where its air was expanded. Where no borders of layers are events, a case is lost if the body leaves its layer
-    at the end of a step or, if it turns from climbing to falling or back, within."""
+    """How far a body is from where its air was expanded. Where no borders of layers are events, a
+    case is lost if the body leaves its layer at the end of a step or, if it turns from climbing to
+    falling or back, within."""
     now = height(scope, body).called("height")
-    scope.store("FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}"))))
+    scope.store(
+        "FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}")))
+    )
     if c.shape.borders:
         return
     c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
     before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
     turns = (rate * climb < 0.0).called("turns")
-    further = _BEYOND * rate * scalar.abs(rate) * scalar.abs(scope.load("STEP")) / scalar.abs(where(turns, climb - rate, 1.0))
+    further = (
+        _BEYOND
+        * rate
+        * scalar.abs(rate)
+        * scalar.abs(scope.load("STEP"))
+        / scalar.abs(where(turns, climb - rate, 1.0))
+    )
     top = where(turns, before + further, now).called("top")
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
     scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
-    for reached in (air.geopotential(now).called("reached"), air.geopotential(top).called("reached")):
+    for reached in (
+        air.geopotential(now).called("reached"),
+        air.geopotential(top).called("reached"),
+    ):
         lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANY_ORDER)
 
 
 def emit_guard(out: Text, c: Context) -> None:
     """A function that keeps the largest doubt there was of any step."""
-    text = out.function("guard(w, phase: int)", "The largest that steps may have done wrong, for every body, into GUARD.")
+    text = out.function(
+        "guard(w, phase: int)",
+        "The largest that steps may have done wrong, for every body, into GUARD.",
+    )
     scope = c.scope()
     for body in c.shape.bodies:
         _largest(scope, c, "V", body)
@@ -327,5 +420,11 @@ def emit_guard(out: Text, c: Context) -> None:
 
 
 def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
-    guard, largest, count = c.guard(f"{what}_{body}"), *((scalar.largest4, 4) if what == "Q" else (scalar.largest3, 3))
-    scope.store(guard, scalar.larger(scope.load(guard), largest(scope.load(f"DOUBT + {what}_{body}", count))))
+    guard, largest, count = (
+        c.guard(f"{what}_{body}"),
+        *((scalar.largest4, 4) if what == "Q" else (scalar.largest3, 3)),
+    )
+    scope.store(
+        guard,
+        scalar.larger(scope.load(guard), largest(scope.load(f"DOUBT + {what}_{body}", count))),
+    )

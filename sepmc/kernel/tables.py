@@ -1,7 +1,9 @@
-"""Tables in a written kernel: of aerodynamic coefficients, of increments over a distance, of wind and air over height.
+"""Tables in a written kernel: of aerodynamic coefficients, of increments over a distance, of wind
+and air over height.
 
-Every lane holds the cell of a table that it is in (`sepmc.routines.splines`). Whether it still is there is asked lane by
-lane, in a loop of its own; what the tables give is then summed for all lanes side by side.
+Every lane holds the cell of a table that it is in (`sepmc.routines.splines`). Whether it still is
+there is asked lane by lane, in a loop of its own; what the tables give is then summed for all lanes
+side by side.
 """
 
 import math
@@ -24,7 +26,10 @@ def looks_up(shape: Shape, body: str) -> bool:
     """Whether a body has coefficients from a table, or increments."""
     aero = shape.scene.body[body].aerodynamics
     in_air = shape.scene.environment.atmosphere != "none" and aero is not None
-    return in_air and ((aero is not None and aero.table is not None) or any(one.body == body for one in shape.scene.proximity))
+    return in_air and (
+        (aero is not None and aero.table is not None)
+        or any(one.body == body for one in shape.scene.proximity)
+    )
 
 
 def has_wind_profile(shape: Shape) -> bool:
@@ -51,7 +56,10 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
     """A function for what tables give at a state of a phase."""
     if not has_tables(c.shape):
         return
-    text = out.function(f"look_up_{stage.name}(w)", f"What tables give at the state S in phase {stage.name}, into slabs of lanes.")
+    text = out.function(
+        f"look_up_{stage.name}(w)",
+        f"What tables give at the state S in phase {stage.name}, into slabs of lanes.",
+    )
     _over_height(text, c, stage)
     bodies = [body for body in c.shape.bodies if looks_up(c.shape, body)]
     if not bodies:
@@ -70,16 +78,23 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _entries(c, bodies):
-        start, factor = int(c.shape.plan.model.table[int(c.model.proximity_i) + i]), int(c.model.proximity_p) + i
+        start, factor = (
+            int(c.shape.plan.model.table[int(c.model.proximity_i) + i]),
+            int(c.model.proximity_p) + i,
+        )
         c.slabs.add(f"INCREMENTS_{i}", COEFFICIENTS)
         _within_ends(text, c, start, f"DISTANCE_{i}")
         _sum_cells(text, c, start, f"CELL_OF_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
         inner = text.block(f"for k in range({COEFFICIENTS}):").lanes()
-        inner(f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * w[INCREMENTS_{i} + k * LANES + l]")
+        inner(
+            f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * "
+            f"w[INCREMENTS_{i} + k * LANES + l]"
+        )
 
 
 def _over_height(text: Text, c: Context, stage: Stage) -> None:
-    """Lines for what depends on the height of a body: logarithm of the density and speed of sound, and what the wind has there more."""
+    """Lines for what depends on the height of a body: logarithm of the density and speed of sound,
+    and what the wind has there more."""
     in_air = [body for body in c.shape.bodies if _has_air(c.shape, body)]
     windy = c.shape.bodies if has_wind_profile(c.shape) else []
     if not (in_air or windy):
@@ -91,11 +106,21 @@ def _over_height(text: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
     for body in in_air:
         c.slabs.add(f"AIR_OF_{body}", 2)
-        _sum_cells(text, c, int(c.model.air_x), f"AIR_CELL_{body}", f"HEIGHT_OF_{body}", f"AIR_OF_{body}", Status.OUTSIDE_ATMOSPHERE)
+        _sum_cells(
+            text,
+            c,
+            int(c.model.air_x),
+            f"AIR_CELL_{body}",
+            f"HEIGHT_OF_{body}",
+            f"AIR_OF_{body}",
+            Status.OUTSIDE_ATMOSPHERE,
+        )
     for body in windy:
         c.slabs.add(f"WIND_{body}", 2)
         _within_ends(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
-        _sum_cells(text, c, int(c.model.wind_x), f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}", f"WIND_{body}")
+        _sum_cells(
+            text, c, int(c.model.wind_x), f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}", f"WIND_{body}"
+        )
 
 
 def _put_place(s: State, slab: str, place: tuple[Any, Any, Any]) -> None:
@@ -108,19 +133,33 @@ def _put_place(s: State, slab: str, place: tuple[Any, Any, Any]) -> None:
 def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
     """Lines that hold a place between the ends of a pack of one axis."""
     first, last = start + 2, start + 2 + int(c.shape.plan.model.numbers[start + 1])
-    text.lanes()(f"w[{place} + l] = min(max(w[{place} + l], w[SHARED + {first}]), w[SHARED + {last}])")
+    text.lanes()(
+        f"w[{place} + l] = min(max(w[{place} + l], w[SHARED + {first}]), w[SHARED + {last}])"
+    )
 
 
-def _sum_cells(text: Text, c: Context, start: int, cell: str, place: str, found: str, leaves: Status = Status.OUTSIDE_TABLE) -> None:
-    """Lines that put what a pack gives at places of three numbers where it is read; ``start`` is that of the pack among
-    the numbers that cases share, ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
+def _sum_cells(
+    text: Text,
+    c: Context,
+    start: int,
+    cell: str,
+    place: str,
+    found: str,
+    leaves: Status = Status.OUTSIDE_TABLE,
+) -> None:
+    """Lines that put what a pack gives at places of three numbers where it is read; ``start`` is
+    that of the pack among the numbers that cases share, ``cell`` where lanes hold theirs; who
+    ``leaves`` it is lost so."""
     functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
     if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
         c.case.scope.store(cell, math.inf)  # holds no place
     inner = text.lanes()
     inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
     inner = inner.block(f"if not is_held(w, {cell} + l, x, y, z):")
-    inner(f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)", lost_unless("inside", leaves))
+    inner(
+        f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
+        lost_unless("inside", leaves),
+    )
     text(f"put_cell(w, {found}, {cell}, {place}, {functions}, {', '.join(map(str, counts))})")
 
 
@@ -146,16 +185,25 @@ def _entries(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
 
 
 def _table(c: Context, body: str) -> int:
-    """Where a body's table over Mach number, alpha and beta starts among the numbers that cases share; -1 if it has none."""
-    return int(c.shape.plan.model.table[int(c.model.aero_table_i) + list(c.shape.bodies).index(body)])
+    """Where a body's table over Mach number, alpha and beta starts among the numbers that cases
+    share; -1 if it has none."""
+    return int(
+        c.shape.plan.model.table[int(c.model.aero_table_i) + list(c.shape.bodies).index(body)]
+    )
 
 
 def _flow(s: State, body: str) -> tuple[Value, Value, Value]:
     """Mach number, alpha and beta."""
-    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called("flow")
+    flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
+        "flow"
+    )
     alpha, beta = loads.flow_angles(flow).called("angles")
     if not s.shape.in_layers(body):
-        return square_root(vec3.dot(flow, flow)) / s.scope.load(part(f"AIR_OF_{body}", 1)), alpha, beta
+        return (
+            square_root(vec3.dot(flow, flow)) / s.scope.load(part(f"AIR_OF_{body}", 1)),
+            alpha,
+            beta,
+        )
     base = s.scope.load(s.c.layer(body), 4)
     higher = air.geopotential(s.place(body)[1] + level(s.scope, s.time)) - base[0]
     temperature = (1.0 + base[1] * higher) / base[2]

@@ -4,8 +4,7 @@ import contextlib
 import textwrap
 from collections.abc import Iterator
 
-WIDTH = 132
-_LONGEST = 120  # docstring on one line
+WIDTH = 100
 
 
 class Text:
@@ -32,14 +31,10 @@ class Text:
         return self.block("for l in range(LANES):")
 
     def function(self, signature: str, says: str) -> "Text":
-        """Head of a function and its docstring, on two lines if it is long; returns where its lines go."""
+        """Head of a function and its docstring; returns where its lines go."""
         self("", "", "@routine")
         inner = self.block(f"def {signature}:")
-        if len(says) > _LONGEST:
-            cut = says.rindex(" ", 0, _LONGEST - 2)
-            inner(f'"""{says[:cut]}', says[cut + 1 :], '"""')
-        else:
-            inner(f'"""{says}"""')
+        inner(*textwrap.wrap(f'"""{says}"""', WIDTH - 4 * inner.indent, break_long_words=False))
         inner("keep_apart()")
         return inner
 
@@ -52,9 +47,19 @@ class Text:
         width = WIDTH - 4 * (self.indent + 1)
         if not equals:  # a call
             first, *rest = textwrap.wrap(line, WIDTH - 4 * self.indent, break_long_words=False)
-            self(first, *("    " + part for part in textwrap.wrap(" ".join(rest), width, break_long_words=False)))
+            self(
+                first,
+                *(
+                    "    " + part
+                    for part in textwrap.wrap(" ".join(rest), width, break_long_words=False)
+                ),
+            )
             return
-        self(f"{name} = (", *("    " + part for part in textwrap.wrap(code, width, break_long_words=False)), ")")
+        self(
+            f"{name} = (",
+            *("    " + part for part in textwrap.wrap(code, width, break_long_words=False)),
+            ")",
+        )
 
     def wrapped(self, start: str, terms: list[str], end: str) -> None:
         """A sum, on as many lines as it takes."""
@@ -77,8 +82,9 @@ class Text:
 class Slabs:
     """Names of slabs and how many quantities stand in each; their places follow from the order.
 
-    What depends on outputs, histories or a given step stands behind all else: so that the text of functions that have nothing to do
-    with these is the same with and without them, and is compiled once.
+    What depends on outputs, histories or a given step stands behind all else: so that the text of
+    functions that have nothing to do with these is the same with and without them, and is compiled
+    once.
     """
 
     def __init__(self) -> None:
@@ -87,7 +93,8 @@ class Slabs:
         self._optional = False
 
     def add(self, name: str, count: int, optional: bool = False) -> bool:
-        """Add a slab if it is new, one that not all flights of a scene have if ``optional``. Returns whether it is new."""
+        """Add a slab if it is new, one that not all flights of a scene have if ``optional``.
+        Returns whether it is new."""
         if name in self.counts:
             return False
         self.counts[name] = count

@@ -1,4 +1,5 @@
-"""Lines of a written kernel that follow the loads of joints over a flight: peaks, their times, impulses; and phases that a load ends."""
+"""Lines of a written kernel that follow the loads of joints over a flight: peaks, their times,
+impulses; and phases that a load ends."""
 
 import math
 
@@ -17,7 +18,11 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 def emit_watch(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
-    stages = {number: stage for number, stage in enumerate(c.shape.stages) if c.watches(stage) or stage.loads}
+    stages = {
+        number: stage
+        for number, stage in enumerate(c.shape.stages)
+        if c.watches(stage) or stage.loads
+    }
     if c.watched:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
@@ -29,14 +34,19 @@ def emit_watch(out: Text, c: Context) -> None:
     c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", _scratch(c))
     for stage in stages.values():
         _wrenches(out, c, stage)
-    text = out.function("load_joints(w, phase: int)", "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.")
+    text = out.function(
+        "load_joints(w, phase: int)",
+        "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.",
+    )
     inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
     emit_spread(inner, c, "THETA")
     inner("sample(w, phase)")
     for place, (number, stage) in enumerate(stages.items()):
         inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"wrenches_{stage.name}(w)")
-    inner.block(f"for e in range({numbers} * LANES):")(f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]")
+    inner.block(f"for e in range({numbers} * LANES):")(
+        f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]"
+    )
     for number, stage in stages.items():
         if stage.loads:
             _break(out, c, number, stage)
@@ -52,14 +62,27 @@ def _scratch(c: Context) -> int:
 def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
     """A function for peaks and impulses."""
     numbers = c.node_size
-    text = out.function("watch(w, phase: int)", "Peaks and integrals of the loads of joints over the step just made, into PEAKS.")
+    text = out.function(
+        "watch(w, phase: int)",
+        "Peaks and integrals of the loads of joints over the step just made, into PEAKS.",
+    )
     text("load_joints(w, phase)")
-    inner = text.lanes().block(f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all")
+    inner = text.lanes().block(
+        f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all"
+    )
     inner("h = w[REACH + l] * w[LENGTH + l]")
     for k in range(0, 6 * len(c.watched), 3):
-        places = part("WRENCHES", k), part("PEAKS", k), part("PEAKS", _other(k)), c.guard(c.load_guards[k // 3])
+        places = (
+            part("WRENCHES", k),
+            part("PEAKS", k),
+            part("PEAKS", _other(k)),
+            c.guard(c.load_guards[k // 3]),
+        )
         nodes, found, other, guard = (f"{place} + l" for place in places)
-        inner(f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, w[BEGIN_T + l], h)")
+        inner(
+            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, "
+            "w[BEGIN_T + l], h)"
+        )
     for number, stage in stages.items():
         if any(map(stage.sliding, c.guides)):
             note_guides(inner.block(f"if phase == {number}:"), c, stage)
@@ -71,9 +94,13 @@ def _other(k: int) -> int:
 
 
 def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
-    """A function that ends the step just made where the first load is reached that a phase waits for: by the continuous extension."""
+    """A function that ends the step just made where the first load is reached that a phase waits
+    for: by the continuous extension."""
     c.slabs.add("MET", c.size)
-    says = f"End the step just made in phase {stage.name} where a load that is waited for is reached, or several are at once."
+    says = (
+        f"End the step just made in phase {stage.name} where a load that is waited for is "
+        "reached, or several are at once."
+    )
     text = out.function(f"break_{stage.name}(w)", says)
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
@@ -82,29 +109,46 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     inner("first, slope = 2.0, 0.0")
     for i, load in enumerate(stage.loads):
         place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
-        threshold, nodes = f"w[P + {load.threshold} * LANES + l]", f"{part('WRENCHES', place)} + l, {c.node_size} * LANES"
+        threshold, nodes = (
+            f"w[P + {load.threshold} * LANES + l]",
+            f"{part('WRENCHES', place)} + l, {c.node_size} * LANES",
+        )
         inner(f"theta_{i} = math.inf")
-        waits = inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
+        waits = (
+            inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
+        )
         waits(f"theta_{i}, rate = peaks.first_reached(w, {nodes}, SCRATCH, {threshold})")
         waits.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     met = inner.block("if first <= 1.0:")
     met("found, w[MET + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
-    met("w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]", "w[END + l], w[WAY + l] = w[T + l], 2.0")
+    met(
+        "w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]",
+        "w[END + l], w[WAY + l] = w[T + l], 2.0",
+    )
     met("slow = w[LENGTH + l] / slope if slope > 0.0 else math.inf")
     for i, load in enumerate(stage.loads):
         guard = f"{c.guard(f'{stage.name}_{load.name}')} + l"
         at_it = met.block(f"if (theta_{i} - first) * w[LENGTH + l] <= {at.GRAIN}:")
-        at_it(f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > 0.0 else 0.0)")
+        at_it(
+            f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > "
+            "0.0 else 0.0)"
+        )
     inner = text.block("if found > 0.0:")
     emit_spread(inner, c, "THETA")
     emit_spread(inner, c, "MET")
     inner(f"sample(w, {number})")
-    inner.block(f"for e in range({c.shape.active(stage)} * LANES):")("w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]")
+    inner.block(f"for e in range({c.shape.active(stage)} * LANES):")(
+        "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
+    )
 
 
 def _wrenches(out: Text, c: Context, stage: Stage) -> None:
-    """A function for the loads of the joints that are followed, in a phase in which one of them holds."""
-    says = "Force and moment of every joint that is followed at the state S and the times CLOCK, in axes of its first body, into WRENCH"
+    """A function for the loads of the joints that are followed, in a phase in which one of them
+    holds."""
+    says = (
+        "Force and moment of every joint that is followed at the state S and the times CLOCK, "
+        "in axes of its first body, into WRENCH"
+    )
     says += "; and what is followed of guides." if c.guides else "."
     text = out.function(f"wrenches_{stage.name}(w)", says)
     c.slabs.add("WRENCH", c.node_size)
@@ -114,7 +158,9 @@ def _wrenches(out: Text, c: Context, stage: Stage) -> None:
     for i, joint in enumerate(c.followed):
         r = s.attitude(c.shape.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
-            s.scope.store(part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector))
+            s.scope.store(
+                part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
+            )
     for joint, first, _, _ in c.noted_of_guides:
         for k, vector in enumerate(watch_guide(s, motion, joint) if stage.sliding(joint) else []):
             s.scope.store(part("WRENCH", first + 3 * k), vector)

@@ -8,7 +8,8 @@ from sepmc.physics.elementary import arctan2
 
 @formula
 def flow_angles(u):
-    """Angle of attack and sideslip, rad, from the air-relative velocity in body axes; paper eqs (10), (11).
+    """Angle of attack and sideslip, rad, from the air-relative velocity in body axes; paper eqs
+    (10), (11).
 
     sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
     """
@@ -17,7 +18,8 @@ def flow_angles(u):
 
 @formula
 def aero_force(qs, c):
-    """Force in body axes, N, from dynamic pressure x area (N) and C_A, C_N, C_Y: q S (-C_A, C_N, -C_Y)."""
+    """Force in body axes, N, from dynamic pressure x area (N) and C_A, C_N, C_Y: q S (-C_A, C_N,
+    -C_Y)."""
     return (-qs * c[0], qs * c[1], -qs * c[2])
 
 

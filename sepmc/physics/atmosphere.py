@@ -1,4 +1,5 @@
-"""US Standard Atmosphere 1976, 0 to 86 km geometric height (NOAA-S/T 76-1562, tables 3, 4 and eqs 18, 23, 33, 42)."""
+"""US Standard Atmosphere 1976, 0 to 86 km geometric height (NOAA-S/T 76-1562, tables 3, 4 and eqs
+18, 23, 33, 42)."""
 
 import math
 
@@ -17,7 +18,11 @@ def _bases() -> tuple[tuple[float, ...], tuple[float, ...]]:
         t1 = t0 + lapse * (high - low)
         gmr = G0 * M0 / R_STAR
         temperature.append(t1)
-        pressure.append(p0 * math.exp(-gmr * (high - low) / t0) if lapse == 0.0 else p0 * (t0 / t1) ** (gmr / lapse))
+        pressure.append(
+            p0 * math.exp(-gmr * (high - low) / t0)
+            if lapse == 0.0
+            else p0 * (t0 / t1) ** (gmr / lapse)
+        )
     return tuple(temperature), tuple(pressure)
 
 
@@ -26,7 +31,8 @@ _T, _P = _bases()
 
 @formula
 def sound_speed(temperature):
-    """Speed of sound, m/s, from the molecular-scale temperature, K; eq (50) of the 1976 standard."""
+    """Speed of sound, m/s, from the molecular-scale temperature, K; eq (50) of the 1976
+    standard."""
     return math.sqrt(1.4 * R_STAR / M0 * temperature)
 
 
@@ -48,7 +54,8 @@ def us1976(height):
 def layer(height):
     """The layer of a geometric height, m, and its top, geopotential m'.
 
-    The layer: base, m', lapse rate over temperature at the base, 1/m', one over temperature, 1/K, and pressure, Pa, there.
+    The layer: base, m', lapse rate over temperature at the base, 1/m', one over temperature, 1/K,
+    and pressure, Pa, there.
     """
     h, k = geopotential(height), 0
     while k < 6 and h >= BASES[k + 1]:
@@ -70,24 +77,34 @@ def geopotential(height):
 
 @formula
 def in_layer(height, base):
-    """Pressure, Pa, and temperature, K, at a geometric height, m, in the layer that `layer` gave; eqs (23), (33)."""
+    """Pressure, Pa, and temperature, K, at a geometric height, m, in the layer that `layer` gave;
+    eqs (23), (33)."""
     h, z, logarithm = _warmed(height, base)
     return base[3] * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h)), (1.0 + z) / base[2]
 
 
 @formula
 def density_in_layer(height, base):
-    """Density, kg/m3, as `in_layer`; eq (42). It is over temperature as pressure, and ln(T / T0) = z (ln(1 + z) / z)."""
+    """Density, kg/m3, as `in_layer`; eq (42). It is over temperature as pressure, and ln(T / T0) =
+    z (ln(1 + z) / z)."""
     h, z, logarithm = _warmed(height, base)
-    return M0 / R_STAR * base[3] * base[2] * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h + z))
+    return (
+        M0
+        / R_STAR
+        * base[3]
+        * base[2]
+        * exponential(-logarithm * (G0 * M0 / R_STAR * base[2] * h + z))
+    )
 
 
 @formula
 def _warmed(height, base):
-    """Height h above the base of a layer, m', z = L h / T0, by which the temperature has changed, and ln(1 + z) / z.
+    """Height h above the base of a layer, m', z = L h / T0, by which the temperature has changed,
+    and ln(1 + z) / z.
 
-    With that, ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a) and (33b) in one, as
-    ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a series that holds at z = 0 too. |s| <= 0.15 in every layer.
+    With that, ln p falls by (g M / R) h / T0 ln(1 + z) / z, with or without a lapse rate: eqs (33a)
+    and (33b) in one, as ln(1 + z) / z = 2 artanh(s) / z with s = z / (2 + z) has a series that
+    holds at z = 0 too. |s| <= 0.15 in every layer.
     """
     h = geopotential(height) - base[0]
     z = base[1] * h
@@ -102,10 +119,12 @@ def _warmed(height, base):
 
 @formula
 def density_series(height, base):
-    """Density, kg/m3, about a height as a power series in the rise of geopotential height, m', from there: nine coefficients.
+    """Density, kg/m3, about a height as a power series in the rise of geopotential height, m', from
+    there: nine coefficients.
 
-    With T = T_a + L H, (1 + b H) rho' = -(a + b) rho, a = g M / (R T_a), b = L / T_a: each coefficient follows from the one before, with
-    or without a lapse rate. Cut off, it is good to 1e-14 for a rise of `NEAR` metres, and far cheaper than `density_in_layer`.
+    With T = T_a + L H, (1 + b H) rho' = -(a + b) rho, a = g M / (R T_a), b = L / T_a: each
+    coefficient follows from the one before, with or without a lapse rate. Cut off, it is good to
+    1e-14 for a rise of `NEAR` metres, and far cheaper than `density_in_layer`.
     """
     cooler = 1.0 / (1.0 + base[1] * (geopotential(height) - base[0]))
     a, b = G0 * M0 / R_STAR * base[2] * cooler, base[1] * cooler
@@ -130,6 +149,7 @@ def density_near(c, rise):
 
 @formula
 def geopotential_rise(rise, share, ratio):
-    """Rise of geopotential height, m', for a rise in height, m, which is a small ``share`` of the distance R0 + h to the earth's centre;
-    ``ratio`` is R0 / (R0 + h). Good to 1e-16 for `NEAR` metres."""
+    """Rise of geopotential height, m', for a rise in height, m, which is a small ``share`` of the
+    distance R0 + h to the earth's centre; ``ratio`` is R0 / (R0 + h). Good to 1e-16 for `NEAR`
+    metres."""
     return ratio * ratio * rise * (1.0 - share * (1.0 - share * (1.0 - share)))

@@ -1,7 +1,8 @@
 """Elementary functions without branches or calls, so that a loop over cases is vectorised.
 
-The compiler's own sin, exp, atan2 are calls into a library, and a loop with a call in it stays scalar. These are accurate to about
-one unit in the last place over their whole range, and every kernel uses them, so that all agree. Checked against mpmath.
+The compiler's own sin, exp, atan2 are calls into a library, and a loop with a call in it stays
+scalar. These are accurate to about one unit in the last place over their whole range, and every
+kernel uses them, so that all agree. Checked against mpmath.
 """
 
 import math
@@ -15,13 +16,18 @@ from numba.extending import intrinsic, overload
 from sepmc.jit import formula
 
 _LOG2_E = 1.4426950408889634
-_LN2_HIGH, _LN2_LOW = 0.6931471803691238, 1.9082149292705877e-10  # the first has 32 bits: its multiples are exact
+# the first has 32 bits: its multiples are exact
+_LN2_HIGH, _LN2_LOW = 0.6931471803691238, 1.9082149292705877e-10
 _TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def power_of_two(k: float) -> float:
     """2^k for a whole number k of -1022 to 1023, given as a float."""
-    return math.nan if math.isnan(k) else struct.unpack("<d", struct.pack("<q", (int(k) + 1023) << 52))[0]
+    return (
+        math.nan
+        if math.isnan(k)
+        else struct.unpack("<d", struct.pack("<q", (int(k) + 1023) << 52))[0]
+    )
 
 
 def _power_of_two_intrinsic(typing_context, k):
@@ -30,7 +36,9 @@ def _power_of_two_intrinsic(typing_context, k):
     def generate(context, builder, signature, arguments):
         from llvmlite import ir  # noqa: PLC0415
 
-        bits = builder.fptosi(builder.fadd(arguments[0], ir.Constant(ir.DoubleType(), 1023.0)), ir.IntType(64))
+        bits = builder.fptosi(
+            builder.fadd(arguments[0], ir.Constant(ir.DoubleType(), 1023.0)), ir.IntType(64)
+        )
         return builder.bitcast(builder.shl(bits, ir.Constant(ir.IntType(64), 52)), ir.DoubleType())
 
     return types.float64(types.float64), generate
@@ -46,7 +54,8 @@ def _overload_power_of_two(k):
 
 @formula
 def exponential(x):
-    """exp(x): 2^k exp(r) with |r| <= ln(2) / 2, by its series to r^13. 0 below -708, infinite above 709; NaN stays NaN."""
+    """exp(x): 2^k exp(r) with |r| <= ln(2) / 2, by its series to r^13. 0 below -708, infinite above
+    709; NaN stays NaN."""
     bounded = -708.4 if x < -708.4 else (709.0 if x > 709.0 else x)
     k = np.floor(bounded * _LOG2_E + 0.5)
     r = (bounded - k * _LN2_HIGH) - k * _LN2_LOW
@@ -62,7 +71,8 @@ def exponential(x):
 
 @formula
 def _arctan_series(z):
-    """(arctan(u) / u - 1) / u^2 for z = u^2 in 0 to tan(pi / 8)^2, interpolated at the Chebyshev points; error 5e-18."""
+    """(arctan(u) / u - 1) / u^2 for z = u^2 in 0 to tan(pi / 8)^2, interpolated at the Chebyshev
+    points; error 5e-18."""
     p = 0.03923044778479309 - z * 0.019175404711104935
     p = 0.05858140904866328 + z * (-0.050854078345894844 + z * p)
     p = 0.07692183125376892 + z * (-0.06664510525508936 + z * p)
@@ -75,7 +85,8 @@ def _arctan_series(z):
 def arctan2(y, x):
     """Angle of the point (x, y), rad, -pi to pi; 0 at the origin.
 
-    The ratio of the smaller to the larger is brought below tan(pi / 8) by arctan(t) = pi / 4 + arctan((t - 1) / (t + 1)).
+    The ratio of the smaller to the larger is brought below tan(pi / 8) by arctan(t) = pi / 4 +
+    arctan((t - 1) / (t + 1)).
     """
     ax, ay = abs(x), abs(y)
     steep = ay > ax
@@ -91,12 +102,14 @@ def arctan2(y, x):
     return math.copysign(angle, y)
 
 
-_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)  # pi / 2 in three parts; the first two have 33 bits
+# pi / 2 in three parts; the first two have 33 bits
+_HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 
 
 @formula
 def sine_cosine(x):
-    """sin(x) and cos(x): their series about the nearest multiple of pi / 2. For |x| up to 1e5 rad; the quadrant turns them around."""
+    """sin(x) and cos(x): their series about the nearest multiple of pi / 2. For |x| up to 1e5 rad;
+    the quadrant turns them around."""
     k = np.floor(x * (2.0 / math.pi) + 0.5)
     r = ((x - k * _HALF_PI[0]) - k * _HALF_PI[1]) - k * _HALF_PI[2]
     z = r * r

@@ -19,16 +19,20 @@ def centripetal(omega, rho):
 
 @formula
 def between(x_a, v_a, rho_a, omega_a, x_b, v_b, rho_b, omega_b):
-    """d = r_B - r_A of a point of body A and one of body B, and d'; all in ground axes, rho from the mass centre to the point."""
+    """d = r_B - r_A of a point of body A and one of body B, and d'; all in ground axes, rho from
+    the mass centre to the point."""
     d = vec3.sub(vec3.add(x_b, rho_b), vec3.add(x_a, rho_a))
-    return d, vec3.sub(vec3.add(v_b, vec3.cross(omega_b, rho_b)), vec3.add(v_a, vec3.cross(omega_a, rho_a)))
+    return d, vec3.sub(
+        vec3.add(v_b, vec3.cross(omega_b, rho_b)), vec3.add(v_a, vec3.cross(omega_a, rho_a))
+    )
 
 
 @formula
 def translation(d, d_rate, e, rho_a, rho_b, omega_a, omega_b):
     """Row of a translation constraint: its lever arms on A and B and the right-hand side gamma.
 
-    C'' = e . (x_B'' - x_A'') + arm_B . omega_B' + arm_A . omega_A' - gamma, with arm_B = rho_B x e, arm_A = -(rho_A + d) x e.
+    C'' = e . (x_B'' - x_A'') + arm_B . omega_B' + arm_A . omega_A' - gamma, with arm_B = rho_B x e,
+    arm_A = -(rho_A + d) x e.
     """
     arm_a = vec3.cross(e, vec3.add(rho_a, d))
     arm_b = vec3.cross(rho_b, e)
@@ -49,7 +53,11 @@ def rotation(a, b, omega_a, omega_b):
     """Row of a rotation constraint: n and gamma in C'' = n . (omega_B' - omega_A') - gamma."""
     a_rate = vec3.cross(omega_b, a)
     b_rate = vec3.cross(omega_a, b)
-    gamma = -vec3.dot(vec3.cross(omega_b, a_rate), b) - 2.0 * vec3.dot(a_rate, b_rate) - vec3.dot(a, vec3.cross(omega_a, b_rate))
+    gamma = (
+        -vec3.dot(vec3.cross(omega_b, a_rate), b)
+        - 2.0 * vec3.dot(a_rate, b_rate)
+        - vec3.dot(a, vec3.cross(omega_a, b_rate))
+    )
     return vec3.cross(a, b), gamma
 
 
@@ -61,7 +69,8 @@ def rotation_rate(a, b, omega_a, omega_b):
 
 @formula
 def rod(d, d_rate, rho_a, rho_b, omega_a, omega_b):
-    """Row of a rod: its direction e, lever arms on A and B and gamma, as for a translation. Not finite if its length is zero."""
+    """Row of a rod: its direction e, lever arms on A and B and gamma, as for a translation. Not
+    finite if its length is zero."""
     length = math.sqrt(vec3.dot(d, d))
     e = vec3.scale(1.0 / length, d)
     along = vec3.dot(d_rate, e)

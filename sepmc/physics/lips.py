@@ -1,7 +1,9 @@
-"""The least distance from the lip of a shell, a circle, to a solid part, all in one frame and in metres.
+"""The least distance from the lip of a shell, a circle, to a solid part, all in one frame and in
+metres.
 
-Around the circle the distance to a convex body falls and rises a few times at most: once where the solid stands within the shell or
-beside it, twice where it lies across. It is looked at in steps of 5 deg, and every least is narrowed down.
+Around the circle the distance to a convex body falls and rises a few times at most: once where the
+solid stands within the shell or beside it, twice where it lies across. It is looked at in steps of
+5 deg, and every least is narrowed down.
 """
 
 import math
@@ -12,7 +14,9 @@ from sepmc.physics.outlines import any_normal, split
 from sepmc.physics.vec3 import add, cross, dot, scale, sub
 
 _PIECES = 72  # of the circle
-_FLAT = 1e-13  # of the radius: where neighbours differ by less (solid and shell on one axis), nothing between them is nearer
+# of the radius: where neighbours differ by less (solid and shell on one axis), nothing between them
+# is nearer
+_FLAT = 1e-13
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _NARROWINGS = 45  # of golden section: to 1e-10 rad, of which the square counts
 
@@ -21,8 +25,8 @@ _NARROWINGS = 45  # of golden section: to 1e-10 rad, of which the square counts
 def lip_gap(lip, part):
     """Distance of a circle from a solid part, and the nearest points of circle and part.
 
-    lip : (centre, normal, radius); part : (start, axis, length, r0, r1)
-    0 where some of the circle is within the solid. Checked against a scan of the circle, and by hand.
+    lip : (centre, normal, radius); part : (start, axis, length, r0, r1) 0 where some of the circle
+    is within the solid. Checked against a scan of the circle, and by hand.
     """
     keep_apart()
     centre, normal, radius = lip
@@ -58,7 +62,8 @@ def lip_least(lip, part):
     aside = math.sqrt(dot(across, across))
     beyond = max(-along, along - length, 0.0)
     far = math.sqrt(beyond * beyond + aside * aside) - radius
-    around = radius * abs(dot(normal, axis)) - aside  # seen along the axis the circle is an ellipse; this is its short half
+    # seen along the axis the circle is an ellipse; this is its short half
+    around = radius * abs(dot(normal, axis)) - aside
     return max(far, around) - widest - 1e-12 * (abs(along) + aside + radius)
 
 
@@ -72,7 +77,8 @@ def _point(angle, lip, frame):
 
 @routine
 def _distance(angle, lip, frame, part):
-    """Distance of a point of the circle from the part: in the half plane through its axis, from the trapezoid it is there."""
+    """Distance of a point of the circle from the part: in the half plane through its axis, from the
+    trapezoid it is there."""
     start, axis, length, r0, r1 = part
     along, across = split(sub(_point(angle, lip, frame), start), axis)
     rho = math.sqrt(dot(across, across))
@@ -82,7 +88,8 @@ def _distance(angle, lip, frame, part):
 
 @routine
 def _nearest(along, rho, length, r0, r1):
-    """Nearest point (along, rho) of the trapezoid that a part is in the half plane through its axis."""
+    """Nearest point (along, rho) of the trapezoid that a part is in the half plane through its
+    axis."""
     rise = r1 - r0
     if 0.0 <= along <= length and (rho - r0) * length <= rise * along and rho <= max(r0, r1):
         return along, rho
@@ -111,7 +118,8 @@ def _foot(point, part):
 
 @routine
 def _narrow(low, high, angle, best, lip, frame, part):
-    """The least distance between two angles, by golden section, and its angle; starts from one that is known."""
+    """The least distance between two angles, by golden section, and its angle; starts from one that
+    is known."""
     keep_apart()
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fa, fb = _distance(a, lip, frame, part), _distance(b, lip, frame, part)

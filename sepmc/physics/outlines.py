@@ -1,11 +1,13 @@
 """Distances between the outlines of two bodies, all in one frame and in metres.
 
-A part is a solid cone frustum, the tuple (start, axis, length, r0, r1): centre of one end, unit vector to the other end, distance between
-the ends, radius at the start and at the other end. A length of zero is a disc, radii of zero too a point. A shell is the inner wall of a
-hollow frustum, told by the same tuple.
+A part is a solid cone frustum, the tuple (start, axis, length, r0, r1): centre of one end, unit
+vector to the other end, distance between the ends, radius at the start and at the other end. A
+length of zero is a disc, radii of zero too a point. A shell is the inner wall of a hollow frustum,
+told by the same tuple.
 
-Gilbert, Johnson, Keerthi, IEEE J. Robotics and Automation 4 (1988) 193-203: the difference of two convex bodies is convex, and their
-distance is that of the origin from it. Only the point furthest in a given direction is asked of each body.
+Gilbert, Johnson, Keerthi, IEEE J. Robotics and Automation 4 (1988) 193-203: the difference of two
+convex bodies is convex, and their distance is that of the origin from it. Only the point furthest
+in a given direction is asked of each body.
 """
 
 import math
@@ -13,32 +15,37 @@ import math
 from sepmc.jit import formula, keep_apart, long_formula, routine
 from sepmc.physics.vec3 import add, cross, dot, scale, sub
 
-# Stop once the distance is known to this share of itself, plus this share of the coordinates (their round-off).
+# Stop once the distance is known to this share of itself, plus this share of the coordinates (their
+# round-off).
 _RELATIVE = 1e-12
 _ROUND_OFF = 1e-15
 # Origin within a tetrahedron to this share of the coordinates: the bodies overlap.
 _WITHIN = 1e-12
-# Near contact a round may turn the direction only and come nearer by less than round-off. After so many in turn that is the end.
+# Near contact a round may turn the direction only and come nearer by less than round-off. After so
+# many in turn that is the end.
 _STALLED = 2
 THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
-_ROUNDS = 150  # 13 on average over random parts, 50 near contact; the best so far counts if this is met
+# 13 on average over random parts, 50 near contact; the best so far counts if this is met
+_ROUNDS = 150
 
 
 @long_formula
 def gap(a, b):
     """Distance between two parts, and the nearest points of each.
 
-    a, b : parts (start, axis, length, r0, r1)
-    Returns m and two points: 0 if the parts overlap (the two points are then one within both, to round-off), NaN if a number is NaN.
-    Where many points are equally near (faces, parallel sides) one of them is returned. Accurate to 1e-12 of itself; for parts of metres
-    that all but touch to 1e-9 m (999 of 1000 random pairs; worst of 400,000 seen: 1.3e-6 m). Checked against closed forms, planes that
-    separate the parts, and minimisation over both.
+    a, b : parts (start, axis, length, r0, r1) Returns m and two points: 0 if the parts overlap (the
+    two points are then one within both, to round-off), NaN if a number is NaN. Where many points
+    are equally near (faces, parallel sides) one of them is returned. Accurate to 1e-12 of itself;
+    for parts of metres that all but touch to 1e-9 m (999 of 1000 random pairs; worst of 400,000
+    seen: 1.3e-6 m). Checked against closed forms, planes that separate the parts, and minimisation
+    over both.
     """
     keep_apart()
     x, y = a[0], b[0]  # nearest points so far
     if not (_is_known(a) and _is_known(b)):
         return math.nan, x, y
-    p1 = p2 = p3 = x  # corners of the difference body (p - q) that span a triangle with the nearest point on it
+    # corners of the difference body (p - q) that span a triangle with the nearest point on it
+    p1 = p2 = p3 = x
     q1 = q2 = q3 = y
     v = sub(x, y)
     distance = math.sqrt(dot(v, v))
@@ -49,7 +56,9 @@ def gap(a, b):
         size, length = math.sqrt(dot(p, p) + dot(q, q)), math.sqrt(dot(v, v))
         if not distance * length - dot(v, n) > (_RELATIVE * distance + _ROUND_OFF * size) * length:
             break  # the plane through n normal to v is as far from the origin
-        within, t, v = _nearest(n, sub(sub(p1, q1), n), sub(sub(p2, q2), n), sub(sub(p3, q3), n), _WITHIN * size)
+        within, t, v = _nearest(
+            n, sub(sub(p1, q1), n), sub(sub(p2, q2), n), sub(sub(p3, q3), n), _WITHIN * size
+        )
         new_x = _along(p, t, sub(p1, p), sub(p2, p), sub(p3, p))
         new_y = _along(q, t, sub(q1, q), sub(q2, q), sub(q3, q))
         difference = sub(new_x, new_y)
@@ -73,17 +82,19 @@ def gap(a, b):
 
 @formula
 def least_gap(a, b):
-    """A distance that two parts cannot be nearer than, m: that of their axes less their greatest radii, or of their ends along the axis
-    of either. Far cheaper than `gap`."""
+    """A distance that two parts cannot be nearer than, m: that of their axes less their greatest
+    radii, or of their ends along the axis of either. Far cheaper than `gap`."""
     d1, d2, r = scale(a[2], a[1]), scale(b[2], b[1]), sub(a[0], b[0])
     e1, e2, f1, f2, g = dot(d1, d1), dot(d2, d2), dot(d1, r), dot(d2, r), dot(d1, d2)
-    # nearest points a + s d1, b + t d2 of two segments (Ericson, Real-Time Collision Detection, 5.1.9)
+    # nearest points a + s d1, b + t d2 of two segments (Ericson, Real-Time Collision Detection,
+    # 5.1.9)
     s = _share(g * f2 - f1 * e2, e1 * e2 - g * g, 1e-12 * e1 * e2)
     t = _share(g * s + f2, e2, 0.0)
     s = _share(g * t - f1, e1, 0.0)
     apart = sub(add(r, scale(s, d1)), scale(t, d2))
     radii = (a[3] if a[3] > a[4] else a[4]) + (b[3] if b[3] > b[4] else b[4])
-    beside = math.sqrt(dot(apart, apart)) - radii - 1e-6 * (a[2] + b[2])  # the last: axes that are parallel but for so much
+    # the last: axes that are parallel but for so much
+    beside = math.sqrt(dot(apart, apart)) - radii - 1e-6 * (a[2] + b[2])
     return max(beside, _beyond(a, b), _beyond(b, a))
 
 
@@ -92,7 +103,10 @@ def _beyond(a, b):
     """How far part b is beyond the ends of part a, along the axis of a."""
     first, turn = dot(sub(b[0], a[0]), a[1]), dot(a[1], b[1])
     last, tilt = first + turn * b[2], math.sqrt(max(0.0, 1.0 - turn * turn))
-    low, high = min(first - tilt * b[3], last - tilt * b[4]), max(first + tilt * b[3], last + tilt * b[4])
+    low, high = (
+        min(first - tilt * b[3], last - tilt * b[4]),
+        max(first + tilt * b[3], last + tilt * b[4]),
+    )
     return max(low - a[2], -high) - 1e-12 * (a[2] + b[2])
 
 
@@ -107,10 +121,12 @@ def _share(numerator, denominator, least):
 
 @long_formula
 def inside_gap(point, shell):
-    """Distance of a point from the inner wall of a hollow frustum that it is in, and the nearest point of the wall.
+    """Distance of a point from the inner wall of a hollow frustum that it is in, and the nearest
+    point of the wall.
 
-    Positive inside, infinite before or beyond the ends. Up to a tenth of the radius outside a point counts as gone through the wall, and
-    its distance is negative; further out it is beside the shell, and its distance positive again.
+    Positive inside, infinite before or beyond the ends. Up to a tenth of the radius outside a point
+    counts as gone through the wall, and its distance is negative; further out it is beside the
+    shell, and its distance positive again.
     """
     start, axis, length, r0, r1 = shell
     distance, nearest = wall_gap(point, shell)
@@ -124,11 +140,13 @@ def inside_gap(point, shell):
 
 @long_formula
 def wall_gap(point, shell):
-    """Distance of a point from the wall of a hollow frustum, from any side and beyond its ends too, and the nearest point of the wall."""
+    """Distance of a point from the wall of a hollow frustum, from any side and beyond its ends too,
+    and the nearest point of the wall."""
     start, axis, length, r0, r1 = shell
     along, across = split(sub(point, start), axis)
     rho = math.sqrt(dot(across, across))
-    rise = r1 - r0  # in the half plane through the axis and the point the wall goes from (0, r0) to (length, r1)
+    # in the half plane through the axis and the point the wall goes from (0, r0) to (length, r1)
+    rise = r1 - r0
     square = length * length + rise * rise
     share = (along * length + (rho - r0) * rise) / square if square > 0.0 else 0.0
     share = 0.0 if share < 0.0 else (1.0 if share > 1.0 else share)
@@ -156,7 +174,8 @@ def _furthest(part, d):
 
 @routine
 def split(d, axis):
-    """Component of d along a unit vector, and the rest; projected twice, so that a short rest is normal to the axis too."""
+    """Component of d along a unit vector, and the rest; projected twice, so that a short rest is
+    normal to the axis too."""
     along = dot(d, axis)
     across = sub(d, scale(along, axis))
     return along, sub(across, scale(dot(across, axis), axis))
@@ -181,10 +200,12 @@ def _is_known(part):
 
 @routine
 def _nearest(n, e1, e2, e3, tiny):
-    """Point of a tetrahedron nearest to the origin: n + t1 e1 + t2 e2 + t3 e3, on a face, edge or corner that has n.
+    """Point of a tetrahedron nearest to the origin: n + t1 e1 + t2 e2 + t3 e3, on a face, edge or
+    corner that has n.
 
-    Every one of them is tried and the nearest point kept, so that a flat tetrahedron or a corner given twice does no harm.
-    Returns whether the origin is within, to ``tiny`` m; t1, t2, t3; and the direction from the origin to the point.
+    Every one of them is tried and the nearest point kept, so that a flat tetrahedron or a corner
+    given twice does no harm. Returns whether the origin is within, to ``tiny`` m; t1, t2, t3; and
+    the direction from the origin to the point.
     """
     best = dot(n, n), (0.0, 0.0, 0.0), n
     t, v = _edge(n, e1)
@@ -207,7 +228,8 @@ def _nearest(n, e1, e2, e3, tiny):
 
 @routine
 def _better(best, t, v, n, e1, e2, e3):
-    """The nearer to the origin of (squared distance, t, v) known so far and the point at t, which v points to."""
+    """The nearer to the origin of (squared distance, t, v) known so far and the point at t, which v
+    points to."""
     point = _along(n, t, e1, e2, e3)
     square = dot(point, point)
     return (square, t, v) if square < best[0] else best
@@ -215,7 +237,8 @@ def _better(best, t, v, n, e1, e2, e3):
 
 @routine
 def _edge(n, e):
-    """Share of the edge from n at which the origin projects on it (0 if it does not), and the direction of that point."""
+    """Share of the edge from n at which the origin projects on it (0 if it does not), and the
+    direction of that point."""
     g, h = dot(e, e), -dot(n, e)
     if 0.0 < h < g:
         v = add(n, scale(h / g, e))
@@ -225,10 +248,11 @@ def _edge(n, e):
 
 @routine
 def _triangle(n, e1, e2):
-    """Shares of two edges from n at which the origin projects on their triangle (0, 0 if it does not), and the direction of that point.
+    """Shares of two edges from n at which the origin projects on their triangle (0, 0 if it does
+    not), and the direction of that point.
 
-    By the normal: on the thin triangles that curved rims give, products of edges lose twice the digits, and the point itself is too short
-    to show the direction well.
+    By the normal: on the thin triangles that curved rims give, products of edges lose twice the
+    digits, and the point itself is too short to show the direction well.
     """
     normal = cross(e1, sub(e2, e1))
     square = dot(normal, normal)
@@ -240,7 +264,8 @@ def _triangle(n, e1, e2):
 
 @routine
 def _origin_within(n, e1, e2, e3, tiny):
-    """Whether the tetrahedron holds the origin, and the shares of its edges from n to there (Cramer's rule). ``tiny``: no flat ones."""
+    """Whether the tetrahedron holds the origin, and the shares of its edges from n to there
+    (Cramer's rule). ``tiny``: no flat ones."""
     c = cross(e2, e3)
     det = dot(e1, c)
     if det != 0.0:

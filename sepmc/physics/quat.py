@@ -1,4 +1,5 @@
-"""Attitude: quaternions (scalar first, body to ground), matrices and the angles pitch, yaw, roll of CONVENTIONS.md."""
+"""Attitude: quaternions (scalar first, body to ground), matrices and the angles pitch, yaw, roll of
+CONVENTIONS.md."""
 
 import math
 
@@ -8,7 +9,8 @@ from sepmc.physics.elementary import arctan2, sine_cosine
 
 @formula
 def matrix(q):
-    """Attitude matrix (9-tuple, body to ground) of a quaternion, orthogonal whatever its length: within a step that is not quite 1."""
+    """Attitude matrix (9-tuple, body to ground) of a quaternion, orthogonal whatever its length:
+    within a step that is not quite 1."""
     w, x, y, z = q
     two = 2.0 / (w * w + x * x + y * y + z * z)
     return (
@@ -60,7 +62,8 @@ def from_angles(pitch, yaw, roll):
 
 @formula
 def angles(m):
-    """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular at yaw = +-90 deg."""
+    """(pitch, yaw, roll) in rad of an attitude matrix; the paper's eq (7) is their rate. Singular
+    at yaw = +-90 deg."""
     return pitch(m), yaw(m), roll(m)
 
 
@@ -70,7 +73,8 @@ def pitch(m):
     return arctan2(m[3], m[0])
 
 
-SINE_SINGULAR = math.sin(math.radians(89.0))  # of the yaw near which pitch and roll turn about at once
+# of the yaw near which pitch and roll turn about at once
+SINE_SINGULAR = math.sin(math.radians(89.0))
 
 
 @formula
@@ -79,13 +83,15 @@ def yaw(m):
     return arctan2(-m[6], math.sqrt(m[0] * m[0] + m[3] * m[3]))
 
 
-_THROUGH = 1e-9  # from the origin, with numbers up to 1: on which side it passes is beyond the accuracy of a flight
+# from the origin, with numbers up to 1: on which side it passes is beyond the accuracy of a flight
+_THROUGH = 1e-9
 
 
 @formula
 def may_wind(u, v, bend):
-    """Whether a path in a plane from u to v, pairs, that strays from the straight line by ``bend`` at most may pass the origin on either
-    side: by how much it turns about the origin is then not known. One that goes through the origin passes it on none."""
+    """Whether a path in a plane from u to v, pairs, that strays from the straight line by ``bend``
+    at most may pass the origin on either side: by how much it turns about the origin is then not
+    known. One that goes through the origin passes it on none."""
     along, across = v[0] - u[0], v[1] - u[1]
     square = along * along + across * across
     share = -(u[0] * along + u[1] * across) / (square if square > 0.0 else 1.0)
@@ -98,18 +104,24 @@ def may_wind(u, v, bend):
 
 @formula
 def heading(m):
-    """The pairs whose angles pitch and roll are: the x axis seen along the vertical of the turn, that vertical seen along the x axis."""
+    """The pairs whose angles pitch and roll are: the x axis seen along the vertical of the turn,
+    that vertical seen along the x axis."""
     return m[0], m[3], m[7], m[8]
 
 
 @formula
 def turns_unclear(u, v, rate_u, rate_v, h):
-    """Whether the x axis passed the vertical in a step of length h so closely that pitch or roll may have gone on by a turn more or less.
+    """Whether the x axis passed the vertical in a step of length h so closely that pitch or roll
+    may have gone on by a turn more or less.
 
     u, v : `heading` at the start and the end of the step; rate_u, rate_v : body rates there, rad/s
-    Both pairs move on smooth paths, which stray from a straight line by h^2 / 8 times their second derivative at most; twice that counts.
+    Both pairs move on smooth paths, which stray from a straight line by h^2 / 8 times their second
+    derivative at most; twice that counts.
     """
-    across_u, across_v = rate_u[1] * rate_u[1] + rate_u[2] * rate_u[2], rate_v[1] * rate_v[1] + rate_v[2] * rate_v[2]
+    across_u, across_v = (
+        rate_u[1] * rate_u[1] + rate_u[2] * rate_u[2],
+        rate_v[1] * rate_v[1] + rate_v[2] * rate_v[2],
+    )
     square_u, square_v = across_u + rate_u[0] * rate_u[0], across_v + rate_v[0] * rate_v[0]
     size_u, size_v = u[2] * u[2] + u[3] * u[3], v[2] * v[2] + v[3] * v[3]
     across = across_u if across_u > across_v else across_v

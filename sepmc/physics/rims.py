@@ -1,17 +1,20 @@
-"""The least distance from the rim of a solid to the inside of a shell, all in one frame and in metres.
+"""The least distance from the rim of a solid to the inside of a shell, all in one frame and in
+metres.
 
-A rim is the tuple (centre, normal, radius), a shell that of `outlines`. Seen along the axis of the shell the rim is an ellipse. With
-z along the axis, y along the line that rim plane and cross section share, and phi the angle on the rim from where z is greatest,
+A rim is the tuple (centre, normal, radius), a shell that of `outlines`. Seen along the axis of the
+shell the rim is an ellipse. With z along the axis, y along the line that rim plane and cross
+section share, and phi the angle on the rim from where z is greatest,
 
     x = x0 + a cos phi,  y = y0 + r sin phi,  z = z0 + b cos phi,  a^2 + b^2 = r^2
 
-and the distance from the wall (of slope m, inside positive) is least where rho - m z is greatest, rho^2 = x^2 + y^2. With y0 >= 0 that
-is where sin phi >= 0. There d(rho - m z)/dphi = J / rho,
+and the distance from the wall (of slope m, inside positive) is least where rho - m z is greatest,
+rho^2 = x^2 + y^2. With y0 >= 0 that is where sin phi >= 0. There d(rho - m z)/dphi = J / rho,
 
     J = sin phi (b^2 cos phi - a x0 + m b rho) + r y0 cos phi
 
-and wherever J is zero J / sin phi falls: its slope is -(1 + m^2) b^2 sin phi - r y0 / sin^2 phi. So rho - m z rises, then falls,
-with one summit however the rim is tilted or shifted, and the nearest point of any arc is that summit or the end next to it.
+and wherever J is zero J / sin phi falls: its slope is -(1 + m^2) b^2 sin phi - r y0 / sin^2 phi. So
+rho - m z rises, then falls, with one summit however the rim is tilted or shifted, and the nearest
+point of any arc is that summit or the end next to it.
 """
 
 import math
@@ -33,10 +36,12 @@ def rim_gap(rim, shell, margin):
     """Least of `outlines.inside_gap` over a rim, and the nearest points of rim and wall.
 
     rim : (centre, normal, radius); shell : (start, axis, length, r0, r1) with a length above zero
-    margin : 0 for that. Above it, a bound: no point of the rim that moves by ``margin`` (m) at most comes nearer than this less
-        ``margin``, because the wall is taken to go on by so much beyond both ends, and what is so little beyond it as through it.
+    margin : 0 for that. Above it, a bound: no point of the rim that moves by ``margin`` (m) at most
+        comes nearer than this less ``margin``, because the wall is taken to go on by so much beyond
+        both ends, and what is so little beyond it as through it.
 
-    Infinite if no point of the rim lies between the ends. Checked against minimisation over the rim in steps of 0.01 deg.
+    Infinite if no point of the rim lies between the ends. Checked against minimisation over the rim
+    in steps of 0.01 deg.
     """
     keep_apart()
     centre, normal, radius = rim
@@ -61,7 +66,9 @@ def rim_gap(rim, shell, margin):
     at_wall = (r0 + wall[1] * foot) / rho if rho > 0.0 else 0.0
     on_rim = add(start, add(add(scale(x, e), scale(y, v)), scale(z, axis)))
     if rho > 0.0:
-        on_wall = add(start, add(add(scale(x * at_wall, e), scale(y * at_wall, v)), scale(foot, axis)))
+        on_wall = add(
+            start, add(add(scale(x * at_wall, e), scale(y * at_wall, v)), scale(foot, axis))
+        )
     else:
         on_wall = add(start, add(scale(r0 + wall[1] * foot, e), scale(foot, axis)))
     return distance, on_rim, on_wall
@@ -69,7 +76,8 @@ def rim_gap(rim, shell, margin):
 
 @routine
 def _axes(normal, axis):
-    """x and y of the module's text, and sine and cosine of the angle between the normal of the rim and the axis of the shell."""
+    """x and y of the module's text, and sine and cosine of the angle between the normal of the rim
+    and the axis of the shell."""
     v = cross(normal, axis)
     sine, cosine = math.sqrt(dot(v, v)), dot(normal, axis)
     if sine > 1e-14:
@@ -82,7 +90,8 @@ def _axes(normal, axis):
 
 @routine
 def _arc(z0, b, length, margin):
-    """Angles, in 0 to pi, between which the rim lies between the ends; the first is the greater if it does nowhere."""
+    """Angles, in 0 to pi, between which the rim lies between the ends; the first is the greater if
+    it does nowhere."""
     most, least = length + margin - z0, -margin - z0
     if not (most >= -b and least <= b):
         return 1.0, 0.0
@@ -96,7 +105,8 @@ def _arc(z0, b, length, margin):
 
 @routine
 def _place(angle, side, ellipse):
-    """Point (x, y, z) of the rim at an angle, and its distance from the axis; ``side`` -1 is the other half of the rim."""
+    """Point (x, y, z) of the rim at an angle, and its distance from the axis; ``side`` -1 is the
+    other half of the rim."""
     x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
     x, y = x0 + a * c, y0 + side * r * s
@@ -105,7 +115,8 @@ def _place(angle, side, ellipse):
 
 @routine
 def _summit(ellipse, slope, low, high):
-    """Angle between two at which rho - slope z is greatest: the root of J by Newton within a bracket, or the end it lies beyond."""
+    """Angle between two at which rho - slope z is greatest: the root of J by Newton within a
+    bracket, or the end it lies beyond."""
     x0, y0, _, a, r, b = ellipse
     mb = slope * b
     angle = arctan2(r * y0, a * x0 - mb * r)  # the root for a rim of which the tilt does not count
@@ -116,7 +127,8 @@ def _summit(ellipse, slope, low, high):
         rho = math.sqrt(x * x + y * y)
         inner = b * b * c - a * x0 + mb * rho
         j = s * inner + r * y0 * c
-        up = inner if j == 0.0 and s < 0.5 else j  # at 0, where sin phi is 0, J / sin phi tells more
+        # at 0, where sin phi is 0, J / sin phi tells more
+        up = inner if j == 0.0 and s < 0.5 else j
         if up > 0.0:
             low = angle
         elif up < 0.0:
@@ -139,8 +151,9 @@ def _summit(ellipse, slope, low, high):
 
 @routine
 def _signed(angle, side, ellipse, wall):
-    """Signed distance of a point of the rim from the wall; how far along the axis its foot on the wall is; and whether no other point
-    of its arc can be nearer, if this one is nearest to the wall's line."""
+    """Signed distance of a point of the rim from the wall; how far along the axis its foot on the
+    wall is; and whether no other point of its arc can be nearer, if this one is nearest to the
+    wall's line."""
     _, _, z, rho = _place(angle, side, ellipse)
     r0, slope, length, margin = wall
     radius = r0 + slope * z
@@ -150,18 +163,23 @@ def _signed(angle, side, ellipse, wall):
     distance = math.sqrt((z - foot) ** 2 + (rho - r0 - slope * foot) ** 2)
     beside = _is_beside(angle, side, ellipse, wall)
     if out > 0.0 and not beside:
-        if margin > 0.0:  # wherever it goes, it is beside the wall once it is further through than that
+        # wherever it goes, it is beside the wall once it is further through than that
+        if margin > 0.0:
             most = THROUGH * (radius + abs(slope) * margin)
-            distance = min(distance, most / math.sqrt(1.0 + slope * slope) if foot == share else most)
+            distance = min(
+                distance, most / math.sqrt(1.0 + slope * slope) if foot == share else most
+            )
         distance = -distance
     return distance, foot, not beside and (slope == 0.0 or (out <= 0.0 and foot == share))
 
 
 @routine
 def _search(ellipse, wall, low, high, summit):
-    """Angle and side of the nearest point where a lip of the shell is nearest, or some of the rim is through its wall or beside it.
+    """Angle and side of the nearest point where a lip of the shell is nearest, or some of the rim
+    is through its wall or beside it.
 
-    Every least of some points of the arc is narrowed down, and where the rim stops being through the wall and is beside it.
+    Every least of some points of the arc is narrowed down, and where the rim stops being through
+    the wall and is beside it.
     """
     keep_apart()
     piece = (high - low) / _PIECES
@@ -210,7 +228,8 @@ def _border(ellipse, wall, side, a, b):
 
 @routine
 def _narrow(ellipse, wall, side, low, high, angle, best):
-    """The least distance between two angles, by golden section, and its angle; starts from one that is known."""
+    """The least distance between two angles, by golden section, and its angle; starts from one that
+    is known."""
     keep_apart()
     a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     fa, fb = _signed(a, side, ellipse, wall)[0], _signed(b, side, ellipse, wall)[0]

@@ -66,7 +66,17 @@ def unrotate(m, a):
 
 @formula
 def add_matrices(a, b):
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8])
+    return (
+        a[0] + b[0],
+        a[1] + b[1],
+        a[2] + b[2],
+        a[3] + b[3],
+        a[4] + b[4],
+        a[5] + b[5],
+        a[6] + b[6],
+        a[7] + b[7],
+        a[8] + b[8],
+    )
 
 
 @formula
@@ -79,14 +89,28 @@ def symmetric_inverse(m):
     c11 = m[0] * m[8] - m[2] * m[2]
     c12 = m[1] * m[2] - m[0] * m[5]
     c22 = m[0] * m[4] - m[1] * m[1]
-    return (c00 / det, c01 / det, c02 / det, c01 / det, c11 / det, c12 / det, c02 / det, c12 / det, c22 / det)
+    return (
+        c00 / det,
+        c01 / det,
+        c02 / det,
+        c01 / det,
+        c11 / det,
+        c12 / det,
+        c02 / det,
+        c12 / det,
+        c22 / det,
+    )
 
 
 @formula
 def is_positive_definite(m):
     """Sylvester's criterion for a symmetric matrix; False for NaN."""
     minor = m[0] * m[4] - m[1] * m[1]
-    det = m[0] * (m[4] * m[8] - m[5] * m[5]) - m[1] * (m[1] * m[8] - m[5] * m[2]) + m[2] * (m[1] * m[5] - m[4] * m[2])
+    det = (
+        m[0] * (m[4] * m[8] - m[5] * m[5])
+        - m[1] * (m[1] * m[8] - m[5] * m[2])
+        + m[2] * (m[1] * m[5] - m[4] * m[2])
+    )
     return m[0] > 0.0 and minor > 0.0 and det > 0.0
 
 

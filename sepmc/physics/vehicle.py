@@ -7,7 +7,8 @@ from sepmc.physics.elementary import sine_cosine
 
 @formula
 def inertia_tensor(factor, moments, products):
-    """Inertia tensor, kg m2, from moments xx, yy, zz and products xy, xz, yz (integrals of x y, ...), all times a factor."""
+    """Inertia tensor, kg m2, from moments xx, yy, zz and products xy, xz, yz (integrals of x y,
+    ...), all times a factor."""
     xx, yy, zz = vec3.scale(factor, moments)
     xy, xz, yz = vec3.scale(-factor, products)
     return (xx, xy, xz, xy, yy, yz, xz, yz, zz)

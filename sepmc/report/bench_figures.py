@@ -1,4 +1,5 @@
-"""Figures of a bench: error over time, cost of features, stages, scaling, other engines. Drawn as those of `sepmc.report.figures`."""
+"""Figures of a bench: error over time, cost of features, stages, scaling, other engines. Drawn as
+those of `sepmc.report.figures`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,20 +12,50 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7"
+BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
+    "#000000",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#56B4E9",
+    "#CC79A7",
+)
 METHODS = {"rk4": (VERMILION, "s"), "dopri5": (GREEN, "^"), "dop853": (BLUE, "o")}
 FORMULATIONS = {"reduced": ("-", 1.0), "full": (":", 0.9)}
-ENGINES = ((BLUE, "o"), (ORANGE, "v"), (GREEN, "^"), (VERMILION, "s"), (PURPLE, "D"), (SKY, "P"), (BLACK, "X"))
+ENGINES = (
+    (BLUE, "o"),
+    (ORANGE, "v"),
+    (GREEN, "^"),
+    (VERMILION, "s"),
+    (PURPLE, "D"),
+    (SKY, "P"),
+    (BLACK, "X"),
+)
 
-STAR: dict[str, Any] = {"linestyle": "", "marker": "*", "color": BLACK, "markerfacecolor": "#F0E442", "markersize": 17, "zorder": 5}
+STAR: dict[str, Any] = {
+    "linestyle": "",
+    "marker": "*",
+    "color": BLACK,
+    "markerfacecolor": "#F0E442",
+    "markersize": 17,
+    "zorder": 5,
+}
 
 
 def draw(frames: Mapping[str, pd.DataFrame], folder: Path, title: str, floor: float) -> list[Path]:
     """Draw what there is of the parts of a bench, by name, into a folder; returns the files.
 
-    ``title`` says what was measured on what; below ``floor`` the reference cannot tell errors apart.
+    ``title`` says what was measured on what; below ``floor`` the reference cannot tell errors
+    apart.
     """
-    drawers = {"work_precision": _work_precision, "features": _features, "stages": _stages, "scaling": _scaling, "peers": _peers}
+    drawers = {
+        "work_precision": _work_precision,
+        "features": _features,
+        "stages": _stages,
+        "scaling": _scaling,
+        "peers": _peers,
+    }
     written = []
     for name, drawer in drawers.items():
         if name in frames and len(frames[name]):
@@ -49,7 +80,10 @@ def _figure(width: float, height: float, columns: int = 1) -> tuple[Figure, list
 def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
     """Time a case and error, both logarithmic; what the reference cannot tell apart is shaded."""
     ax.set(
-        xscale="log", yscale="log", xlabel="kernel time a case, all threads together (µs)", ylabel="largest error of any outcome and case"
+        xscale="log",
+        yscale="log",
+        xlabel="kernel time a case, all threads together (µs)",
+        ylabel="largest error of any outcome and case",
     )
     _plain_decades(ax, "x")
     finite = frame["error"][np.isfinite(frame["error"])]
@@ -78,19 +112,43 @@ def _shown(errors: pd.Series, floor: float) -> pd.Series:
 def _legend(figure: Figure, ax: Axes, columns: int) -> None:
     handles, labels = ax.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
-    figure.legend(list(unique.values()), list(unique), loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    figure.legend(
+        list(unique.values()),
+        list(unique),
+        loc="outside lower center",
+        ncols=columns,
+        frameon=False,
+        fontsize=9,
+    )
 
 
 def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     figure, (ax,) = _figure(7.6, 5.6)
-    for (formulation, method), rows in ((map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)):
+    for (formulation, method), rows in (
+        (map(str, key), rows) for key, rows in frame.groupby(["formulation", "method"], sort=False)
+    ):
         rows = rows[np.isfinite(rows["error"])]
         colour, marker = METHODS.get(method, (BLACK, "o"))
         line, alpha = FORMULATIONS.get(formulation, ("-", 1.0))
-        words = f"{method}, {formulation}" + (f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else "")
+        words = f"{method}, {formulation}" + (
+            f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
+        )
         filled = colour if formulation == "reduced" else "white"
-        style: dict[str, Any] = {"color": colour, "linestyle": line, "marker": marker, "markerfacecolor": filled, "alpha": alpha}
-        ax.plot(rows["us_per_case"], _shown(rows["error"], floor), markersize=5, linewidth=1.3, label=words, **style)
+        style: dict[str, Any] = {
+            "color": colour,
+            "linestyle": line,
+            "marker": marker,
+            "markerfacecolor": filled,
+            "alpha": alpha,
+        }
+        ax.plot(
+            rows["us_per_case"],
+            _shown(rows["error"], floor),
+            markersize=5,
+            linewidth=1.3,
+            label=words,
+            **style,
+        )
     chosen = frame[frame["default"]]
     ax.plot(chosen["us_per_case"], _shown(chosen["error"], floor), label="default", **STAR)
     _error_axes(ax, frame, floor)
@@ -100,18 +158,28 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
-    """A colour an engine; where its settings are of several kinds (the first word of them), a line each."""
+    """A colour an engine; where its settings are of several kinds (the first word of them), a line
+    each."""
     figure, (ax,) = _figure(8.4, 6.2)
-    frame = frame[np.isfinite(frame["error"])].assign(us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0])
-    for (engine, rows), (colour, marker) in zip(frame.groupby("engine", sort=False), ENGINES, strict=False):
-        kinds = sorted(rows.groupby("kind", sort=False), key=lambda found: not found[1]["default"].any())  # that of the default first
+    frame = frame[np.isfinite(frame["error"])].assign(
+        us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0]
+    )
+    for (engine, rows), (colour, marker) in zip(
+        frame.groupby("engine", sort=False), ENGINES, strict=False
+    ):
+        # that of the default first
+        kinds = sorted(
+            rows.groupby("kind", sort=False), key=lambda found: not found[1]["default"].any()
+        )
         few = f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
             words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
             some = some.sort_values("error", ascending=False)
             ax.plot(
-                some["us"], _shown(some["error"], floor), color=colour, marker=marker, linestyle=":" if few else line, markersize=6,
-                markerfacecolor=colour if line == "-" and not few else "white", linewidth=1.4, label=f"{words}{few}",
+                some["us"], _shown(some["error"], floor), color=colour, marker=marker,
+                linestyle=":" if few else line, markersize=6,
+                markerfacecolor=colour if line == "-" and not few else "white", linewidth=1.4,
+                label=f"{words}{few}",
             )  # fmt: skip
     chosen = frame[frame["default"].astype(bool)]
     ax.plot(chosen["us"], _shown(chosen["error"], floor), label="sepmc, default", **STAR)
@@ -128,15 +196,40 @@ def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
     place = np.arange(len(rows))
     ax.barh(place + 0.18, rows["time_ratio"], 0.34, color=BLUE, label="kernel time")
     ax.barh(
-        place - 0.18, rows["flop_ratio"].fillna(0.0), 0.34, color=ORANGE, hatch="//", edgecolor="white", label="floating-point operations"
+        place - 0.18,
+        rows["flop_ratio"].fillna(0.0),
+        0.34,
+        color=ORANGE,
+        hatch="//",
+        edgecolor="white",
+        label="floating-point operations",
     )
-    for at, time_ratio, flop_ratio in zip(place, rows["time_ratio"], rows["flop_ratio"], strict=True):
-        ax.annotate(f"{time_ratio:.2f}", (time_ratio, at + 0.18), (3, 0), textcoords="offset points", va="center", fontsize=8)
+    for at, time_ratio, flop_ratio in zip(
+        place, rows["time_ratio"], rows["flop_ratio"], strict=True
+    ):
+        ax.annotate(
+            f"{time_ratio:.2f}",
+            (time_ratio, at + 0.18),
+            (3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+        )
         if np.isfinite(flop_ratio):
-            ax.annotate(f"{flop_ratio:.2f}", (flop_ratio, at - 0.18), (3, 0), textcoords="offset points", va="center", fontsize=8)
+            ax.annotate(
+                f"{flop_ratio:.2f}",
+                (flop_ratio, at - 0.18),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
     ax.axvline(1.0, color=BLACK, linewidth=1.0)
     ax.set_xlim(right=1.1 * max(1.0, float(rows["time_ratio"].max())))
-    ax.set_yticks(place, [f"with {name}" if name == "histories" else f"without {name}" for name in rows["feature"]])
+    ax.set_yticks(
+        place,
+        [f"with {name}" if name == "histories" else f"without {name}" for name in rows["feature"]],
+    )
     ax.set_xlabel("share of the whole scene, in the same steps")
     ax.grid(False, axis="y")
     _legend(figure, ax, 2)
@@ -147,13 +240,25 @@ def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
 def _stages(frame: pd.DataFrame, title: str, _: float) -> Figure:
     figure, (ax,) = _figure(7.6, 1.4 + 0.36 * len(frame))
     rows = frame[::-1].reset_index(drop=True)
-    colours = {"stage": BLUE, "command, warm": GREEN, "command, cold": VERMILION, "stage, cold": ORANGE}
+    colours = {
+        "stage": BLUE,
+        "command, warm": GREEN,
+        "command, cold": VERMILION,
+        "stage, cold": ORANGE,
+    }
     for kind, colour in colours.items():
         some = rows[rows["kind"] == kind]
         if len(some):
             ax.barh(some.index, some["s"], 0.7, color=colour, label=kind)
     for at, spent in enumerate(rows["s"]):
-        ax.annotate(f"{spent:.3g} s", (spent, at), (3, 0), textcoords="offset points", va="center", fontsize=8)
+        ax.annotate(
+            f"{spent:.3g} s",
+            (spent, at),
+            (3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+        )
     ax.set(xscale="log", xlabel="time (s)")
     ax.set_xlim(right=float(rows["s"].max()) * 3.0)
     _plain_decades(ax, "x")
@@ -169,9 +274,19 @@ def _scaling(frame: pd.DataFrame, title: str, _: float) -> Figure:
     figure, (left, middle, right) = _figure(11.0, 3.9, 3)
     sizes, threads = frame[frame["over"] == "cases"], frame[frame["over"] == "threads"]
     left.plot(sizes["cases"], sizes["us_per_case"], "o-", color=BLUE)
-    left.set(xscale="log", xlabel="cases", ylabel="kernel time a case (µs)", ylim=(0.0, 1.15 * float(sizes["us_per_case"].max())))
+    left.set(
+        xscale="log",
+        xlabel="cases",
+        ylabel="kernel time a case (µs)",
+        ylim=(0.0, 1.15 * float(sizes["us_per_case"].max())),
+    )
     middle.plot(sizes["cases"], sizes["peak_MB"], "s-", color=VERMILION)
-    middle.set(xscale="log", xlabel="cases", ylabel="peak memory, statistics only (MB)", ylim=(0.0, 1.15 * float(sizes["peak_MB"].max())))
+    middle.set(
+        xscale="log",
+        xlabel="cases",
+        ylabel="peak memory, statistics only (MB)",
+        ylim=(0.0, 1.15 * float(sizes["peak_MB"].max())),
+    )
     right.plot(threads["threads"], threads["speed_up"], "^-", color=GREEN, label="measured")
     right.plot(threads["threads"], threads["threads"], ":", color=BLACK, label="ideal")
     right.set(xlabel="threads", ylabel="speed-up", xticks=threads["threads"])

@@ -1,7 +1,9 @@
-"""Figures of a campaign and of a single run, after Figs 2 to 11 of Wang, Li, Liu, Journal of System Simulation 31(4), 2019.
+"""Figures of a campaign and of a single run, after Figs 2 to 11 of Wang, Li, Liu, Journal of System
+Simulation 31(4), 2019.
 
-Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles and tints carry the same message in grey print.
-Legends, phase names and numbers stand outside the axes, so nothing covers data. No pyplot: a figure here has no window and no state.
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles and tints
+carry the same message in grey print. Legends, phase names and numbers stand outside the axes, so
+nothing covers data. No pyplot: a figure here has no window and no state.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,25 +22,42 @@ from matplotlib.ticker import MaxNLocator
 from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-BANDS = (("min", "max", "#dce9f5", "min to max"), ("p1", "p99", "#a9cdea", "1 to 99 %"), ("p5", "p95", "#6aa7d6", "5 to 95 %"))
-CURVES = (("separation_speed_m_s", "axial separation speed", "m/s"), ("separation_distance_mm", "axial separation distance", "mm"))
+BANDS = (
+    ("min", "max", "#dce9f5", "min to max"),
+    ("p1", "p99", "#a9cdea", "1 to 99 %"),
+    ("p5", "p95", "#6aa7d6", "5 to 95 %"),
+)
+CURVES = (
+    ("separation_speed_m_s", "axial separation speed", "m/s"),
+    ("separation_distance_mm", "axial separation distance", "mm"),
+)
 
 
 def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
-    """Separation columns of every joint in a frame: (column, prefix of its joint or "", words, unit)."""
+    """Separation columns of every joint in a frame: (column, prefix of its joint or "", words,
+    unit)."""
     names = [str(name) for name in frame.columns]
-    return [(name, name.removesuffix(stem), words, unit) for stem, words, unit in CURVES for name in names if name.endswith(stem)]
+    return [
+        (name, name.removesuffix(stem), words, unit)
+        for stem, words, unit in CURVES
+        for name in names
+        if name.endswith(stem)
+    ]
 
 
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
-BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))  # dashed and dash-dot as in Fig 7
+# dashed and dash-dot as in Fig 7
+BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
 SAMPLES = 5  # single cases drawn into the bands
-FLAT = 1e-6  # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not blown up to fill the axes
+# in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
+# blown up to fill the axes
+FLAT = 1e-6
 OVERVIEW = 9
 
 
 class Panel(NamedTuple):
-    """One pair of axes over time: its ordinate's label, its (column, label) lines and their (colour, line style)."""
+    """One pair of axes over time: its ordinate's label, its (column, label) lines and their
+    (colour, line style)."""
 
     label: str
     lines: list[tuple[str, str]]
@@ -55,14 +74,15 @@ def campaign_figures(
     outcomes: Sequence[str] | None = None,
     source: str = "reference",
 ) -> list[Path]:
-    """Draw a campaign: separation over time as bands over the cases (Figs 8, 9), and the outcomes as histograms (Figs 10, 11).
+    """Draw a campaign: separation over time as bands over the cases (Figs 8, 9), and the outcomes
+    as histograms (Figs 10, 11).
 
     Parameters
     ----------
     cases : DataFrame, shape (n_cases, ...)
         Columns ``case``, ``status`` and the outcomes. Only cases whose status is ``ok`` are drawn.
-    histories : DataFrame or None
-        Long form: ``case``, ``time_s`` and ``separation_speed_m_s`` and / or ``separation_distance_mm``. None: no bands.
+    histories : DataFrame or None Long form: ``case``, ``time_s`` and ``separation_speed_m_s`` and /
+        or ``separation_distance_mm``. None: no bands.
     folder : Path
         Where the files go; made if it is not there.
     units : mapping of column to unit
@@ -71,26 +91,37 @@ def campaign_figures(
         Marked in the histograms.
     labels : mapping of column to words, optional
         For the axes; by default the column's name without its unit.
-    outcomes : sequence of str, optional
-        Columns to draw; by default those of ``reference`` or, without one, of ``units``. One without a finite value is left out.
+    outcomes : sequence of str, optional Columns to draw; by default those of ``reference`` or,
+        without one, of ``units``. One without a finite value is left out.
     source : str
         What the reference is called in legends, e.g. ``"Table 3"``.
 
     Returns
     -------
     list of Path
-        The files written: ``separation_speed.png``, ``separation_distance.png``, ``hist_<outcome>.png`` each, ``histograms.png`` (the
-        outcomes of ``reference``, or the first nine).
+        The files written: ``separation_speed.png``, ``separation_distance.png``,
+        ``hist_<outcome>.png`` each, ``histograms.png`` (the outcomes of ``reference``, or the first
+        nine).
     """
     flown = cases[cases["status"] == OK]
-    written = band_figures(histories[histories["case"].isin(flown["case"])], folder, units, labels) if histories is not None else []
+    written = (
+        band_figures(histories[histories["case"].isin(flown["case"])], folder, units, labels)
+        if histories is not None
+        else []
+    )
     chosen = list(outcomes if outcomes is not None else reference or units)
     histograms = {name: histogram(column(flown, name)) for name in chosen if name in flown}
     return written + histogram_figures(histograms, folder, units, reference, labels, source)
 
 
-def band_figures(histories: pd.DataFrame, folder: Path, units: Mapping[str, str], labels: Mapping[str, str] | None = None) -> list[Path]:
-    """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are the caller's to leave out."""
+def band_figures(
+    histories: pd.DataFrame,
+    folder: Path,
+    units: Mapping[str, str],
+    labels: Mapping[str, str] | None = None,
+) -> list[Path]:
+    """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
+    the caller's to leave out."""
     folder, labels, written = _made(folder), labels or {}, []
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
@@ -108,33 +139,49 @@ def histogram_figures(
     labels: Mapping[str, str] | None = None,
     source: str = "reference",
 ) -> list[Path]:
-    """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome without values (None) is left out."""
+    """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome
+    without values (None) is left out."""
     folder, reference, labels, written = _made(folder), reference or {}, labels or {}, []
     values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, _words(name, units.get(name, ""))) for name in values}
     overview = [name for name in values if name in reference] or list(values)[:OVERVIEW]
-    sheets = [(f"hist_{name}.png", [name]) for name in values] + ([("histograms.png", overview)] if overview else [])
+    sheets = [(f"hist_{name}.png", [name]) for name in values] + (
+        [("histograms.png", overview)] if overview else []
+    )
     for file, names in sheets:
         columns = min(3, len(names)) if file == "histograms.png" else 1
-        figure, axes = _sheet(-(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4))
+        figure, axes = _sheet(
+            -(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
+        )
         for ax, name in zip(axes, names, strict=False):
-            _histogram(ax, values[name], words_of[name], units.get(name, ""), reference.get(name, {}), source)
+            _histogram(
+                ax,
+                values[name],
+                words_of[name],
+                units.get(name, ""),
+                reference.get(name, {}),
+                source,
+            )
         for ax in axes[len(names) :]:
             ax.remove()
         written.append(_save(figure, folder / file))
     return written
 
 
-def run_figures(history: pd.DataFrame, folder: Path, bodies: Sequence[str], joints: Sequence[str]) -> list[Path]:
-    """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named above.
+def run_figures(
+    history: pd.DataFrame, folder: Path, bodies: Sequence[str], joints: Sequence[str]
+) -> list[Path]:
+    """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
+    above.
 
     Parameters
     ----------
-    history : DataFrame, shape (n_rows, ...)
-        ``time_s``, ``phase``, and what there is of: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``, ``{b}_{alpha,roll,yaw,pitch}_deg``,
-        ``{b}_axial_acceleration_m_s2``; per joint ``j`` and body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
-        ``separation_speed_m_s``, ``separation_distance_mm``. At a phase boundary two rows share a time (the end of one phase, the start
-        of the next), so that a step is drawn as a step.
+    history : DataFrame, shape (n_rows, ...) ``time_s``, ``phase``, and what there is of: per body
+        ``b`` ``{b}_omega_{x,y,z}_deg_s``, ``{b}_{alpha,roll,yaw,pitch}_deg``,
+        ``{b}_axial_acceleration_m_s2``; per joint ``j`` and body ``{j}_force_on_{b}_{x,y,z}_N``,
+        ``{j}_moment_on_{b}_{x,y,z}_N_m``; ``separation_speed_m_s``, ``separation_distance_mm``. At
+        a phase boundary two rows share a time (the end of one phase, the start of the next), so
+        that a step is drawn as a step.
     folder : Path
         Where the files go; made if it is not there.
     bodies, joints : sequence of str
@@ -143,15 +190,22 @@ def run_figures(history: pd.DataFrame, folder: Path, bodies: Sequence[str], join
     Returns
     -------
     list of Path
-        The files written: ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``, ``angles.png``,
-        ``axial_acceleration.png``, ``separation.png``; those without data are left out.
+        The files written: ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``,
+        ``angles.png``, ``axial_acceleration.png``, ``separation.png``; those without data are left
+        out.
     """
     folder, written = _made(folder), []
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
-        there = [panel for panel in panels if any(name in history and history[name].notna().any() for name, _ in panel.lines)]
+        there = [
+            panel
+            for panel in panels
+            if any(name in history and history[name].notna().any() for name, _ in panel.lines)
+        ]
         if there:
-            written.append(_time_page(history, folder / file, title, there, min(columns, len(there))))
+            written.append(
+                _time_page(history, folder / file, title, there, min(columns, len(there)))
+            )
 
     def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
         return [(f"{stem}_{axis}_{unit}", f"${symbol}_{axis}$") for axis in "xyz"]
@@ -162,17 +216,42 @@ def run_figures(history: pd.DataFrame, folder: Path, bodies: Sequence[str], join
     for body in bodies:
         for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
             stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
-            panels = [Panel(f"{kind} at {_words(j)} ({shown})", components(stem, unit, symbol), BY_COMPONENT) for j, stem in stems.items()]
-            page(f"{kind}_on_{body}.png", f"Constraint {kind} on {_words(body)}, in the axes of the joint's first body", panels)
-    rates = [Panel(f"{_words(body)} (deg/s)", components(f"{body}_omega", "deg_s", r"\omega"), BY_COMPONENT) for body in bodies]
+            panels = [
+                Panel(
+                    f"{kind} at {_words(j)} ({shown})", components(stem, unit, symbol), BY_COMPONENT
+                )
+                for j, stem in stems.items()
+            ]
+            page(
+                f"{kind}_on_{body}.png",
+                f"Constraint {kind} on {_words(body)}, in the axes of the joint's first body",
+                panels,
+            )
+    rates = [
+        Panel(
+            f"{_words(body)} (deg/s)", components(f"{body}_omega", "deg_s", r"\omega"), BY_COMPONENT
+        )
+        for body in bodies
+    ]
     page("rates.png", "Angular rates in body axes", rates)
-    page("angles.png", "Attitude", [of_bodies(f"{angle}_deg", f"{angle} (deg)") for angle in ("alpha", "pitch", "yaw", "roll")], 2)
+    page(
+        "angles.png",
+        "Attitude",
+        [
+            of_bodies(f"{angle}_deg", f"{angle} (deg)")
+            for angle in ("alpha", "pitch", "yaw", "roll")
+        ],
+        2,
+    )
     page(
         "axial_acceleration.png",
         "Axial acceleration of the centre of mass, gravity included",
         [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
     )
-    curves = [Panel(f"{_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),)) for name, joint, words, unit in _curves(history)]
+    curves = [
+        Panel(f"{_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),))
+        for name, joint, words, unit in _curves(history)
+    ]
     page("separation.png", "Separation", curves)
     return written
 
@@ -190,7 +269,8 @@ def _words(name: str, unit: str = "") -> str:
 
 
 def _sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair of axes, in inches."""
+    """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair
+    of axes, in inches."""
     figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
     FigureCanvasAgg(figure)
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
@@ -200,19 +280,33 @@ def _sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, 
         ax.set_axisbelow(True)
         ax.tick_params(labelsize=9)
         ax.ticklabel_format(useOffset=False)
-        ax.ticklabel_format(axis="y", scilimits=(-5, 8))  # a "1e7" above the axes would lie on the names of phases
+        # a "1e7" above the axes would lie on the names of phases
+        ax.ticklabel_format(axis="y", scilimits=(-5, 8))
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure, axes
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    """Gather one legend below all axes, and write. The file carries no software name: equal data give equal bytes."""
-    entries = {text: handle for ax in figure.axes for handle, text in zip(*ax.get_legend_handles_labels(), strict=True) if text}
+    """Gather one legend below all axes, and write. The file carries no software name: equal data
+    give equal bytes."""
+    entries = {
+        text: handle
+        for ax in figure.axes
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
+        if text
+    }
     if entries:
-        inches = sum(0.55 + 0.072 * len(text) for text in entries)  # a handle with its spaces, and 9 pt letters
+        # a handle with its spaces, and 9 pt letters
+        inches = sum(0.55 + 0.072 * len(text) for text in entries)
         columns = -(-len(entries) // int(np.ceil(inches / figure.get_figwidth())))
         style = {"frameon": False, "fontsize": 9, "columnspacing": 1.2}
-        figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns, **style)
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=columns,
+            **style,
+        )
     figure.savefig(path, dpi=150, metadata={"Software": None})
     return path
 
@@ -222,9 +316,13 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     curves = percentile_curves(histories, column).dropna(how="all")
     figure, (ax,) = _sheet(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
-        ax.fill_between(curves.index, curves[low], curves[high], color=tint, linewidth=0, label=text)
+        ax.fill_between(
+            curves.index, curves[low], curves[high], color=tint, linewidth=0, label=text
+        )
     numbers = np.sort(histories["case"].unique())
-    for number in numbers[np.linspace(0, len(numbers) - 1, min(SAMPLES, len(numbers))).round().astype(int)]:
+    for number in numbers[
+        np.linspace(0, len(numbers) - 1, min(SAMPLES, len(numbers))).round().astype(int)
+    ]:
         one = histories[histories["case"] == number].sort_values("time_s")
         ax.plot(one["time_s"], one[column], color=BLACK, linewidth=0.6, label="single cases")
     ax.plot(curves.index, curves["p50"], color=BLACK, linewidth=2.2, linestyle="--", label="median")
@@ -235,41 +333,74 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     return _save(figure, path)
 
 
-def _histogram(ax: Axes, found: Histogram, words: str, unit: str, reference: Mapping[str, float], source: str) -> None:
-    """Density histogram of an outcome, with the normal density of equal mean and sigma, and the reference."""
+def _histogram(
+    ax: Axes, found: Histogram, words: str, unit: str, reference: Mapping[str, float], source: str
+) -> None:
+    """Density histogram of an outcome, with the normal density of equal mean and sigma, and the
+    reference."""
     mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
     if spread:
         ax.hist(
             found.edges[:-1], bins=list(found.edges), weights=found.counts, density=True,
             color="#a9cdea", edgecolor="white", linewidth=0.4, label="cases",
         )  # fmt: skip
-        grid = np.linspace(min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300)
+        grid = np.linspace(
+            min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300
+        )
         normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
         ax.plot(grid, normal, color=BLACK, linewidth=1.4, label="normal, same mean and sigma")
     else:  # a density of equal values does not exist
         ax.axvline(found.low, color=BLUE, linewidth=4, label="all cases")
         ax.set_yticks([])
-    for names, style, text in ((("mean",), "--", f"{source} mean"), (("min", "max"), ":", f"{source} min and max")):
+    for names, style, text in (
+        (("mean",), "--", f"{source} mean"),
+        (("min", "max"), ":", f"{source} min and max"),
+    ):
         for name in names:
             if np.isfinite(reference.get(name, np.nan)):
-                ax.axvline(reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text)
-    ax.set_title(f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(), fontsize=9)
+                ax.axvline(
+                    reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text
+                )
+    ax.set_title(
+        f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(),
+        fontsize=9,
+    )
     if len(rounded(mean, sigma, 2)) > 6:  # ticks so long would run into each other
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-    ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))  # wider, it would run into its neighbour in the overview
+    # wider, it would run into its neighbour in the overview
+    ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))
     if spread:
-        ax.set_ylabel(f"density (1/({unit}))" if set(unit) & set("/ ") else f"density (1/{unit})" if unit else "density")
+        ax.set_ylabel(
+            f"density (1/({unit}))"
+            if set(unit) & set("/ ")
+            else f"density (1/{unit})"
+            if unit
+            else "density"
+        )
 
 
-def _time_page(history: pd.DataFrame, path: Path, title: str, panels: list[Panel], columns: int) -> Path:
+def _time_page(
+    history: pd.DataFrame, path: Path, title: str, panels: list[Panel], columns: int
+) -> Path:
     """Panels over one time axis, with the phases."""
     rows = -(-len(panels) // columns)
-    figure, axes = _sheet(rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8))
+    figure, axes = _sheet(
+        rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
+    )
     phases = _phases(history)
     for k, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
-        for (name, text), (colour, style) in zip(panel.lines, (panel.styles * len(panel.lines))[: len(panel.lines)], strict=True):
+        for (name, text), (colour, style) in zip(
+            panel.lines, (panel.styles * len(panel.lines))[: len(panel.lines)], strict=True
+        ):
             if name in history:
-                ax.plot(history["time_s"], history[name], color=colour, linestyle=style, linewidth=1.6, label=text)
+                ax.plot(
+                    history["time_s"],
+                    history[name],
+                    color=colour,
+                    linestyle=style,
+                    linewidth=1.6,
+                    label=text,
+                )
         ax.set_ylabel(panel.label)
         ax.margins(x=0)
         low, high = ax.get_ylim()
@@ -301,9 +432,13 @@ def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: f
     phases = list(phases)
     whole = phases[-1][2] - phases[0][1] if phases else 0.0
     # 8 pt letters are about 4.4 pt wide; the axes take about 85 % of the figure's width
-    slant = any(len(name) * 4.4 * whole > (end - start) * inches * 0.85 * 72 for name, start, end in phases)
+    slant = any(
+        len(name) * 4.4 * whole > (end - start) * inches * 0.85 * 72 for name, start, end in phases
+    )
     for name, start, end in phases:
         ax.annotate(
-            _words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(), textcoords="offset points", fontsize=8,
-            ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0, rotation_mode="anchor", color="#555555",
+            _words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
+            textcoords="offset points", fontsize=8,
+            ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0,
+            rotation_mode="anchor", color="#555555",
         )  # fmt: skip

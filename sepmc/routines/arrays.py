@@ -1,4 +1,5 @@
-"""Arrays that a kernel is given, by their addresses; as plain Python it is given the arrays themselves."""
+"""Arrays that a kernel is given, by their addresses; as plain Python it is given the arrays
+themselves."""
 
 from typing import Any
 
@@ -29,7 +30,8 @@ _integers: Any = _pointer_to(types.int64)
 _records: Any = _pointer_to(_RECORD)
 
 
-Arrays = Any  # what a kernel is given: address and up to three sizes of every array, four numbers each
+# what a kernel is given: address and up to three sizes of every array, four numbers each
+Arrays = Any
 
 
 @formula

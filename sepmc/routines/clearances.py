@@ -1,14 +1,16 @@
-"""The least distance between the outlines of two bodies over a flight, step by step, and the time and place of it.
+"""The least distance between the outlines of two bodies over a flight, step by step, and the time
+and place of it.
 
-Within a step every pair of parts is searched on its own: the step is halved wherever the pair could be nearer than the least so far.
-How near it could be follows from the relative motion. The distance is the least of many smooth functions of time, one for each pair of
-points (or point and plane of a wall), whose second derivative is at most C; between two times dt apart it is then nowhere less than
+Within a step every pair of parts is searched on its own: the step is halved wherever the pair could
+be nearer than the least so far. How near it could be follows from the relative motion. The distance
+is the least of many smooth functions of time, one for each pair of points (or point and plane of a
+wall), whose second derivative is at most C; between two times dt apart it is then nowhere less than
 
     d0 + (d1 - d0) u - C dt^2 / 2 u (1 - u),  u in 0 to 1
 
-(Piyavskii's method with a bound of the second derivative). So no dip between two instants is missed, and far from the least a step
-takes two distances. Where the rim of a solid leaves a shell its distance ends: the bound then counts what is beyond by no more than it
-can move.
+(Piyavskii's method with a bound of the second derivative). So no dip between two instants is
+missed, and far from the least a step takes two distances. Where the rim of a solid leaves a shell
+its distance ends: the bound then counts what is beyond by no more than it can move.
 """
 
 import math
@@ -21,42 +23,57 @@ from sepmc.physics.lips import lip_gap, lip_least
 from sepmc.physics.rims import rim_gap
 from sepmc.routines import layout as at
 
-# two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of the first or of the second body
+# two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of
+# the first or of the second body
 SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
 _PLACES = 5  # of a step at which the relative motion is looked at
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
-_FLUSH = 100.0  # times that may a rim stand before the end of its shell and count as within: rims that are flush at the start
+# times that may a rim stand before the end of its shell and count as within: rims that are flush at
+# the start
+_FLUSH = 100.0
 _THROUGH = 1.0 - 1e-9  # of the furthest that a rim can be through a wall: then it is through
 _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distances themselves
-_NEAR_LIP = 1e-3  # of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1 / distance)
-_WELL_ACROSS = 256.0  # times what a rim may move in an interval: its chord beyond an end then changes evenly
+# of a shell's radius: no point of a rim is taken to be nearer to a lip than this (its C goes with 1
+# / distance)
+_NEAR_LIP = 1e-3
+# times what a rim may move in an interval: its chord beyond an end then changes evenly
+_WELL_ACROSS = 256.0
 _DEPTH = 56  # halvings of a step, one within the other, at most
-_MOST = 20_000  # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them all is given up
-_AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3  # of a time within the step: fraction, distance, C of the interval it ends, pose
+# halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them
+# all is given up
+_MOST = 20_000
+# of a time within the step: fraction, distance, C of the interval it ends, pose
+_AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3
 _NODE = 15
 
 
 @routine
 def search_clearance(w, job):
-    """`watch_clearance` of what stands at w[job] and behind (`layout.JOB_TIME`, ...); its result goes there too."""
+    """`watch_clearance` of what stands at w[job] and behind (`layout.JOB_TIME`, ...); its result
+    goes there too."""
     parts, centres, powers = job + at.JOB_PARTS, job + at.JOB_CENTRES, int(w[job + at.JOB_POWERS])
     parts_a, parts_b = (int(w[parts]), int(w[parts + 1])), (int(w[parts + 2]), int(w[parts + 3]))
     cg_a, cg_b = vec3.get(w, centres), vec3.get(w, centres + 3)
     path = w[job + at.JOB_PATH : job + at.JOB_PATH + powers * at.PATH].reshape((powers, at.PATH))
     found = w[job + at.JOB_FOUND : job + at.JOB_DONE]
-    done = watch_clearance(parts_a, parts_b, cg_a, cg_b, w, w[job + at.JOB_TIME], w[job + at.JOB_LENGTH], path, found)
+    done = watch_clearance(
+        parts_a, parts_b, cg_a, cg_b, w, w[job + at.JOB_TIME], w[job + at.JOB_LENGTH], path, found
+    )
     w[job + at.JOB_DONE] = 1.0 if done else 0.0
 
 
 @routine
 def watch_clearance(parts_a, parts_b, cg_a, cg_b, numbers, t, h, path, found):
-    """Search a step of length h from t for less than the clearance in ``found``: least distance, its time, the nearest point of the first
-    body (3, layout), and whether the bodies touch; NaN at first. Returns whether the search came to an end.
+    """Search a step of length h from t for less than the clearance in ``found``: least distance,
+    its time, the nearest point of the first body (3, layout), and whether the bodies touch; NaN at
+    first. Returns whether the search came to an end.
 
-    parts_a, parts_b : start in ``numbers`` and number of the parts of both outlines (`layout.PART_SIZE`)
+    parts_a, parts_b : start in ``numbers`` and number of the parts of both outlines
+        (`layout.PART_SIZE`)
     cg_a, cg_b : layout points of the mass centres
-    path : (order + 1, PATH), over the step, by powers of its share gone by: place of b less that of a (3), attitudes of a and b (4, 4)
+    path : (order + 1, PATH), over the step, by powers of its share gone by: place of b less that of
+        a (3), attitudes of a and b (4, 4)
     """
     keep_apart()
     poses, nodes = np.empty((_PLACES, 12)), np.empty((_DEPTH + 2, _NODE))
@@ -85,15 +102,23 @@ def watch_clearance(parts_a, parts_b, cg_a, cg_b, numbers, t, h, path, found):
 
 @routine
 def _part(p, cg, numbers):
-    """Part of a body's outline, whose numbers start at numbers[p], in the axes of the body from its centre of mass."""
+    """Part of a body's outline, whose numbers start at numbers[p], in the axes of the body from its
+    centre of mass."""
     start = (cg[0] - numbers[p + 1], numbers[p + 2] - cg[1], numbers[p + 3] - cg[2])
     length = numbers[p + 4]
-    return start, (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0), abs(length), numbers[p + 5], numbers[p + 6]
+    return (
+        start,
+        (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0),
+        abs(length),
+        numbers[p + 5],
+        numbers[p + 6],
+    )
 
 
 @routine
 def _pose(theta, path, pose):
-    """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a fraction of the step."""
+    """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a
+    fraction of the step."""
     keep_apart()
     for n in range(at.PATH):
         total = 0.0
@@ -111,7 +136,8 @@ def _pose(theta, path, pose):
 
 @routine
 def _motion(poses, h):
-    """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's origin seen from b, and of its axes."""
+    """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's
+    origin seen from b, and of its axes."""
     keep_apart()
     piece = h / (_PLACES - 1)
     speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -127,15 +153,23 @@ def _motion(poses, h):
             before = vec3.sub(vec3.get(poses[n - 1], 9), vec3.get(poses[n - 2], 9))
             change = vec3.sub(rate, before)
             change_back = vec3.sub(back, vec3.sub(_back(poses[n - 1]), _back(poses[n - 2])))
-            bend_a, bend_b = max(bend_a, vec3.dot(change, change)), max(bend_b, vec3.dot(change_back, change_back))
+            bend_a, bend_b = (
+                max(bend_a, vec3.dot(change, change)),
+                max(bend_b, vec3.dot(change_back, change_back)),
+            )
             total = 0.0
             for c in range(9):
                 total += (poses[n, c] - 2.0 * poses[n - 1, c] + poses[n - 2, c]) ** 2
             curl = max(curl, total)
     square = piece * piece
-    bend_a, bend_b, curl = _SAFE * math.sqrt(bend_a) / square, _SAFE * math.sqrt(bend_b) / square, _SAFE * math.sqrt(curl) / square
+    bend_a, bend_b, curl = (
+        _SAFE * math.sqrt(bend_a) / square,
+        _SAFE * math.sqrt(bend_b) / square,
+        _SAFE * math.sqrt(curl) / square,
+    )
     return (
-        math.sqrt(speed_a) / piece + piece * bend_a, math.sqrt(speed_b) / piece + piece * bend_b, math.sqrt(turn) / piece + piece * curl,
+        math.sqrt(speed_a) / piece + piece * bend_a, math.sqrt(speed_b) / piece + piece * bend_b,
+        math.sqrt(turn) / piece + piece * curl,
         bend_a, bend_b, curl,
     )  # fmt: skip
 
@@ -156,13 +190,15 @@ def _reach(part):
 
 @routine
 def _is_rim(kind):
-    """Whether a pair is a rim of a solid within a shell, whose distance ends where the rim leaves."""
+    """Whether a pair is a rim of a solid within a shell, whose distance ends where the rim
+    leaves."""
     return kind in (SHELL_ON_FIRST, SHELL_ON_SECOND)
 
 
 @routine
 def _is_through(shell, best):
-    """Whether a rim is known to be as far through the wall of its shell as one can be (`outlines.inside_gap`): no distance is less."""
+    """Whether a rim is known to be as far through the wall of its shell as one can be
+    (`outlines.inside_gap`): no distance is less."""
     return best <= -_THROUGH * outlines.THROUGH * max(shell[3], shell[4])
 
 
@@ -204,7 +240,8 @@ def _distance(pair, pose, margin):
 
 @routine
 def _far(pair, pose):
-    """What a pair cannot be nearer than, m, found cheaply. Of a rim and a shell: as a distance without sign."""
+    """What a pair cannot be nearer than, m, found cheaply. Of a rim and a shell: as a distance
+    without sign."""
     kind, end, part_a, part = pair
     part_b = _placed(part, pose)
     if kind == SOLIDS:
@@ -220,7 +257,8 @@ def _far(pair, pose):
 
 @routine
 def _along(pair, pose):
-    """Least and greatest coordinate of a rim along the axis of its shell, m, and how far from the axis it reaches at most."""
+    """Least and greatest coordinate of a rim along the axis of its shell, m, and how far from the
+    axis it reaches at most."""
     kind, end, part_a, part = pair
     part_b = _placed(part, pose)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
@@ -233,7 +271,8 @@ def _along(pair, pose):
 
 @routine
 def _least(d0, d1, bend, dt):
-    """What a distance is nowhere less than between two times dt apart, its second derivative at most ``bend``."""
+    """What a distance is nowhere less than between two times dt apart, its second derivative at
+    most ``bend``."""
     s, c = d1 - d0, 0.5 * bend * dt * dt
     if abs(s) >= c:
         return min(d0, d1)
@@ -242,13 +281,15 @@ def _least(d0, d1, bend, dt):
 
 @routine
 def _most(x0, x1, move, bend, dt):
-    """What a coordinate is nowhere more than between two times, if it moves by at most ``move`` and bends by at most ``bend``."""
+    """What a coordinate is nowhere more than between two times, if it moves by at most ``move`` and
+    bends by at most ``bend``."""
     return min(max(x0, x1) + move, -_least(-x0, -x1, bend, dt))
 
 
 @routine
 def _note(distance, here, time, cg, found):
-    """Take over a new least distance with its time and the nearest point of the first body, layout."""
+    """Take over a new least distance with its time and the nearest point of the first body,
+    layout."""
     found[0], found[1] = distance, time
     vec3.put(found, 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
     found[5] = 1.0 if distance <= 0.0 else 0.0
@@ -256,11 +297,11 @@ def _note(distance, here, time, cg, found):
 
 @routine
 def _search(pair, motion, t, h, path, poses, nodes, cg, found):
-    """Search a step for a pair being nearer than found[0], or in touch earlier than known; ``nodes`` is scratch. Returns whether it
-    came to an end.
+    """Search a step for a pair being nearer than found[0], or in touch earlier than known;
+    ``nodes`` is scratch. Returns whether it came to an end.
 
-    From left to right and always as deep as needed: nodes[0] is the left end of an interval, nodes[top] its right end, and below that
-    stand the right ends of those that follow.
+    From left to right and always as deep as needed: nodes[0] is the left end of an interval,
+    nodes[top] its right end, and below that stand the right ends of those that follow.
     """
     keep_apart()
     kind, _, part_a, part_b = pair
@@ -275,7 +316,11 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
     if _is_rim(kind):
         if _is_through(shell, beyond):
             return True
-        beyond = max(beyond, outlines.THROUGH * max(shell[3], shell[4])) if not math.isnan(beyond) else math.inf
+        beyond = (
+            max(beyond, outlines.THROUGH * max(shell[3], shell[4]))
+            if not math.isnan(beyond)
+            else math.inf
+        )
     elif beyond < 0.0:
         return True
     if 0.5 * (_far(pair, poses[0]) + _far(pair, poses[_PLACES - 1]) - speed * h) > beyond:
@@ -288,7 +333,9 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
     while top > 0 and halvings < _MOST:
         left, right = nodes[0], nodes[top]
         dt = (right[_AT] - left[_AT]) * h
-        if top > _DEPTH or not _worth_halving(pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, found):
+        if top > _DEPTH or not _worth_halving(
+            pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, found
+        ):
             left[:] = right
             top -= 1
             continue
@@ -297,8 +344,11 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
         _pose(middle[_AT], path, middle[_POSE:])
         _visit(pair, middle, tiny, t, h, cg, found)
         middle[_BEND] = right[_BEND] = math.inf
-        if max(left[_VALUE], middle[_VALUE], right[_VALUE]) < math.inf:  # twice the second derivative
-            middle[_BEND] = right[_BEND] = 8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
+        # twice the second derivative
+        if max(left[_VALUE], middle[_VALUE], right[_VALUE]) < math.inf:
+            middle[_BEND] = right[_BEND] = (
+                8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
+            )
         top += 1
         halvings += 1
     return top == 0
@@ -306,12 +356,17 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
 
 @routine
 def _visit(pair, node, tiny, t, h, cg, found):
-    """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or touches earlier."""
+    """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or
+    touches earlier."""
     keep_apart()
     distance, here = _distance(pair, node[_POSE:], _FLUSH * tiny)
     node[_VALUE] = distance
     time, best = t + node[_AT] * h, found[0]
-    if distance < best - tiny or (math.isnan(best) and distance < math.inf) or (distance == best == 0.0 and time < found[1]):
+    if (
+        distance < best - tiny
+        or (math.isnan(best) and distance < math.inf)
+        or (distance == best == 0.0 and time < found[1])
+    ):
         _note(distance, here, time, cg, found)
     elif math.isnan(distance):
         _note(distance, here, time, cg, found)
@@ -342,12 +397,20 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
     if highest > length + flush or lowest > length + flush:
         return False
     narrow, wide, rise = min(r0, r1), max(r0, r1), abs(r1 - r0)
-    beside = max(outmost0, outmost1) + move > (1.0 + outlines.THROUGH) * narrow  # some of the rim may be
+    # some of the rim may be
+    beside = max(outmost0, outmost1) + move > (1.0 + outlines.THROUGH) * narrow
     limit = math.inf if math.isnan(best) else best - tiny
-    # A rim well across one end: its nearest point there moves along the end much faster than the rim, but smoothly.
+    # A rim well across one end: its nearest point there moves along the end much faster than the
+    # rim, but smoothly.
     well = _WELL_ACROSS * move
-    across_start = min(highest0, highest1) > well and max(lowest0, lowest1) < -well and highest > 0.0
-    across_end = max(lowest0, lowest1) < length - well and min(highest0, highest1) > length + well and lowest > 0.0
+    across_start = (
+        min(highest0, highest1) > well and max(lowest0, lowest1) < -well and highest > 0.0
+    )
+    across_end = (
+        max(lowest0, lowest1) < length - well
+        and min(highest0, highest1) > length + well
+        and lowest > 0.0
+    )
     if (across_start or across_end) and 0.125 * right[_BEND] * dt * dt <= _SURE:
         return _least(d0, d1, right[_BEND], dt) < limit
     if beside or not (lowest >= 0.0 and highest >= 0.0):  # or may come or go at the ends

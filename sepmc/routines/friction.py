@@ -11,12 +11,14 @@ _ROUNDS, _TURNS = 40, 100  # of Newton's method for a guide; of all guides in tu
 
 @routine
 def balance(w, place, ends, out):
-    """Friction of guides, N, that is in balance with the loads of pins it changes itself, into ``out``. Returns whether there is any: if
-    not, a guide jams.
+    """Friction of guides, N, that is in balance with the loads of pins it changes itself, into
+    ``out``. Returns whether there is any: if not, a guide jams.
 
-    place : where lanes hold, of guide after guide, its friction per newton of load, and of each of its ``ends`` of pins the force there
-        without friction and what each guide's friction, 1 N of it, adds: pairs (y, z)
-    Loads are convex in a friction force, so that Newton's method from none on comes to the smallest balance; guides take turns.
+    place : where lanes hold, of guide after guide, its friction per newton of load, and of each of
+        its ``ends`` of pins the force there without friction and what each guide's friction, 1 N of
+        it, adds: pairs (y, z)
+    Loads are convex in a friction force, so that Newton's method from none on comes to the smallest
+    balance; guides take turns.
     """
     keep_apart()
     count = len(ends)
@@ -29,7 +31,9 @@ def balance(w, place, ends, out):
             load = _settle_one(w, start, ends[j], j, count, out)
             if load < 0.0:
                 return False
-            settled = settled and not abs(w[out + j * LANES] - before) > _SETTLED * abs(w[start]) * load
+            settled = (
+                settled and not abs(w[out + j * LANES] - before) > _SETTLED * abs(w[start]) * load
+            )
             start += (1 + ends[j] * (2 + 2 * count)) * LANES
         if settled:
             return True
@@ -38,7 +42,8 @@ def balance(w, place, ends, out):
 
 @routine
 def _settle_one(w, start, ends, j, count, out):
-    """Friction of guide ``j`` while that of the others stays. Returns the load of its pins, N; -1 if it jams."""
+    """Friction of guide ``j`` while that of the others stays. Returns the load of its pins, N; -1
+    if it jams."""
     keep_apart()
     share, now = w[start], out + j * LANES
     for _ in range(_ROUNDS):

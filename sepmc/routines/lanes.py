@@ -1,7 +1,8 @@
 """Lanes: cases side by side in one flat workspace, so that a loop over them is vectorised.
 
-A quantity stands in a slab of LANES numbers, one for each case. All slabs of a block of cases are parts of one array, at places that are
-constants when the kernel is compiled: only then does the compiler see that lanes do not touch each other (5 times the speed).
+A quantity stands in a slab of LANES numbers, one for each case. All slabs of a block of cases are
+parts of one array, at places that are constants when the kernel is compiled: only then does the
+compiler see that lanes do not touch each other (5 times the speed).
 """
 
 import math
@@ -81,10 +82,11 @@ def put6(w, k, m):
 
 @formula
 def time_left(value, rate, acceleration, jerk):
-    """Time until a quantity that moves with this acceleration and jerk rises through zero, s; infinite if it does not.
+    """Time until a quantity that moves with this acceleration and jerk rises through zero, s;
+    infinite if it does not.
 
-    ``value`` : below zero before, above zero after, so that the time is negative if the crossing lies behind. The root without jerk,
-    then three of Newton's steps towards the one with it.
+    ``value`` : below zero before, above zero after, so that the time is negative if the crossing
+    lies behind. The root without jerk, then three of Newton's steps towards the one with it.
     """
     square = rate * rate - 2.0 * value * acceleration
     below = rate + math.sqrt(square if square > 0.0 else 0.0)

@@ -1,4 +1,5 @@
-"""Where the numbers of a case stand in its parameter vector, and the codes of what a scene contains. No numba here."""
+"""Where the numbers of a case stand in its parameter vector, and the codes of what a scene
+contains. No numba here."""
 
 from typing import Any, NamedTuple
 
@@ -6,7 +7,18 @@ import numpy as np
 
 # Fixed head.
 SURFACE_GRAVITY, WIND_SPEED, WIND_DIRECTION = 0, 1, 2
-ALTITUDE, SPEED, OMEGA, ALPHA, PITCH, YAW, ROLL, PATH_YAW, PATH_REFERENCE, END_TIME = 3, 4, 5, 8, 9, 10, 11, 12, 13, 14
+ALTITUDE, SPEED, OMEGA, ALPHA, PITCH, YAW, ROLL, PATH_YAW, PATH_REFERENCE, END_TIME = (
+    3,
+    4,
+    5,
+    8,
+    9,
+    10,
+    11,
+    12,
+    13,
+    14,
+)
 DENSITY_FACTOR = 15
 HEAD = 16
 # Offsets in a body's block.
@@ -14,11 +26,34 @@ MASS, INERTIA, PRODUCTS, INERTIA_FACTOR, CG = 0, 1, 4, 7, 8
 AREA, LENGTH, FORCE_FACTOR, MOMENT_FACTOR, MOMENT_POINT = 11, 12, 13, 14, 15
 BODY_SIZE = 18
 # Offsets in a motor's block.
-THRUST, BUILD_UP, IGNITION, BURN, STATION, RADIUS, CANT, CLOCK, OFFSET, DEFLECTION, DEFLECTION_CLOCK = 0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11
+(
+    THRUST,
+    BUILD_UP,
+    IGNITION,
+    BURN,
+    STATION,
+    RADIUS,
+    CANT,
+    CLOCK,
+    OFFSET,
+    DEFLECTION,
+    DEFLECTION_CLOCK,
+) = 0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11
 IGNITION_DELAY, TAIL_OFF = 12, 13
 MOTOR_SIZE = 14
-# Offsets in a joint's block: its point on A and on B (not finite: the same), and what its releases and its pins are like.
-POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SPEED = 0, 3, 6, 7, 8, 9, 10, 11, 12
+# Offsets in a joint's block: its point on A and on B (not finite: the same), and what its releases
+# and its pins are like.
+POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SPEED = (
+    0,
+    3,
+    6,
+    7,
+    8,
+    9,
+    10,
+    11,
+    12,
+)
 JOINT_SIZE = 13
 LEAST_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
 # Offsets in a spring's block; its points as those of a joint.
@@ -35,22 +70,36 @@ TRANSIENT = 30.0  # time constants after which a thrust has built up or tailed o
 BRIEF = 0.05  # of a flight: a step ends with a transient that is shorter
 NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
 
-# Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis k of A" is ROTATION + 3 i + k.
+# Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis
+# k of A" is ROTATION + 3 i + k.
 ROTATION, ROD = 3, 12
 # Conditions: what is compared with a threshold.
 BAUMGARTE_RATE = 10.0  # 1/s: rate at which a drifted constraint is pulled back, critically damped
-AT_TIME, AT_BURN_OUT, AT_STROKE, AT_DISTANCE, AT_ANGLE, AT_FORCE, AT_MOMENT, AT_ALTITUDE, AT_SPRING_STROKE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+(
+    AT_TIME,
+    AT_BURN_OUT,
+    AT_STROKE,
+    AT_DISTANCE,
+    AT_ANGLE,
+    AT_FORCE,
+    AT_MOMENT,
+    AT_ALTITUDE,
+    AT_SPRING_STROKE,
+) = 0, 1, 2, 3, 4, 5, 6, 7, 8
 AT_LAYER_TOP, AT_LAYER_BASE = 9, 10
 BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
 LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6
-PART_SIZE = 7  # of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at both ends
-# What a kernel says of a case that it does not vouch for: it may at shorter steps; or one may that takes more care: in which joints let go
-# in any order; or that, besides, solves for all rows by least sum of squares.
+# of a part of an outline in ``numbers``: hollow, layout point of its start, length aft, radius at
+# both ends
+PART_SIZE = 7
+# What a kernel says of a case that it does not vouch for: it may at shorter steps; or one may that
+# takes more care: in which joints let go in any order; or that, besides, solves for all rows by
+# least sum of squares.
 FINER_STEPS, ANY_ORDER, LEAST_SQUARES = -1, -2, -3
 USUAL = 0  # care
 
-# What a stretch of time between switches knows of loads stands behind the parameters of a case. Per motor: whether it burns or tails
-# off, and the line its profile follows.
+# What a stretch of time between switches knows of loads stands behind the parameters of a case. Per
+# motor: whether it burns or tails off, and the line its profile follows.
 BURNING, LEVEL, SLOPE = 0, 1, 2
 MOTOR_WORK = 3
 OFF, ON, TAILING = 0.0, 1.0, 2.0
@@ -59,27 +108,42 @@ ACTS = 0
 LOAD_WORK = 1
 
 
-# Numbers that say where two bodies are: place of one seen from the other, attitudes of both. Of a search for their least distance, one
-# behind the other: the step's start and length, powers of the path, start and number of the parts of both outlines, mass centres, what
-# is found, whether the search came to an end, and the path over the step.
+# Numbers that say where two bodies are: place of one seen from the other, attitudes of both. Of a
+# search for their least distance, one behind the other: the step's start and length, powers of the
+# path, start and number of the parts of both outlines, mass centres, what is found, whether the
+# search came to an end, and the path over the step.
 PATH = 11
-JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = 0, 1, 2, 3, 7, 13, 19, 20
-# What a lane holds of a pack of splines that it looks up, a cell: low and high end and what distances count from, for
-# each axis; basis functions there, as in the pack, and their values; a weight; coefficients, the functions side by side.
+JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = (
+    0,
+    1,
+    2,
+    3,
+    7,
+    13,
+    19,
+    20,
+)
+# What a lane holds of a pack of splines that it looks up, a cell: low and high end and what
+# distances count from, for each axis; basis functions there, as in the pack, and their values; a
+# weight; coefficients, the functions side by side.
 CELL_ENDS, CELL_BASIS, CELL_VALUES, CELL_WEIGHT, CELL_COEFFICIENTS = 0, 9, 57, 69, 70
-PEAK_NODES = 8  # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of dop853
-PEAK_SCRATCH = 4 * PEAK_NODES  # numbers that `peaks.note_size` works in: coefficients of three components, and sizes at the nodes
+# of a step, for loads: a polynomial of degree seven, the order of the continuous extension of
+# dop853
+PEAK_NODES = 8
+# numbers that `peaks.note_size` works in: coefficients of three components, and sizes at the nodes
+PEAK_SCRATCH = 4 * PEAK_NODES
 
-# What a scene contains and where its blocks start: whole numbers that a kernel reads through one pointer (as arguments they
-# would be copied at every call).
+# What a scene contains and where its blocks start: whole numbers that a kernel reads through one
+# pointer (as arguments they would be copied at every call).
 STRUCTURE = np.dtype(
     (
         np.record,
         [
             (name, np.int64)
             for name in """
-    ground n_motors n_loads n_terms n_proximity pivot_joint motors_p joints_p springs_p loads_p leaves_p proximity_p terms_p work motors_w
-    loads_w size_w profile_i aero_table_i proximity_i parts_i springs_x air_x wind_x
+    ground n_motors n_loads n_terms n_proximity pivot_joint motors_p joints_p springs_p
+    loads_p leaves_p proximity_p terms_p work motors_w loads_w size_w profile_i
+    aero_table_i proximity_i parts_i springs_x air_x wind_x
 """.split()
         ],
     )
@@ -87,15 +151,19 @@ STRUCTURE = np.dtype(
 
 
 class Model(NamedTuple):
-    """What a scene contains, as a kernel reads it. The numbers of a case stand in ``w``: parameters first, then what stretches know.
+    """What a scene contains, as a kernel reads it. The numbers of a case stand in ``w``: parameters
+    first, then what stretches know.
 
-    ``scene`` (STRUCTURE): numbers of things, and starts: ``*_p`` of parameter blocks in w, ``*_w`` of blocks of stretches in w, ``*_i`` of
-    integer tables in ``table``, ``*_x`` of numbers that all cases share in ``numbers``.
+    ``scene`` (STRUCTURE): numbers of things, and starts: ``*_p`` of parameter blocks in w, ``*_w``
+    of blocks of stretches in w, ``*_i`` of integer tables in ``table``, ``*_x`` of numbers that all
+    cases share in ``numbers``.
 
-    Integer tables: profile (motors, 2) start in ``numbers`` and rows; aero_table (bodies,) start in ``numbers`` or -1; proximity (n,)
-    start in ``numbers``; parts (bodies, 2) start in ``numbers`` and their number.
+    Integer tables: profile (motors, 2) start in ``numbers`` and rows; aero_table (bodies,) start in
+    ``numbers`` or -1; proximity (n,) start in ``numbers``; parts (bodies, 2) start in ``numbers``
+    and their number.
 
-    ``numbers``: per joint its axes (9) and the sign that makes its separation positive apart; per spring its axis or 0; tables.
+    ``numbers``: per joint its axes (9) and the sign that makes its separation positive apart; per
+        spring its axis or 0; tables.
     """
 
     scene: Any

@@ -1,6 +1,8 @@
-"""Inline dense solvers for the small systems of the constraint force equations. They report; they never raise.
+"""Inline dense solvers for the small systems of the constraint force equations. They report; they
+never raise.
 
-The matrix stands row by row at w[a], n entries a row; the right-hand side at w[b] is overwritten by the solution.
+The matrix stands row by row at w[a], n entries a row; the right-hand side at w[b] is overwritten by
+the solution.
 """
 
 import math
@@ -16,8 +18,8 @@ _RANK = 1e-11
 
 @long_formula
 def _factor_ldlt(w, a, n):
-    """L D L^T of a symmetric positive definite matrix given by its lower triangle, in place. Returns the smallest pivot relative to its
-    diagonal, or 0 if rows are dependent."""
+    """L D L^T of a symmetric positive definite matrix given by its lower triangle, in place.
+    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent."""
     keep_apart()
     smallest = 1.0
     for j in range(n):
@@ -58,7 +60,8 @@ def _solve_factored(w, a, b, n):
 def solve_ldlt(w, a, b, n):
     """Solve a symmetric positive definite system given by its lower triangle, by L D L^T.
 
-    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is then meaningless).
+    Returns the smallest pivot relative to its diagonal, or 0 if rows are dependent (the solution is
+    then meaningless).
     """
     keep_apart()
     smallest = _factor_ldlt(w, a, n)
@@ -69,10 +72,12 @@ def solve_ldlt(w, a, b, n):
 
 @routine
 def _factor_pivoted(w, a, n, picked, left):
-    """A = L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted Cholesky on the scaled matrix.
+    """A = L L^T (n x rank, rows in the order of A) of a positive semidefinite A by pivoted Cholesky
+    on the scaled matrix.
 
-    A is given by its lower triangle and left as it is; L goes to w[a + n n], by rows of n. ``picked`` and ``left`` are places of n
-    numbers of scratch. Returns the rank and the smallest pivot taken, as shares of the diagonal.
+    A is given by its lower triangle and left as it is; L goes to w[a + n n], by rows of n.
+    ``picked`` and ``left`` are places of n numbers of scratch. Returns the rank and the smallest
+    pivot taken, as shares of the diagonal.
     """
     keep_apart()
     factor = a + n * n
@@ -106,7 +111,8 @@ def _factor_pivoted(w, a, n, picked, left):
 
 @routine
 def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
-    """out += A^+ b with A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: scratch of n numbers."""
+    """out += A^+ b with A = L L^T: L G^-1 G^-1 L^T b, given G = L^T L as L D L^T. ``t``: scratch of
+    n numbers."""
     keep_apart()
     for r in range(rank):
         w[t + r] = 0.0
@@ -121,10 +127,11 @@ def _apply_pseudo_inverse(w, factor, gram, b, out, t, n, rank):
 
 @routine
 def solve_semidefinite(w, a, b, n):
-    """Solution of least sum of squares of a consistent positive semidefinite system, given by its lower triangle.
+    """Solution of least sum of squares of a consistent positive semidefinite system, given by its
+    lower triangle.
 
-    Needs room for 3 n^2 numbers at w[a] and 5 n at w[b]. Returns the rank and the smallest relative pivot; rank 0 if a diagonal is
-    not positive.
+    Needs room for 3 n^2 numbers at w[a] and 5 n at w[b]. Returns the rank and the smallest relative
+    pivot; rank 0 if a diagonal is not positive.
     """
     keep_apart()
     for i in range(n):
@@ -155,7 +162,8 @@ def solve_semidefinite(w, a, b, n):
 
 @long_formula
 def _gather(w, place, n, a, b):
-    """Of one lane, at ``place``: the lower triangle of a matrix by rows, into w[a], and behind it the right-hand side, into w[b]."""
+    """Of one lane, at ``place``: the lower triangle of a matrix by rows, into w[a], and behind it
+    the right-hand side, into w[b]."""
     keep_apart()
     k = place
     for i in range(n):
@@ -169,9 +177,10 @@ def _gather(w, place, n, a, b):
 
 @routine
 def share(w, place, n, scratch, out):
-    """For one lane, the solution at ``out`` of a system some of whose rows may follow from others, from the lower triangle of its matrix by
-    rows and its right-hand side at ``place``: the only one, or that of least sum of squares; not numbers if there is none. ``scratch`` is
-    room for 3 n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
+    """For one lane, the solution at ``out`` of a system some of whose rows may follow from others,
+    from the lower triangle of its matrix by rows and its right-hand side at ``place``: the only
+    one, or that of least sum of squares; not numbers if there is none. ``scratch`` is room for 3
+    n^2 + 5 n numbers. Returns the rank and the smallest relative pivot."""
     keep_apart()
     b = scratch + 3 * n * n
     _gather(w, place, n, scratch, b)
@@ -186,9 +195,11 @@ def share(w, place, n, scratch, out):
 
 @routine
 def solve_lu(w, a, b, n):
-    """Solve a general system by LU with partial pivoting; rows are first scaled by their largest entry.
+    """Solve a general system by LU with partial pivoting; rows are first scaled by their largest
+    entry.
 
-    Returns the smallest pivot of the scaled system, or 0 if it is singular (the solution is then meaningless).
+    Returns the smallest pivot of the scaled system, or 0 if it is singular (the solution is then
+    meaningless).
     """
     keep_apart()
     for i in range(n):
@@ -229,8 +240,9 @@ def solve_lu(w, a, b, n):
 
 @routine
 def eliminate(w, place, n, scratch, out):
-    """`solve_lu` for one lane: from its matrix by rows and right-hand side at ``place`` the solution at ``out``; not numbers if there is
-    none. ``scratch`` is room for n^2 + n numbers. Returns the smallest pivot of the scaled system, 0 if it is singular."""
+    """`solve_lu` for one lane: from its matrix by rows and right-hand side at ``place`` the
+    solution at ``out``; not numbers if there is none. ``scratch`` is room for n^2 + n numbers.
+    Returns the smallest pivot of the scaled system, 0 if it is singular."""
     keep_apart()
     for i in range(n * n + n):
         w[scratch + i] = w[place + i * LANES]

@@ -1,8 +1,10 @@
-"""Peak and integral of the size of a vector over a step, from its components at the nodes of the step.
+"""Peak and integral of the size of a vector over a step, from its components at the nodes of the
+step.
 
-Components are smooth where their size has a corner, so a polynomial stands for each of them: sum of c_j T_j(x), x from -1 to 1 over
-the step (Chebyshev; Trefethen, Approximation Theory and Approximation Practice, 2013, ch. 3 and 19). What it leaves out shrinks with
-the step, as the error of the motion does.
+Components are smooth where their size has a corner, so a polynomial stands for each of them: sum of
+c_j T_j(x), x from -1 to 1 over the step (Chebyshev; Trefethen, Approximation Theory and
+Approximation Practice, 2013, ch. 3 and 19). What it leaves out shrinks with the step, as the error
+of the motion does.
 """
 
 import math
@@ -14,12 +16,16 @@ from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import PEAK_NODES
 
 COUNT = PEAK_NODES
-_X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))  # at both ends and between, denser towards them
+# at both ends and between, denser towards them
+_X = -np.cos(np.arange(COUNT) * math.pi / (COUNT - 1))
 THETA = 0.5 * (1.0 + _X)  # the same as shares of the step
 _HALF = np.array([0.5, *(COUNT - 2) * [1.0], 0.5])
-# By node: the coefficients of a polynomial from its values there; its mean over the step, its slope at the start and, the other way
-# round, at the end (into the step both times), and its coefficient of T_4.
-_COEFFICIENTS = 2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
+# By node: the coefficients of a polynomial from its values there; its mean over the step, its slope
+# at the start and, the other way round, at the end (into the step both times), and its coefficient
+# of T_4.
+_COEFFICIENTS = (
+    2.0 / (COUNT - 1) * np.outer(_HALF, _HALF) * np.cos(np.outer(np.arange(COUNT), np.arccos(_X)))
+)
 _MEAN = np.array([1.0 / (1.0 - j * j) if j % 2 == 0 else 0.0 for j in range(COUNT)]) @ _COEFFICIENTS
 _SLOPE = 2.0 * (np.arange(COUNT) ** 2.0 * (-1.0) ** np.arange(1, COUNT + 1)) @ _COEFFICIENTS
 _FOURTH, _LAST = np.ascontiguousarray(_COEFFICIENTS[4]), np.ascontiguousarray(_COEFFICIENTS[-1])
@@ -27,10 +33,13 @@ _FOURTH, _LAST = np.ascontiguousarray(_COEFFICIENTS[4]), np.ascontiguousarray(_C
 _NODE = (0.0, 0.5 - 0.5 * math.sqrt(3.0 / 7.0), 0.5, 0.5 + 0.5 * math.sqrt(3.0 / 7.0), 1.0)
 _WEIGHT = (0.05, 49.0 / 180.0, 16.0 / 45.0, 49.0 / 180.0, 0.05)
 _DIP = 0.7  # least over greatest size at the nodes: below, it may turn sharply between them
-# What halving an interval may change of an integral: of the peak so far, and, for round-off, of the greater of force and moment (N, N m).
+# What halving an interval may change of an integral: of the peak so far, and, for round-off, of the
+# greater of force and moment (N, N m).
 _AGREE, _NOISE, _HALVINGS = 1e-12, 1e-13, 80
 _NEAR = 0.9  # of the peak so far: below, what rises between two nodes does not reach it
-_STEEP = 1e-10  # of the size at an end, over a step: what rises less gains less than a tenth of that, and may be round-off
+# of the size at an end, over a step: what rises less gains less than a tenth of that, and may be
+# round-off
+_STEEP = 1e-10
 _ROUNDS = 40
 _SAME = 1.0 + 1e-13  # of two sizes: a load that does not change has its peak where it is first seen
 _TOUCH = 1e-12  # of a threshold: a size this close has reached it
@@ -62,7 +71,8 @@ def _size(theta, w, scratch):
 
 @routine
 def _height(theta, w, scratch, ends):
-    """What is highest at a peak: the size of a vector; or, of a guide with pins, how little drives them apart for what they carry."""
+    """What is highest at a peak: the size of a vector; or, of a guide with pins, how little drives
+    them apart for what they carry."""
     if ends == 0:
         return _size(theta, w, scratch)
     load = 0.0
@@ -74,7 +84,8 @@ def _height(theta, w, scratch, ends):
 
 @routine
 def _highest(low, high, w, scratch, ends):
-    """Where between two shares of the step `_height` is greatest: Brent's search, by parabolas within a golden section (1973, ch. 5)."""
+    """Where between two shares of the step `_height` is greatest: Brent's search, by parabolas
+    within a golden section (1973, ch. 5)."""
     golden = 0.5 * (3.0 - math.sqrt(5.0))
     best = low + golden * (high - low)
     second = third = best
@@ -123,15 +134,19 @@ def _mean(low, high, w, scratch):
 
 @routine
 def _halved(floor, w, scratch):
-    """Mean of the size over the step: each interval is halved until its halves agree with it to ``floor``. A corner takes some
-    twenty halvings; there are _HALVINGS at most."""
+    """Mean of the size over the step: each interval is halved until its halves agree with it to
+    ``floor``. A corner takes some twenty halvings; there are _HALVINGS at most."""
     keep_apart()
     total, low, width, left = 0.0, 0.0, 1.0, _HALVINGS
     before = _mean(0.0, 1.0, w, scratch)
     while low < 1.0:
         first = _mean(low, low + 0.5 * width, w, scratch)
         second = _mean(low + 0.5 * width, low + width, w, scratch)
-        if left > 0 and width > 2.0**-24 and not abs(0.5 * (first + second) - before) * width <= floor:
+        if (
+            left > 0
+            and width > 2.0**-24
+            and not abs(0.5 * (first + second) - before) * width <= floor
+        ):
             width, before, left = 0.5 * width, first, left - 1
             continue
         total += 0.5 * width * (first + second)
@@ -149,7 +164,9 @@ def _put_sizes(nodes, apart, w, sizes):
     greatest, highest = 0.0, 0
     for i in range(COUNT):
         k = nodes + i * apart
-        size = math.sqrt(w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES])
+        size = math.sqrt(
+            w[k] * w[k] + w[k + LANES] * w[k + LANES] + w[k + 2 * LANES] * w[k + 2 * LANES]
+        )
         w[sizes + i] = size
         greatest, highest = (size, i) if size > _SAME * greatest else (greatest, highest)
     return greatest, highest
@@ -157,12 +174,16 @@ def _put_sizes(nodes, apart, w, sizes):
 
 @routine
 def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
-    """Follow the size of a vector over a step of length h from t: its peak, the time of it and the integral, at ``out`` and two further.
+    """Follow the size of a vector over a step of length h from t: its peak, the time of it and the
+    integral, at ``out`` and two further.
 
-    nodes : where the first component at the first node stands; the others are LANES further, those at the next node ``apart``
+    nodes : where the first component at the first node stands; the others are LANES further, those
+        at the next node ``apart``
     scratch : where PEAK_SCRATCH numbers may be put
-    other : where the peak of what has the same sort of round-off stands: of the force for a moment, and the other way round
-    guard : where the largest of the last coefficients, times h, stands: how much of the integral polynomials may leave out
+    other : where the peak of what has the same sort of round-off stands: of the force for a moment,
+        and the other way round
+    guard : where the largest of the last coefficients, times h, stands: how much of the integral
+        polynomials may leave out
     """
     keep_apart()
     for part in range(3):
@@ -181,7 +202,9 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
     if not greatest <= _SAME * w[out]:
         w[out], w[out + LANES] = greatest, t + THETA[highest] * h
     floor = _AGREE * w[out] + _NOISE * max(w[out], w[other])
-    is_rough = greatest > 1e3 * floor and (least < _DIP * greatest or fourth * fourth > floor * greatest)
+    is_rough = greatest > 1e3 * floor and (
+        least < _DIP * greatest or fourth * fourth > floor * greatest
+    )
     may_peak = greatest > _NEAR * w[out] and _has_summit(sizes, w)
     if is_rough or may_peak:
         _set_coefficients(nodes, apart, w, scratch)
@@ -207,11 +230,11 @@ def note_peak(w, nodes, apart, scratch, out, t, h):
 
 @routine
 def note_least_share(w, nodes, apart, ends, scratch, out):
-    """Follow the least of what drives a guide apart over the sum of what its pins would carry at their ``ends`` if friction balanced that,
-    into ``out``.
+    """Follow the least of what drives a guide apart over the sum of what its pins would carry at
+    their ``ends`` if friction balanced that, into ``out``.
 
-    Of a node the vectors at ``nodes`` are: the drive and two zeros, then a force for each end. ``scratch`` has room for the coefficients
-    of all these, and for a number at each node.
+    Of a node the vectors at ``nodes`` are: the drive and two zeros, then a force for each end.
+    ``scratch`` has room for the coefficients of all these, and for a number at each node.
     """
     keep_apart()
     shares = scratch + 3 * COUNT * (1 + ends)
@@ -226,7 +249,10 @@ def note_least_share(w, nodes, apart, ends, scratch, out):
         _set_coefficients(nodes + 3 * end * LANES, apart, w, scratch + 3 * COUNT * end)
     for i in range(COUNT):
         low, high = max(i - 1, 0), min(i + 1, COUNT - 1)
-        if w[shares + i] <= min(w[shares + low], w[shares + high]) and 0.0 < w[shares + i] < math.inf:
+        if (
+            w[shares + i] <= min(w[shares + low], w[shares + high])
+            and 0.0 < w[shares + i] < math.inf
+        ):
             place = _highest(THETA[low], THETA[high], w, scratch, ends)
             w[out] = min(w[out], -_height(place, w, scratch, ends))
 
@@ -245,7 +271,8 @@ def _set_coefficients(nodes, apart, w, scratch):
 
 @routine
 def _rises(sizes, w, i):
-    """Whether a peak lies beside node ``i``: it is higher than its neighbours, and from an end the size rises into the step."""
+    """Whether a peak lies beside node ``i``: it is higher than its neighbours, and from an end the
+    size rises into the step."""
     if 0 < i < COUNT - 1:
         before, now, after = w[sizes + i - 1], w[sizes + i], w[sizes + i + 1]
         return now > before and now >= after and now > _SAME * min(before, after)
@@ -280,9 +307,11 @@ def _note_summits(sizes, w, scratch, out, t, h):
 
 @routine
 def first_reached(w, nodes, apart, scratch, threshold):
-    """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its rate there by the share; 2 if nowhere.
+    """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its
+    rate there by the share; 2 if nowhere.
 
-    The arguments are those of `note_size`. A size that is there at the start, but for round-off, is so at 0.
+    The arguments are those of `note_size`. A size that is there at the start, but for round-off, is
+    so at 0.
     """
     keep_apart()
     sizes, touch = scratch + 3 * COUNT, threshold - _TOUCH * max(1.0, abs(threshold))
@@ -303,7 +332,11 @@ def first_reached(w, nodes, apart, scratch, threshold):
         start, best, best_size = low, high, _size(high, w, scratch)
         low_size = _size(low, w, scratch)
         for n in range(_ROUNDS):  # false position, halved every third time
-            middle = low + (high - low) * (threshold - low_size) / (best_size - low_size) if n % 3 != 2 else 0.5 * (low + high)
+            middle = (
+                low + (high - low) * (threshold - low_size) / (best_size - low_size)
+                if n % 3 != 2
+                else 0.5 * (low + high)
+            )
             size = _size(middle, w, scratch)
             if size >= threshold:
                 high, best, best_size = middle, middle, size
@@ -312,7 +345,11 @@ def first_reached(w, nodes, apart, scratch, threshold):
             if high - low <= 1e-16 or best_size - threshold <= 1e-15 * threshold:
                 break
         beside = max(start, best - _BESIDE)
-        slope = (_size(best, w, scratch) - _size(beside, w, scratch)) / (best - beside) if best > beside else 0.0
+        slope = (
+            (_size(best, w, scratch) - _size(beside, w, scratch)) / (best - beside)
+            if best > beside
+            else 0.0
+        )
         return best, slope
     return 2.0, 0.0
 

@@ -1,8 +1,9 @@
 """Smooth tables: value of cubic splines on a grid of up to three axes.
 
-A pack stands in a flat array as ``sepmc.kernel.splines`` wrote it: the number of functions; for each of three axes its spans q,
-q + 1 breaks and, for each span, four basis functions as cubics in the distance from the span's start; the coefficients, the last axis
-fastest, the functions side by side. An axis of one point has no span and one coefficient, the others have q + 3.
+A pack stands in a flat array as ``sepmc.kernel.splines`` wrote it: the number of functions; for
+each of three axes its spans q, q + 1 breaks and, for each span, four basis functions as cubics in
+the distance from the span's start; the coefficients, the last axis fastest, the functions side by
+side. An axis of one point has no span and one coefficient, the others have q + 3.
 """
 
 import math
@@ -14,7 +15,8 @@ from sepmc.routines.lanes import LANES
 
 @long_formula
 def curve(numbers, at, function, x):
-    """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the ends, NaN for NaN."""
+    """Value of one function of a one-dimensional pack at ``numbers[at]``; held constant beyond the
+    ends, NaN for NaN."""
     keep_apart()
     axis = at + 1
     first, last = numbers[axis + 1], numbers[axis + 1 + int(numbers[axis])]
@@ -35,7 +37,8 @@ def curve(numbers, at, function, x):
 def grid6(numbers, at, x, y, z):
     """Values of the six functions of a pack at ``numbers[at]``.
 
-    NaN outside the range of an axis that has more than one point: nothing is extrapolated. A value on the edge is inside.
+    NaN outside the range of an axis that has more than one point: nothing is extrapolated. A value
+    on the edge is inside.
     """
     keep_apart()
     x_axis = at + 1
@@ -67,14 +70,16 @@ def grid6(numbers, at, x, y, z):
 def is_held(w, cell, x, y, z):
     """Whether the cell that a lane holds is that of a place."""
     return (
-        w[cell] <= x < w[cell + LANES] and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES] and w[cell + 6 * LANES] <= z < w[cell + 7 * LANES]
+        w[cell] <= x < w[cell + LANES]
+        and w[cell + 3 * LANES] <= y < w[cell + 4 * LANES]
+        and w[cell + 6 * LANES] <= z < w[cell + 7 * LANES]
     )
 
 
 @long_formula
 def hold_cell(w, cell, at, x, y, z):
-    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if it lies outside. Returns whether it lies
-    inside, or nowhere.
+    """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if
+    it lies outside. Returns whether it lies inside, or nowhere.
 
     A place on the edge is inside. An axis of one point has no edge.
     """
@@ -87,8 +92,16 @@ def hold_cell(w, cell, at, x, y, z):
     y_stride = z_stride * _coefficients(w, z_axis)
     x_stride = y_stride * _coefficients(w, y_axis)
     corner = _after(w, z_axis)
-    for n, axis, place, stride in ((0, x_axis, x, x_stride), (1, y_axis, y, y_stride), (2, z_axis, z, z_stride)):
-        ends, basis, spans = cell + (layout.CELL_ENDS + 3 * n) * LANES, cell + (layout.CELL_BASIS + 16 * n) * LANES, int(w[axis])
+    for n, axis, place, stride in (
+        (0, x_axis, x, x_stride),
+        (1, y_axis, y, y_stride),
+        (2, z_axis, z, z_stride),
+    ):
+        ends, basis, spans = (
+            cell + (layout.CELL_ENDS + 3 * n) * LANES,
+            cell + (layout.CELL_BASIS + 16 * n) * LANES,
+            int(w[axis]),
+        )
         if spans == 0:
             w[ends], w[ends + LANES], w[ends + 2 * LANES] = -math.inf, math.inf, 0.0
             for i in range(16):
@@ -107,7 +120,11 @@ def hold_cell(w, cell, at, x, y, z):
         for j in range(4 if w[y_axis] > 0.0 else 1):
             for n in range(4 if w[z_axis] > 0.0 else 1):
                 for f in range(functions):
-                    w[k] = w[corner + i * x_stride + j * y_stride + n * z_stride + f] if inside else math.nan
+                    w[k] = (
+                        w[corner + i * x_stride + j * y_stride + n * z_stride + f]
+                        if inside
+                        else math.nan
+                    )
                     k += LANES
     if not inside:
         w[cell] = math.inf  # holds no place
@@ -116,15 +133,18 @@ def hold_cell(w, cell, at, x, y, z):
 
 @long_formula
 def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
-    """Values of the functions of the cells that lanes hold, of so many basis functions along each axis, at the places
-    (three numbers) from w[place] on, into w[found] and so on: `grid6` of all lanes side by side."""
+    """Values of the functions of the cells that lanes hold, of so many basis functions along each
+    axis, at the places (three numbers) from w[place] on, into w[found] and so on: `grid6` of all
+    lanes side by side."""
     keep_apart()
     for n, count in ((0, x_count), (1, y_count), (2, z_count)):
         for i in range(count):
             k = cell + (layout.CELL_BASIS + 16 * n + 4 * i) * LANES
             for l in range(LANES):
                 s = w[place + n * LANES + l] - w[cell + (layout.CELL_ENDS + 3 * n + 2) * LANES + l]
-                value = w[k + l] + s * (w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l]))
+                value = w[k + l] + s * (
+                    w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l])
+                )
                 w[cell + (layout.CELL_VALUES + 4 * n + i) * LANES + l] = value
     for e in range(functions * LANES):
         w[found + e] = 0.0
@@ -147,7 +167,8 @@ def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
 
 @routine
 def _basis(numbers, axis, x):
-    """Span that holds x, how many basis functions are not zero there, and their values, which sum to one; NaN outside the axis."""
+    """Span that holds x, how many basis functions are not zero there, and their values, which sum
+    to one; NaN outside the axis."""
     spans = int(numbers[axis])
     if spans == 0:
         return 0, 1, (math.nan if math.isnan(x) else 1.0, 0.0, 0.0, 0.0)
@@ -157,7 +178,16 @@ def _basis(numbers, axis, x):
     low = _span(numbers, axis, x)
     s = x - numbers[breaks + low]
     p = breaks + spans + 1 + 16 * low
-    return low, 4, (_cubic(numbers, p, s), _cubic(numbers, p + 4, s), _cubic(numbers, p + 8, s), _cubic(numbers, p + 12, s))
+    return (
+        low,
+        4,
+        (
+            _cubic(numbers, p, s),
+            _cubic(numbers, p + 4, s),
+            _cubic(numbers, p + 8, s),
+            _cubic(numbers, p + 12, s),
+        ),
+    )
 
 
 @routine

@@ -1,4 +1,5 @@
-"""Stretches of time between the switches of motors and loads: when the next switch comes, and what acts in between."""
+"""Stretches of time between the switches of motors and loads: when the next switch comes, and what
+acts in between."""
 
 import math
 
@@ -44,8 +45,9 @@ def _later(earliest, time, t):
 
 @routine
 def next_break(t, m, w):
-    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin and end of constant loads; and the
-    end of a brief transient, whose steps are then as short as it is."""
+    """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin
+    and end of constant loads; and the end of a brief transient, whose steps are then as short as it
+    is."""
     keep_apart()
     brief = at.BRIEF / at.TRANSIENT * w[at.END_TIME]
     earliest = math.inf
@@ -70,7 +72,8 @@ def next_break(t, m, w):
 
 @routine
 def set_stretch(middle, m, w):
-    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a switch."""
+    """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a
+    switch."""
     keep_apart()
     for i in range(m.scene.n_motors):
         p, work = motor_params(i, m), motor_work(i, m)
@@ -86,15 +89,21 @@ def set_stretch(middle, m, w):
         elif rows > 0 and w[work + at.BURNING] == at.TAILING:  # goes on from the end of the burn
             burn = w[p + at.BURN]
             _set_profile(burn - GRAIN, first, rows, work, m, w)
-            w[work + at.LEVEL], w[work + at.SLOPE] = w[work + at.LEVEL] + w[work + at.SLOPE] * burn, 0.0
+            w[work + at.LEVEL], w[work + at.SLOPE] = (
+                w[work + at.LEVEL] + w[work + at.SLOPE] * burn,
+                0.0,
+            )
     for i in range(m.scene.n_loads):
         p = load_params(i, m)
-        w[load_work(i, m) + at.ACTS] = 1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
+        w[load_work(i, m) + at.ACTS] = (
+            1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
+        )
 
 
 @routine
 def _set_profile(since, first, rows, work, m, w):
-    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value before, nothing after its rows."""
+    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value
+    before, nothing after its rows."""
     w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
     if since < m.numbers[first]:
         w[work + at.LEVEL] = m.numbers[first + 1]

@@ -1,4 +1,5 @@
-"""What no single value can show: references between tables, inertias a solid body can have, laws in range."""
+"""What no single value can show: references between tables, inertias a solid body can have, laws in
+range."""
 
 import math
 
@@ -7,7 +8,15 @@ import numpy as np
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.kinds import KINDS, rows_of, slides
-from sepmc.scene.load_checks import check_air, check_known, check_lengths, check_loads, check_outputs, check_pair, check_series
+from sepmc.scene.load_checks import (
+    check_air,
+    check_known,
+    check_lengths,
+    check_loads,
+    check_outputs,
+    check_pair,
+    check_series,
+)
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
 from sepmc.scene.parameters import value as parameter_value
@@ -40,7 +49,8 @@ def check_scene(scene: Scene, problems: Problems) -> None:
 
 
 def tensor(xx, yy, zz, xy, xz, yz) -> np.ndarray:
-    """Inertia tensor from moments and products, numbers or arrays (n,); shape (3, 3) or (3, 3, n)."""
+    """Inertia tensor from moments and products, numbers or arrays (n,); shape (3, 3) or (3, 3,
+    n)."""
     return np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
 
 
@@ -50,7 +60,8 @@ def inertia_tensor(body: Body) -> np.ndarray:
 
 
 def breaks_triangle(principal: np.ndarray) -> np.ndarray:
-    """Whether principal moments (..., 3), rising, break A + B >= C, which every solid body obeys (Goldstein, ch. 5)."""
+    """Whether principal moments (..., 3), rising, break A + B >= C, which every solid body obeys
+    (Goldstein, ch. 5)."""
     return principal[..., 0] + principal[..., 1] < principal[..., 2] * (1.0 - 1e-9)
 
 
@@ -58,10 +69,13 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
     """Why no solid body can have this inertia, or None."""
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] <= 0.0:
-        return f"must be positive definite; its smallest principal moment is {principal[0]:.6g} kg m2"
+        return (
+            f"must be positive definite; its smallest principal moment is {principal[0]:.6g} kg m2"
+        )
     if breaks_triangle(principal):
         return (
-            f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < {principal[2]:.6g} kg m2, which no solid body has"
+            f"breaks the triangle inequality: {principal[0]:.6g} + {principal[1]:.6g} < "
+            f"{principal[2]:.6g} kg m2, which no solid body has"
         )
     return None
 
@@ -77,7 +91,11 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
     check_known(f"{place}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
         check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
-        check_lengths(f"{place}.profile", {"time_s": motor.profile.time, "fraction": motor.profile.fraction}, problems)
+        check_lengths(
+            f"{place}.profile",
+            {"time_s": motor.profile.time, "fraction": motor.profile.fraction},
+            problems,
+        )
 
 
 def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> None:
@@ -86,12 +104,18 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
     lengths = float(np.linalg.norm(x)) * float(np.linalg.norm(y))
     if float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths:
-        problems.add(f"{place}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis))
+        problems.add(
+            f"{place}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis)
+        )
     for kind in joint.kind:
         if kind in KINDS:
             problems.add(f"{place}.kind.{kind}", "is the name of a common kind; choose another")
     if joint.fails not in (0.0, 1.0):
-        problems.add(f"{place}.fails", "must be 0 (lets go) or 1 (never does); disperse it with a discrete law", joint.fails)
+        problems.add(
+            f"{place}.fails",
+            "must be 0 (lets go) or 1 (never does); disperse it with a discrete law",
+            joint.fails,
+        )
     if joint.guide is not None and joint.guide.pins > 1 and joint.guide.circle == 0.0:
         problems.add(f"{place}.guide.circle_m", "must be > 0 with more than one pin")
     if joint.guide is not None:
@@ -104,26 +128,52 @@ def _check_guide(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     kinds += [release.to for release in scene.release if release.joint == name]
     known = [kind for kind in kinds if kind in KINDS or kind in joint.kind]
     if not any(slides(rows_of(joint, kind)) for kind in known):
-        said = "does nothing: its pins act while the joint holds y, z and at least two rotations but not x (slider, cylindrical, or a kind "
-        problems.add(f"joint.{name}.guide", f"{said}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases")
+        said = (
+            "does nothing: its pins act while the joint holds y, z and at least two rotations "
+            "but not x (slider, cylindrical, or a kind "
+        )
+        problems.add(
+            f"joint.{name}.guide",
+            f"{said}of its own); it is {', '.join(dict.fromkeys(kinds)) or 'free'} in the phases",
+        )
 
 
 def _check_histories(scene: Scene, problems: Problems) -> None:
     step = scene.run.history_step
     if step > 0.0 and scene.run.end_time / step > MOST_ROWS:
-        problems.add("run.history_step_s", f"gives more than {MOST_ROWS} rows a case up to {scene.run.end_time:g} s; 0 keeps none", step)
+        problems.add(
+            "run.history_step_s",
+            f"gives more than {MOST_ROWS} rows a case up to {scene.run.end_time:g} s; 0 keeps none",
+            step,
+        )
     if scene.solver.step is not None and scene.run.end_time / scene.solver.step > MOST_STEPS:
-        problems.add("solver.step_s", f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s", scene.solver.step)
+        problems.add(
+            "solver.step_s",
+            f"takes more than {MOST_STEPS} steps up to {scene.run.end_time:g} s",
+            scene.solver.step,
+        )
 
 
 def _check_initial(scene: Scene, problems: Problems) -> None:
     initial = scene.initial
     if abs(initial.yaw) > math.radians(89.0):
-        problems.add("initial.yaw_deg", "must lie within +-89 deg (the attitude angles are singular at 90)", math.degrees(initial.yaw))
+        problems.add(
+            "initial.yaw_deg",
+            "must lie within +-89 deg (the attitude angles are singular at 90)",
+            math.degrees(initial.yaw),
+        )
     if holds_ground(scene) and initial.speed != 0.0:
-        problems.add("initial.speed_m_s", "must be 0 where a joint of the first phase holds the ground", initial.speed)
+        problems.add(
+            "initial.speed_m_s",
+            "must be 0 where a joint of the first phase holds the ground",
+            initial.speed,
+        )
     if scene.environment.atmosphere == "us1976" and not 0.0 <= initial.altitude <= ATMOSPHERE_TOP:
-        problems.add("initial.altitude_m", "must lie in 0 to 86000 m, where the 1976 atmosphere is defined", initial.altitude)
+        problems.add(
+            "initial.altitude_m",
+            "must lie in 0 to 86000 m, where the 1976 atmosphere is defined",
+            initial.altitude,
+        )
 
 
 def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -> None:
@@ -134,26 +184,55 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     parameter = dispersion.parameter
     place = f"dispersion.{parameter.key}"
     tail = dispersion.law == "normal" and math.isinf(dispersion.numbers[2])
-    if not all(math.isfinite(x * parameter.factor) for x in dispersion.numbers[: 2 if dispersion.law == "normal" else None]):
+    if not all(
+        math.isfinite(x * parameter.factor)
+        for x in dispersion.numbers[: 2 if dispersion.law == "normal" else None]
+    ):
         problems.add(place, "the law and its nominal must be finite", list(dispersion.numbers))
         return
     if tail:
         return
     low, high = (bound * parameter.factor for bound in dispersion.support)
-    if not (math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])):
+    if not (
+        math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])
+    ):
         problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
         return
     for bound, shown in zip((low, high), dispersion.support, strict=True):
-        _, allowed = convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
+        _, allowed = (
+            convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
+        )
         if allowed:
             problems.add(place, f"the law reaches {shown:g}, but the value {allowed}")
-    if parameter.path == "initial.altitude" and scene.environment.atmosphere == "us1976" and (low < 0.0 or high > ATMOSPHERE_TOP):
-        problems.add(place, f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m")
-    if parameter.path.endswith(".fails") and not (dispersion.law in ("discrete", "constant") and set(dispersion.numbers) <= {0.0, 1.0}):
+    if (
+        parameter.path == "initial.altitude"
+        and scene.environment.atmosphere == "us1976"
+        and (low < 0.0 or high > ATMOSPHERE_TOP)
+    ):
+        problems.add(
+            place,
+            f"reaches {low:g} to {high:g} m; the 1976 atmosphere is defined from 0 to 86000 m",
+        )
+    if parameter.path.endswith(".fails") and not (
+        dispersion.law in ("discrete", "constant") and set(dispersion.numbers) <= {0.0, 1.0}
+    ):
         problems.add(place, "must be discrete, of 0 (lets go) and 1 (never does)")
     if parameter.path.endswith(".friction") and parameter_value(scene, parameter.path) == 0.0:
-        problems.add(place, "can vary only if its nominal is > 0: friction that is 0 is not computed")
+        problems.add(
+            place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
+        )
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
-        problems.add(place, f"reaches {math.degrees(low):g} to {math.degrees(high):g} deg; yaw must stay within +-89 deg")
-    if parameter.path.startswith("phase.") and parameter.path.endswith(".until.time") and high >= scene.run.end_time:
-        problems.add(place, f"reaches {high:g} s; a phase must end before run.end_time_s = {scene.run.end_time:g}")
+        problems.add(
+            place,
+            f"reaches {math.degrees(low):g} to {math.degrees(high):g} deg; yaw must stay within "
+            "+-89 deg",
+        )
+    if (
+        parameter.path.startswith("phase.")
+        and parameter.path.endswith(".until.time")
+        and high >= scene.run.end_time
+    ):
+        problems.add(
+            place,
+            f"reaches {high:g} s; a phase must end before run.end_time_s = {scene.run.end_time:g}",
+        )

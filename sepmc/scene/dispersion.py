@@ -17,8 +17,8 @@ LAWS = ("uniform", "normal", "triangular", "discrete", "constant")
 class Dispersion:
     """A parameter and its law.
 
-    ``numbers`` by law, in the unit of the key: uniform (low, high); normal (mean, sigma, truncation in sigmas or inf);
-    triangular (low, mode, high); discrete the values; constant (value,).
+    ``numbers`` by law, in the unit of the key: uniform (low, high); normal (mean, sigma, truncation
+    in sigmas or inf); triangular (low, mode, high); discrete the values; constant (value,).
     """
 
     parameter: Parameter
@@ -30,7 +30,10 @@ class Dispersion:
     def sentence(self) -> str:
         """The law in words: ``body.upper.mass_kg: uniform (438, 478)``."""
         weights = f", weights ({', '.join(f'{x:g}' for x in self.weights)})" if self.weights else ""
-        return f"{self.parameter.key}: {self.law} ({', '.join(f'{x:g}' for x in self.numbers)}){weights}"
+        return (
+            f"{self.parameter.key}: {self.law} "
+            f"({', '.join(f'{x:g}' for x in self.numbers)}){weights}"
+        )
 
     @property
     def support(self) -> tuple[float, float]:
@@ -43,7 +46,8 @@ class Dispersion:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """As ``support``, but of a normal law that is not cut only three sigma: finite, and what nearly all cases stay within."""
+        """As ``support``, but of a normal law that is not cut only three sigma: finite, and what
+        nearly all cases stay within."""
         if self.law == "normal" and math.isinf(self.numbers[2]):
             mean, sigma, _ = self.numbers
             return mean - 3.0 * sigma, mean + 3.0 * sigma
@@ -52,12 +56,20 @@ class Dispersion:
     @property
     def has_tails(self) -> bool:
         """Whether the law, a normal one that is not cut, can give what its parameter may not be."""
-        return self.law == "normal" and math.isinf(self.numbers[2]) and self.parameter.field is not None
+        return (
+            self.law == "normal"
+            and math.isinf(self.numbers[2])
+            and self.parameter.field is not None
+        )
 
     def allowed(self, values: np.ndarray) -> np.ndarray:
         """Which of the values (n,), in the unit of the key, the parameter may have."""
         field = self.parameter.field
-        return np.isfinite(values) if field is None else allowed(field.type, values * self.parameter.factor)
+        return (
+            np.isfinite(values)
+            if field is None
+            else allowed(field.type, values * self.parameter.factor)
+        )
 
 
 def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dispersion, ...]:
@@ -79,47 +91,69 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
             problems.add(place, "is a setting of the scene, which cannot vary from case to case")
             continue
         if parameter.column in columns:
-            problems.add(place, f"has the column {parameter.column}, as {columns[parameter.column]!r} has: rename one of their tables")
+            problems.add(
+                place,
+                f"has the column {parameter.column}, as {columns[parameter.column]!r} has: rename "
+                "one of their tables",
+            )
             continue
         seen[parameter.path] = columns[parameter.column] = key
-        found = _resolve_one(law, parameter, value(scene, parameter.path) / parameter.factor, place, problems)
+        found = _resolve_one(
+            law, parameter, value(scene, parameter.path) / parameter.factor, place, problems
+        )
         if found:
             result.append(found)
     return tuple(result)
 
 
 def _is_structure(parts: list[str]) -> bool:
-    """Whether a path names a number that all cases share: run and solver settings, axes, shapes, the zero of alpha_ref."""
+    """Whether a path names a number that all cases share: run and solver settings, axes, shapes,
+    the zero of alpha_ref."""
     return (
         parts[0] in ("run", "solver", "clearance", "output")
-        or (parts[0] in ("joint", "spring") and parts[2] in ("x_axis", "y_axis", "axis", "apart", "kind"))
+        or (
+            parts[0] in ("joint", "spring")
+            and parts[2] in ("x_axis", "y_axis", "axis", "apart", "kind")
+        )
         or parts[:2] == ["initial", "path_reference"]
         or parts[-1] == "pins"
         or (len(parts) > 2 and parts[2] == "outline")
     )
 
 
-def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems) -> Dispersion | None:
+def _resolve_one(
+    law: Law, parameter: Parameter, nominal: float, place: str, problems: Problems
+) -> Dispersion | None:
     given = [name for name in LAWS if getattr(law, name) is not None]
     if len(given) != 1:
-        problems.add(place, "give exactly one of " + ", ".join(LAWS) + (f", not {' and '.join(given)}" if given else ""))
+        problems.add(
+            place,
+            "give exactly one of "
+            + ", ".join(LAWS)
+            + (f", not {' and '.join(given)}" if given else ""),
+        )
         return None
     name = given[0]
     scale = nominal if law.relative else 1.0
     if law.relative and nominal == 0.0:
-        problems.add(place, "relative to a nominal of 0 is always 0; give the law in the unit of the key")
+        problems.add(
+            place, "relative to a nominal of 0 is always 0; give the law in the unit of the key"
+        )
         return None
     raw = getattr(law, name)
-    numbers = tuple(float(x) * scale for x in raw) if isinstance(raw, tuple) else (float(raw) * scale,)
+    numbers = (
+        tuple(float(x) * scale for x in raw) if isinstance(raw, tuple) else (float(raw) * scale,)
+    )
     count = len(problems)
     weights: tuple[float, ...] = ()
     if name in ("uniform", "triangular", "normal") and not isinstance(raw, tuple):
         width = abs(numbers[0])
         if float(raw) < 0.0:
             problems.add(place, "the half-width or sigma must be >= 0", raw)
-        numbers = {"uniform": (nominal - width, nominal + width), "triangular": (nominal - width, nominal, nominal + width)}.get(
-            name, (nominal, width)
-        )
+        numbers = {
+            "uniform": (nominal - width, nominal + width),
+            "triangular": (nominal - width, nominal, nominal + width),
+        }.get(name, (nominal, width))
     if name == "normal":
         if law.relative and isinstance(raw, tuple):
             numbers = (numbers[0], float(raw[1]) * abs(nominal))
@@ -135,8 +169,15 @@ def _resolve_one(law: Law, parameter: Parameter, nominal: float, place: str, pro
             problems.add(place, "must rise from low to high", raw)
     if name == "discrete":
         weights = law.weights or tuple(1.0 for _ in numbers)
-        if not numbers or len(weights) != len(numbers) or min(weights) < 0.0 or not 0.0 < sum(weights) < math.inf:
-            problems.add(place, "discrete needs values, and as many weights >= 0 with a positive, finite sum")
+        if (
+            not numbers
+            or len(weights) != len(numbers)
+            or min(weights) < 0.0
+            or not 0.0 < sum(weights) < math.inf
+        ):
+            problems.add(
+                place, "discrete needs values, and as many weights >= 0 with a positive, finite sum"
+            )
     elif law.weights is not None:
         problems.add(place, "weights belong to the discrete law")
     if len(problems) > count:

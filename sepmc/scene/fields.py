@@ -1,4 +1,5 @@
-"""What the model's fields are: their quantity, the TOML keys they accept, and how one value is converted and checked."""
+"""What the model's fields are: their quantity, the TOML keys they accept, and how one value is
+converted and checked."""
 
 import functools
 import math
@@ -39,7 +40,11 @@ class Field:
     @property
     def table(self) -> type[msgspec.Struct] | None:
         """The nested table, if the field is one."""
-        return self.bare if isinstance(self.bare, type) and issubclass(self.bare, msgspec.Struct) else None
+        return (
+            self.bare
+            if isinstance(self.bare, type) and issubclass(self.bare, msgspec.Struct)
+            else None
+        )
 
     @property
     def table_of_tables(self) -> type[msgspec.Struct] | None:
@@ -64,7 +69,9 @@ def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
     for info in msgspec.structs.fields(kind):
         annotation = hints[info.name]
         bare, quantity = _unwrap(annotation)
-        result[info.name] = Field(info.name, annotation, bare, quantity or Quantity(""), info.required, info.default)
+        result[info.name] = Field(
+            info.name, annotation, bare, quantity or Quantity(""), info.required, info.default
+        )
     return result
 
 
@@ -83,7 +90,8 @@ def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:
 
 
 def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
-    """Which of the values (n,) a field of a type may have: what `convert` says of each, from the bounds alone."""
+    """Which of the values (n,) a field of a type may have: what `convert` says of each, from the
+    bounds alone."""
     fits = np.isfinite(values)
     for bound in _bounds(kind):
         fits &= values > bound.gt if bound.gt is not None else True
@@ -95,13 +103,22 @@ def allowed(kind: Any, values: np.ndarray) -> np.ndarray:
 
 def _bounds(annotation: Any) -> list[msgspec.Meta]:
     """All bounds of a type."""
-    found = [extra for extra in get_args(annotation)[1:] if isinstance(extra, msgspec.Meta)] if get_origin(annotation) is Annotated else []
-    inner = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else get_args(annotation)[:1]
+    found = (
+        [extra for extra in get_args(annotation)[1:] if isinstance(extra, msgspec.Meta)]
+        if get_origin(annotation) is Annotated
+        else []
+    )
+    inner = (
+        get_args(annotation)
+        if get_origin(annotation) in (Union, types.UnionType)
+        else get_args(annotation)[:1]
+    )
     return found + [bound for option in inner for bound in _bounds(option)]
 
 
 def to_si(value: Any, factor: float) -> Any:
-    """Scale a number or a list of numbers; anything else is left for the type check to name. What overflows becomes infinite."""
+    """Scale a number or a list of numbers; anything else is left for the type check to name. What
+    overflows becomes infinite."""
     if isinstance(value, bool):
         return value
     if isinstance(value, int | float):
@@ -139,7 +156,14 @@ _WORDS = {
     "`int` <= ": "must be at most 1000000000",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
-_TYPES = {"float": "a number", "int": "a whole number", "str": "text", "bool": "true or false", "array": "a list", "object": "a table"}
+_TYPES = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
 
 
 def _plain(message: str) -> str:

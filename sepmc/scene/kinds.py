@@ -7,12 +7,14 @@ from sepmc.scene.model import Joint
 
 
 def _rotation(of_second: int, of_first: int) -> int:
-    """Code of the row that keeps an axis (0 or 1: x or y) of the second body perpendicular to an axis of the first."""
+    """Code of the row that keeps an axis (0 or 1: x or y) of the second body perpendicular to an
+    axis of the first."""
     return at.ROTATION + 3 * of_second + of_first
 
 
 _ROLL, _YAW, _PITCH, _ALIGN_Y = _rotation(1, 2), _rotation(0, 2), _rotation(0, 1), _rotation(1, 0)
-# Rows that hold rotations about these joint axes. With two of them, the pair that leaves the third free through a full turn.
+# Rows that hold rotations about these joint axes. With two of them, the pair that leaves the third
+# free through a full turn.
 _ROTATIONS = {
     "": (),
     "x": (_ROLL,),
@@ -59,8 +61,13 @@ def is_part(rows: tuple[int, ...], of: tuple[int, ...]) -> bool:
 
 
 def slides(rows: tuple[int, ...]) -> bool:
-    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are engaged."""
-    return rows.count(1) == rows.count(2) == 1 and 0 not in rows and sum(at.ROTATION <= row < at.ROD for row in rows) >= 2
+    """Whether rows leave their bodies free along x, but neither sideways nor to tilt: pins are
+    engaged."""
+    return (
+        rows.count(1) == rows.count(2) == 1
+        and 0 not in rows
+        and sum(at.ROTATION <= row < at.ROD for row in rows) >= 2
+    )
 
 
 def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""What tables, springs, loads and outputs must obey together: names that exist, lengths that agree, grids that rise."""
+"""What tables, springs, loads and outputs must obey together: names that exist, lengths that agree,
+grids that rise."""
 
 import itertools
 import math
@@ -9,7 +10,8 @@ import numpy as np
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
-SHORTEST = 1e-12  # s: what acts for less than that falls between two instants that the engine can tell apart
+# s: what acts for less than that falls between two instants that the engine can tell apart
+SHORTEST = 1e-12
 _COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 
 
@@ -27,7 +29,9 @@ def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Prob
         problems.add(place, "must name two different bodies", list(bodies))
 
 
-def check_series(place: str, key: str, series: Sequence[float], least: int, problems: Problems) -> None:
+def check_series(
+    place: str, key: str, series: Sequence[float], least: int, problems: Problems
+) -> None:
     """The axis of a table must rise."""
     if len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
@@ -53,12 +57,20 @@ def check_loads(scene: Scene, problems: Problems) -> None:
     for load in scene.load:
         check_known(f"load.{load.name}.body", load.body, scene.body, "body", problems)
         if not load.end - load.start > SHORTEST:
-            problems.add(f"load.{load.name}.end_s", f"must be > start_s = {load.start:g}, by more than {SHORTEST:g} s", load.end)
+            problems.add(
+                f"load.{load.name}.end_s",
+                f"must be > start_s = {load.start:g}, by more than {SHORTEST:g} s",
+                load.end,
+            )
     for name, body in scene.body.items():
         if name == GROUND:
-            problems.add(f"body.{name}", "is the name of the ground, which every scene has; choose another")
+            problems.add(
+                f"body.{name}", "is the name of the ground, which every scene has; choose another"
+            )
         if body.aerodynamics is not None and body.aerodynamics.table is not None:
-            _check_aero_table(f"body.{name}.aerodynamics.table", body.aerodynamics.table, scene, problems)
+            _check_aero_table(
+                f"body.{name}.aerodynamics.table", body.aerodynamics.table, scene, problems
+            )
         for number, part in enumerate(body.outline):
             _check_part(f"body.{name}.outline.{number}", part, problems)
     for entry in scene.proximity:
@@ -77,19 +89,30 @@ def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     check_pair(f"{place}.bodies", spring.bodies, scene, problems)
     if spring.axis is not None and not any(spring.axis):
         problems.add(f"{place}.axis", "must not be zero", list(spring.axis))
-    if spring.axis is None and (spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9):
-        problems.add(f"{place}.axis", "is needed where both points are one: the line between them has no direction")
+    if spring.axis is None and (
+        spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9
+    ):
+        problems.add(
+            f"{place}.axis",
+            "is needed where both points are one: the line between them has no direction",
+        )
 
 
 def _check_part(place: str, part: Part, problems: Problems) -> None:
-    if (part.stations is None) != (part.radii is None) or (part.stations is None) == (not part.points):
+    if (part.stations is None) != (part.radii is None) or (part.stations is None) == (
+        not part.points
+    ):
         problems.add(place, "give stations_m and radii_m (a frustum), or points_m")
     if part.radii is not None and min(part.radii) < 0.0:
         problems.add(f"{place}.radii_m", "must be >= 0", list(part.radii))
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{place}.hollow", "only a frustum of some length can be hollow")
     if part.points and any(part.offset):
-        problems.add(f"{place}.offset_m", "is that of a frustum's axis; points_m give y and z themselves", list(part.offset))
+        problems.add(
+            f"{place}.offset_m",
+            "is that of a frustum's axis; points_m give y and z themselves",
+            list(part.offset),
+        )
 
 
 def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Problems) -> None:
@@ -107,12 +130,21 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
         try:
             found = np.array(grid, dtype=float)
         except (ValueError, TypeError):
-            problems.add(f"{place}.{coefficient}", "must be nested lists of numbers, one level for each axis")
+            problems.add(
+                f"{place}.{coefficient}", "must be nested lists of numbers, one level for each axis"
+            )
             continue
         if found.shape != shape:
             wanted = " x ".join(f"{len(axis)} ({key})" for key, axis in given.items())
-            problems.add(f"{place}.{coefficient}", f"is {' x '.join(map(str, found.shape))}, but the axes ask for {wanted}")
-    if table.mach and scene.environment.atmosphere == "table" and not (scene.environment.air and scene.environment.air.speed_of_sound):
+            problems.add(
+                f"{place}.{coefficient}",
+                f"is {' x '.join(map(str, found.shape))}, but the axes ask for {wanted}",
+            )
+    if (
+        table.mach
+        and scene.environment.atmosphere == "table"
+        and not (scene.environment.air and scene.environment.air.speed_of_sound)
+    ):
         problems.add("environment.air.speed_of_sound_m_s", "is needed for tables over Mach number")
 
 
@@ -124,13 +156,24 @@ def check_air(scene: Scene, problems: Problems) -> None:
     if air is not None:
         check_series("environment.air", "altitude_m", air.altitude, 2, problems)
         columns = {"altitude_m": air.altitude, "density_kg_per_m3": air.density}
-        check_lengths("environment.air", columns | ({"speed_of_sound_m_s": air.speed_of_sound} if air.speed_of_sound else {}), problems)
-        for key, column in (("density_kg_per_m3", air.density), ("speed_of_sound_m_s", air.speed_of_sound)):
+        check_lengths(
+            "environment.air",
+            columns | ({"speed_of_sound_m_s": air.speed_of_sound} if air.speed_of_sound else {}),
+            problems,
+        )
+        for key, column in (
+            ("density_kg_per_m3", air.density),
+            ("speed_of_sound_m_s", air.speed_of_sound),
+        ):
             if min(column, default=1.0) <= 0.0:
                 problems.add(f"environment.air.{key}", "must be > 0", list(column))
     if profile is not None:
         check_series("environment.wind.profile", "altitude_m", profile.altitude, 2, problems)
-        columns = {"altitude_m": profile.altitude, "speed_m_s": profile.speed, "direction_deg": profile.direction}
+        columns = {
+            "altitude_m": profile.altitude,
+            "speed_m_s": profile.speed,
+            "direction_deg": profile.direction,
+        }
         check_lengths("environment.wind.profile", columns, problems)
 
 
@@ -141,7 +184,9 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         for joint in asked:
             check_known(f"output.{key}", joint, scene.joint, "joint", problems)
             if key == "guide" and joint in scene.joint and scene.joint[joint].guide is None:
-                problems.add(f"output.{key}", f"joint {joint!r} has no pins: give [joint.{joint}.guide]")
+                problems.add(
+                    f"output.{key}", f"joint {joint!r} has no pins: give [joint.{joint}.guide]"
+                )
         if len(set(asked)) < len(asked):
             problems.add(f"output.{key}", "names a joint twice", list(asked))
     for clearance in scene.clearance:
@@ -149,11 +194,21 @@ def check_outputs(scene: Scene, problems: Problems) -> None:
         check_pair(f"{place}.bodies", clearance.bodies, scene, problems)
         for body in clearance.bodies:
             if body in scene.body and not scene.body[body].outline:
-                problems.add(f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]")
+                problems.add(
+                    f"{place}.bodies", f"body {body!r} has no outline: give [[body.{body}.outline]]"
+                )
             if body == GROUND:
                 problems.add(f"{place}.bodies", "the ground has no outline")
         outlines = [scene.body[body].outline for body in clearance.bodies if body in scene.body]
-        if len(outlines) == 2 and all(outlines) and all(part.hollow for outline in outlines for part in outline):
-            problems.add(f"{place}.bodies", "have shells only, which are not held against each other: one needs a solid or points")
+        if (
+            len(outlines) == 2
+            and all(outlines)
+            and all(part.hollow for outline in outlines for part in outline)
+        ):
+            problems.add(
+                f"{place}.bodies",
+                "have shells only, which are not held against each other: one needs a solid or "
+                "points",
+            )
         if clearance.after is not None:
             check_known(f"{place}.after", clearance.after, scene.joint, "joint", problems)

@@ -4,7 +4,8 @@ import difflib
 
 
 class InputError(ValueError):
-    """What was asked for cannot be done as asked. The program says so and ends; any other ValueError is a fault of its own."""
+    """What was asked for cannot be done as asked. The program says so and ends; any other
+    ValueError is a fault of its own."""
 
 
 class SceneError(InputError):

@@ -1,4 +1,5 @@
-"""The immutable scene and campaign, in SI and radians. Field names carry no unit here; in TOML they do (``mass_kg``)."""
+"""The immutable scene and campaign, in SI and radians. Field names carry no unit here; in TOML they
+do (``mass_kg``)."""
 
 import math
 from typing import Annotated, Any, Literal, NamedTuple
@@ -7,7 +8,8 @@ from msgspec import Meta, Struct, field
 
 
 class Quantity(NamedTuple):
-    """What a field measures (a kind of `sepmc.scene.units.UNITS`) and the names of its components, if a vector."""
+    """What a field measures (a kind of `sepmc.scene.units.UNITS`) and the names of its components,
+    if a vector."""
 
     kind: str
     components: tuple[str, ...] = ()
@@ -24,7 +26,8 @@ Speed = Annotated[float, NotNegative, Quantity("speed")]
 Point = Annotated[Vector, Quantity("length", _XYZ)]
 Direction = Annotated[Vector, Quantity("", _XYZ)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
-Polynomial = dict[str, float]  # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
+# "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
+Polynomial = dict[str, float]
 Series = tuple[float, ...]
 Grid = list[Any]  # nested lists of numbers, one level per axis of the table
 Axis = Literal["x", "y", "z"]
@@ -67,7 +70,8 @@ class Environment(_Table, frozen=True, kw_only=True):
 
 
 class AeroTable(_Table, frozen=True, kw_only=True):
-    """Coefficients on a grid of those axes that are given, in the order mach, alpha, beta; added to the polynomials."""
+    """Coefficients on a grid of those axes that are given, in the order mach, alpha, beta; added to
+    the polynomials."""
 
     mach: Series = ()
     alpha: Annotated[Series, Quantity("angle")] = ()
@@ -96,14 +100,16 @@ class Aerodynamics(_Table, frozen=True, kw_only=True):
 
 
 class Part(_Table, frozen=True, kw_only=True):
-    """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii are equal), or points.
+    """A part of a body's outline: a cone frustum (two stations and radii; a cylinder if the radii
+    are equal), or points.
 
     A hollow frustum is the inside of a shell: points of the other body should stay within it.
     """
 
     stations: Annotated[tuple[float, float], Quantity("length")] | None = None
     radii: Annotated[tuple[float, float], Quantity("length")] | None = None
-    offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)  # where the axis of revolution lies
+    # where the axis of revolution lies
+    offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()
     hollow: bool = False
 
@@ -119,7 +125,8 @@ class Body(_Table, frozen=True, kw_only=True):
 
 
 class Profile(_Table, frozen=True, kw_only=True):
-    """Thrust over time since ignition, as a fraction of ``thrust``; linear between the rows, zero after the last."""
+    """Thrust over time since ignition, as a fraction of ``thrust``; linear between the rows, zero
+    after the last."""
 
     time: Annotated[Series, Quantity("time")]
     fraction: Series
@@ -145,10 +152,12 @@ class Motor(_Table, frozen=True, kw_only=True):
 
 
 class Spring(_Table, frozen=True, kw_only=True):
-    """A spring, pusher or piston between two points: force on the second body, and its opposite on the first.
+    """A spring, pusher or piston between two points: force on the second body, and its opposite on
+    the first.
 
-    With ``axis`` (of the first body) it pushes along that axis, otherwise along the line between its points. The force is
-    ``force - stiffness x - damping x'`` at an extension x from the start; beyond ``stroke`` it is gone for good.
+    With ``axis`` (of the first body) it pushes along that axis, otherwise along the line between
+    its points. The force is ``force - stiffness x - damping x'`` at an extension x from the start;
+    beyond ``stroke`` it is gone for good.
     """
 
     name: Name
@@ -163,7 +172,8 @@ class Spring(_Table, frozen=True, kw_only=True):
 
 
 class Load(_Table, frozen=True, kw_only=True):
-    """A constant force at a point of a body and a constant moment, in body or ground axes, from ``start`` to ``end``."""
+    """A constant force at a point of a body and a constant moment, in body or ground axes, from
+    ``start`` to ``end``."""
 
     name: Name
     body: str
@@ -176,7 +186,8 @@ class Load(_Table, frozen=True, kw_only=True):
 
 
 class Proximity(_Table, frozen=True, kw_only=True):
-    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint; constant beyond the ends."""
+    """Increments to the aerodynamic coefficients of a body over the separation distance of a joint;
+    constant beyond the ends."""
 
     name: Name
     body: str
@@ -192,14 +203,17 @@ class Proximity(_Table, frozen=True, kw_only=True):
 
 
 class Guide(_Table, frozen=True, kw_only=True):
-    """Pins of a slider: how many, where, how far they engage when closed, and their Coulomb friction."""
+    """Pins of a slider: how many, where, how far they engage when closed, and their Coulomb
+    friction."""
 
     pins: Annotated[int, Meta(ge=1, le=24)]
-    circle: Annotated[float, NotNegative, Quantity("length")] = 0.0  # radius of the circle the pins stand on
+    # radius of the circle the pins stand on
+    circle: Annotated[float, NotNegative, Quantity("length")] = 0.0
     clock: Angle = 0.0  # of the first pin, from y toward z
     engaged: Annotated[float, Positive, Quantity("length")]
     friction: Annotated[float, NotNegative] = 0.0
-    slip_speed: Annotated[float, Positive, Quantity("speed")] = 0.01  # sliding speed at which friction is fully developed
+    # sliding speed at which friction is fully developed
+    slip_speed: Annotated[float, Positive, Quantity("speed")] = 0.01
 
 
 class Custom(_Table, frozen=True, kw_only=True):
@@ -216,7 +230,9 @@ class Joint(_Table, frozen=True, kw_only=True):
     x_axis: Direction = (1.0, 0.0, 0.0)
     y_axis: Direction = (0.0, 1.0, 0.0)
     apart: Literal[1, -1] | None = (
-        None  # sign of r_B - r_A along x_axis that counts as apart; None: toward the second nominal centre of mass
+        # sign of r_B - r_A along x_axis that counts as apart; None: toward the second nominal
+        # centre of mass
+        None
     )
     kind: dict[Name, Custom] = field(default_factory=dict)
     delay: Time = 0.0  # from the event that lets go to letting go
@@ -295,7 +311,8 @@ class Run(_Table, frozen=True, kw_only=True):
 class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
     method: Literal["dop853", "dopri5", "rk4"] = "dop853"
-    accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9  # of outcomes, as a share of size or spread; steps follow
+    # of outcomes, as a share of size or spread; steps follow
+    accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9
     step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: no step is longer
     drift: Literal["projection", "baumgarte", "none"] = "projection"
 

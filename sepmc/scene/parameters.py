@@ -1,4 +1,5 @@
-"""Parameters by path: ``body.upper.cg_mm.x`` names one number of a scene, with its unit, column and SI value."""
+"""Parameters by path: ``body.upper.cg_mm.x`` names one number of a scene, with its unit, column and
+SI value."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,8 +16,8 @@ from sepmc.scene.units import split_unit
 class Parameter:
     """One number of a scene.
 
-    ``key`` is the path as written in TOML, with its unit; ``path`` the same without unit, which names its random stream;
-    ``factor`` takes a value in ``unit`` to SI.
+    ``key`` is the path as written in TOML, with its unit; ``path`` the same without unit, which
+    names its random stream; ``factor`` takes a value in ``unit`` to SI.
     """
 
     key: str
@@ -46,12 +47,15 @@ def find(scene: Scene, key: str) -> Parameter:
             name, unit, factor, last = _field(node, part)
             node = getattr(node, name)
         else:
-            last = None if isinstance(node, dict) else last  # what bounds a table bounds none of its entries
+            # what bounds a table bounds none of its entries
+            last = None if isinstance(node, dict) else last
             name, node = _item(node, part, last)
         path.append(name)
     if isinstance(node, bool) or not isinstance(node, int | float):
         raise UnknownPath(_not_a_number(node, last))
-    return Parameter(key, ".".join(path), unit, factor, last if last and not last.quantity.components else None)
+    return Parameter(
+        key, ".".join(path), unit, factor, last if last and not last.quantity.components else None
+    )
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
@@ -60,7 +64,9 @@ def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
     if part not in accepted:
         stem = split_unit(part)[0]
         if stem in fields and fields[stem].units:
-            raise UnknownPath(f"{part!r} has a wrong or missing unit; allowed: " + ", ".join(fields[stem].keys))
+            raise UnknownPath(
+                f"{part!r} has a wrong or missing unit; allowed: " + ", ".join(fields[stem].keys)
+            )
         raise UnknownPath(f"no {part!r} here; " + nearest(part, accepted))
     field = accepted[part]
     if getattr(node, field.name) is None:
@@ -124,7 +130,9 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
     part, rest = parts[0], parts[1:]
     if isinstance(node, msgspec.Struct):
         inner = fields_of(type(node))[part]
-        return msgspec.structs.replace(node, **{part: _replace(getattr(node, part), rest, number, inner)})
+        return msgspec.structs.replace(
+            node, **{part: _replace(getattr(node, part), rest, number, inner)}
+        )
     if isinstance(node, dict):
         return {**node, part: _replace(node[part], rest, number, None)}
     names = field.quantity.components if field and field.quantity.components else item_names(node)

@@ -1,4 +1,5 @@
-"""What phases, releases and their conditions must obey: joints that exist and only let go, phases that end."""
+"""What phases, releases and their conditions must obey: joints that exist and only let go, phases
+that end."""
 
 import math
 
@@ -8,7 +9,13 @@ from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, Scene, Until
 
-_OF_JOINT = {"stroke": "stroke_m", "distance": "distance_m", "angle": "angle_deg", "force": "force_N", "moment": "moment_N_m"}
+_OF_JOINT = {
+    "stroke": "stroke_m",
+    "distance": "distance_m",
+    "angle": "angle_deg",
+    "force": "force_N",
+    "moment": "moment_N_m",
+}
 
 
 def holds_ground(scene: Scene) -> bool:
@@ -16,7 +23,10 @@ def holds_ground(scene: Scene) -> bool:
     if not scene.phase:
         return False
     held = scene.phase[0].joints
-    return any(GROUND in joint.bodies and held.get(name, "free") != "free" for name, joint in scene.joint.items())
+    return any(
+        GROUND in joint.bodies and held.get(name, "free") != "free"
+        for name, joint in scene.joint.items()
+    )
 
 
 def check_phases(scene: Scene, problems: Problems) -> None:
@@ -32,7 +42,11 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         until = phase.until
         if until is None:
             if not is_last:
-                problems.add(place, "never ends: give it until = { time_s = ... } or { joint = ..., stroke_mm = ... }")
+                problems.add(
+                    place,
+                    "never ends: give it until = { time_s = ... } or { joint = ..., stroke_mm = "
+                    "... }",
+                )
             continue
         if is_last:
             problems.add(f"{place}.until", "the last phase ends at run.end_time_s; remove until")
@@ -40,9 +54,16 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         _check_can_move(f"{place}.until", until, phase.joints, scene, problems)
         if until.time is not None:
             if until.time < last_time:
-                problems.add(f"{place}.until.time_s", f"must be >= {last_time:g}, the end of the phase before", until.time)
+                problems.add(
+                    f"{place}.until.time_s",
+                    f"must be >= {last_time:g}, the end of the phase before",
+                    until.time,
+                )
             if until.time >= scene.run.end_time and not is_last:
-                said = f"must be < run.end_time_s = {scene.run.end_time:g}, or the next phase never begins"
+                said = (
+                    f"must be < run.end_time_s = {scene.run.end_time:g}, or the next phase "
+                    "never begins"
+                )
                 problems.add(f"{place}.until.time_s", said, until.time)
             last_time = max(last_time, until.time)
     for release in scene.release:
@@ -53,8 +74,11 @@ def check_phases(scene: Scene, problems: Problems) -> None:
         _check_rods(scene, problems)
 
 
-def _check_can_move(place: str, until: Until, kinds: dict[str, str], scene: Scene, problems: Problems) -> None:
-    """A joint that holds along x has no stroke, one that holds all rotations no angle: such a condition is never met."""
+def _check_can_move(
+    place: str, until: Until, kinds: dict[str, str], scene: Scene, problems: Problems
+) -> None:
+    """A joint that holds along x has no stroke, one that holds all rotations no angle: such a
+    condition is never met."""
     joint, kind = until.joint, kinds.get(until.joint or "", "free")
     if joint in scene.joint and _known(joint, kind, scene):
         rows = rows_of(scene.joint[joint], kind)
@@ -65,7 +89,9 @@ def _check_can_move(place: str, until: Until, kinds: dict[str, str], scene: Scen
         }
         for key, never in held.items():
             if getattr(until, key) is not None and never:
-                problems.add(f"{place}.joint", f"is {kind!r} in this phase, which has no {key}", joint)
+                problems.add(
+                    f"{place}.joint", f"is {kind!r} in this phase, which has no {key}", joint
+                )
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
             _check_can_move(f"{place}.{key}.{number}", item, kinds, scene, problems)
@@ -85,21 +111,44 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
 def _check_condition(place: str, until: Until, scene: Scene, problems: Problems) -> None:
     """A condition must compare something, and name what it compares."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
-    if until.time is None and until.burn_out is None and not on_joint and until.altitude is None and not until.any and not until.all:
-        missing = "with joint a stroke_m, distance_m, angle_deg, force_N or moment_N_m" if until.joint else "joint and stroke_m, ..."
-        problems.add(place, f"never ends: give time_s, burn_out, {missing}, body and altitude_m, any or all")
+    if (
+        until.time is None
+        and until.burn_out is None
+        and not on_joint
+        and until.altitude is None
+        and not until.any
+        and not until.all
+    ):
+        missing = (
+            "with joint a stroke_m, distance_m, angle_deg, force_N or moment_N_m"
+            if until.joint
+            else "joint and stroke_m, ..."
+        )
+        problems.add(
+            place, f"never ends: give time_s, burn_out, {missing}, body and altitude_m, any or all"
+        )
         return
     if until.joint is not None:
         check_known(f"{place}.joint", until.joint, scene.joint, "joint", problems)
         if not on_joint:
-            problems.add(f"{place}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint)
+            problems.add(
+                f"{place}.joint", f"needs one of {', '.join(_OF_JOINT.values())}", until.joint
+            )
     elif on_joint:
         problems.add(f"{place}.{_OF_JOINT[on_joint[0]]}", "needs joint, the joint meant")
     if until.burn_out is not None:
         motors = {motor.name: motor for motor in scene.motor}
         check_known(f"{place}.burn_out", until.burn_out, motors, "motor", problems)
-        if until.burn_out in motors and math.isinf(motors[until.burn_out].burn) and motors[until.burn_out].profile is None:
-            problems.add(f"{place}.burn_out", "this motor burns for ever: give it burn_s or a profile", until.burn_out)
+        if (
+            until.burn_out in motors
+            and math.isinf(motors[until.burn_out].burn)
+            and motors[until.burn_out].profile is None
+        ):
+            problems.add(
+                f"{place}.burn_out",
+                "this motor burns for ever: give it burn_s or a profile",
+                until.burn_out,
+            )
     if (until.body is None) != (until.altitude is None):
         problems.add(place, "body and altitude_m belong together")
     if until.body is not None:
@@ -110,17 +159,24 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
 
 
 def _check_letting_go(scene: Scene, problems: Problems) -> None:
-    """A joint may let go from phase to phase, never take hold again: contact and capture are not modelled."""
+    """A joint may let go from phase to phase, never take hold again: contact and capture are not
+    modelled."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints.get(name, "free") for phase in scene.phase]
-        for before, after, first, then in zip(scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False):
+        for before, after, first, then in zip(
+            scene.phase, scene.phase[1:], kinds, kinds[1:], strict=False
+        ):
             if not is_part(rows_of(joint, then), rows_of(joint, first)):
                 unnamed = "" if name in before.joints else " (a joint not named in a phase is free)"
-                said = f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take hold again"
+                said = (
+                    f"in phase {before.name!r} it is {first!r}{unnamed}; a joint cannot take "
+                    "hold again"
+                )
                 problems.add(f"phase.{after.name}.joints.{name}", said, then)
         for release in scene.release:
             if release.joint == name and not any(
-                is_part(rows_of(joint, release.to), rows_of(joint, kind)) and rows_of(joint, release.to) != rows_of(joint, kind)
+                is_part(rows_of(joint, release.to), rows_of(joint, kind))
+                and rows_of(joint, release.to) != rows_of(joint, kind)
                 for kind in kinds
             ):
                 said = f"lets nothing go: {name} is {', '.join(dict.fromkeys(kinds))} in the phases"
@@ -130,8 +186,8 @@ def _check_letting_go(scene: Scene, problems: Problems) -> None:
 
 
 def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Problems) -> None:
-    """A release may come in any phase, and after any other release: of its kind and each that the joint may have by then, one must hold
-    part of what the other holds."""
+    """A release may come in any phase, and after any other release: of its kind and each that the
+    joint may have by then, one must hold part of what the other holds."""
     joint, may = scene.joint[name], dict.fromkeys(kinds)
     for release in scene.release:
         if release.joint != name:
@@ -139,7 +195,10 @@ def _check_comparable(name: str, kinds: list[str], scene: Scene, problems: Probl
         for kind in may:
             pair = rows_of(joint, release.to), rows_of(joint, kind)
             if not is_part(*pair) and not is_part(pair[1], pair[0]):
-                said = f"{name} may be {kind!r} by then, which does not hold all that {release.to!r} holds; a joint cannot take hold again"
+                said = (
+                    f"{name} may be {kind!r} by then, which does not hold all that "
+                    f"{release.to!r} holds; a joint cannot take hold again"
+                )
                 problems.add(f"release.{release.name}.to", said, release.to)
                 break
         may[release.to] = None
@@ -151,7 +210,13 @@ def _check_rods(scene: Scene, problems: Problems) -> None:
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
         apart = joint.second_point is not None and math.dist(joint.point, joint.second_point) > 0.0
         if "rod" in kinds and not apart:
-            problems.add(f"joint.{name}.second_point_m", "is needed by a rod: its end on the second body, away from point_m")
+            problems.add(
+                f"joint.{name}.second_point_m",
+                "is needed by a rod: its end on the second body, away from point_m",
+            )
         for kind in kinds:
             if apart and kind not in ("rod", "free"):
-                problems.add(f"joint.{name}.second_point_m", f"must not differ from point_m where the joint is {kind!r}")
+                problems.add(
+                    f"joint.{name}.second_point_m",
+                    f"must not differ from point_m where the joint is {kind!r}",
+                )

@@ -29,8 +29,8 @@ _OWN_TABLES = ("name", "title", "dispersion", "reference")
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """A campaign as read: the scene, what varies, what to compare with, the TOML tree it came from, and sentences on values that were set
-    to no effect on its cases."""
+    """A campaign as read: the scene, what varies, what to compare with, the TOML tree it came from,
+    and sentences on values that were set to no effect on its cases."""
 
     name: str
     title: str
@@ -56,7 +56,8 @@ def shipped_campaigns() -> dict[str, Path]:
 
 
 def find_file(file: str | Path) -> Path:
-    """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a shipped campaign."""
+    """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a
+    shipped campaign."""
     path = Path(file)
     try:
         if path.is_dir() and (path / "campaign.toml").is_file():
@@ -69,7 +70,11 @@ def find_file(file: str | Path) -> Path:
     for name in (path.name, path.name + ".toml"):
         if len(path.parts) == 1 and name in shipped:
             return shipped[name]
-    hint = nearest(path.name, shipped) if len(path.parts) == 1 else "shipped campaigns: " + ", ".join(shipped)
+    hint = (
+        nearest(path.name, shipped)
+        if len(path.parts) == 1
+        else "shipped campaigns: " + ", ".join(shipped)
+    )
     raise SceneError([f"{file}: no such file, nor a shipped campaign; {hint}"])
 
 
@@ -90,7 +95,8 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
     path = find_file(file)
     try:
         tree = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError and UnicodeDecodeError are ValueErrors
+    # TOMLDecodeError and UnicodeDecodeError are ValueErrors
+    except (ValueError, RecursionError) as error:
         raise SceneError([f"{path}: is not TOML: {error}"]) from None
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
@@ -98,27 +104,50 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
 
 
 def parse_campaign(
-    tree: dict[str, Any], source: str, settings: dict[str, Any] | None = None, default_name: str = "campaign"
+    tree: dict[str, Any],
+    source: str,
+    settings: dict[str, Any] | None = None,
+    default_name: str = "campaign",
 ) -> CampaignFile:
     """Validate a TOML tree; see `read_campaign`."""
     if settings is not None and not isinstance(settings, dict):
-        raise SceneError([f'{source}: settings = {settings!r}: must be a dict by TOML path, as {{"run.cases": 100}}'])
+        example = '{"run.cases": 100}'
+        raise SceneError(
+            [f"{source}: settings = {settings!r}: must be a dict by TOML path, as {example}"]
+        )
     problems = Problems()
     tree = copy.deepcopy(tree)
     for key, given in (settings or {}).items():
-        _put(tree, key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]], _builtin(given), problems, key)
+        _put(
+            tree,
+            key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]],
+            _builtin(given),
+            problems,
+            key,
+        )
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
-        problems.add("name", "must be text that can name a folder: letters, digits, . - and _, beginning with a letter or digit", name)
+        problems.add(
+            "name",
+            "must be text that can name a folder: letters, digits, . - and _, beginning with a "
+            "letter or digit",
+            name,
+        )
     if not isinstance(tree.get("title", ""), str):
         problems.add("title", "must be text", tree["title"])
     known = [*_OWN_TABLES, *(k for field in fields_of(Scene).values() for k in field.keys)]
     for key in tree:
         if key not in known:
             problems.add(key, "unknown key; " + nearest(key, known))
-    scene = read_table(Scene, {k: v for k, v in tree.items() if k not in _OWN_TABLES and k in known}, "", problems)
+    scene = read_table(
+        Scene, {k: v for k, v in tree.items() if k not in _OWN_TABLES and k in known}, "", problems
+    )
     laws = _read_laws(tree.get("dispersion", {}), problems)
-    reference = read_table(Reference, tree["reference"], "reference", problems) if "reference" in tree else None
+    reference = (
+        read_table(Reference, tree["reference"], "reference", problems)
+        if "reference" in tree
+        else None
+    )
     problems.raise_if_any(source)
     check_scene(scene, problems)
     dispersions = resolve(scene, laws, problems)
@@ -129,7 +158,9 @@ def parse_campaign(
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_of_no_effect(scene, settings or {}, dispersions, laws))
-    return CampaignFile(str(name), tree.get("title", ""), scene, dispersions, reference, tree, no_effect)
+    return CampaignFile(
+        str(name), tree.get("title", ""), scene, dispersions, reference, tree, no_effect
+    )
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
@@ -147,7 +178,10 @@ def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
     laws = {}
     for key, law in tree.items():
         if isinstance(law, dict) and law and all(isinstance(v, dict) for v in law.values()):
-            problems.add(f"dispersion.{key}", 'put the path in quotes: "body.upper.mass_kg" = { uniform = 20.0 }')
+            problems.add(
+                f"dispersion.{key}",
+                'put the path in quotes: "body.upper.mass_kg" = { uniform = 20.0 }',
+            )
             continue
         read = read_table(Law, law, f"dispersion.{key}", problems)
         if read is not None:
@@ -164,16 +198,30 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
             corner = {}
             for axis, dispersion in enumerate(axes):
                 if dispersion is not None:
-                    bound = dispersion.reach[1 if axis == heavy else 0] * dispersion.parameter.factor
+                    bound = (
+                        dispersion.reach[1 if axis == heavy else 0] * dispersion.parameter.factor
+                    )
                     corner[dispersion.parameter.path] = bound
-            fault = inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
+            fault = (
+                inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
+            )
             if fault:
-                warnings.warn(f"{source}: dispersion of body.{name}.inertia can give a case that {fault}", SceneWarning, stacklevel=4)
+                warnings.warn(
+                    f"{source}: dispersion of body.{name}.inertia can give a case that {fault}",
+                    SceneWarning,
+                    stacklevel=4,
+                )
                 break
 
 
-def _of_no_effect(scene: Scene, settings: dict[str, Any], dispersions: tuple[Dispersion, ...], laws: dict[str, Law]) -> Iterator[str]:
-    """A sentence for each value that is set and that only the nominal case has, because a law gives all others theirs whatever it is."""
+def _of_no_effect(
+    scene: Scene,
+    settings: dict[str, Any],
+    dispersions: tuple[Dispersion, ...],
+    laws: dict[str, Law],
+) -> Iterator[str]:
+    """A sentence for each value that is set and that only the nominal case has, because a law gives
+    all others theirs whatever it is."""
     if "dispersion" in settings:  # laws that are set too are known
         return
     absolute = {
@@ -187,9 +235,13 @@ def _of_no_effect(scene: Scene, settings: dict[str, Any], dispersions: tuple[Dis
         except UnknownPath:  # a table, or a number that no law can be about
             continue
         if dispersion is not None:
-            law, number = dispersion.parameter, value(scene, dispersion.parameter.path) / dispersion.parameter.factor
+            law, number = (
+                dispersion.parameter,
+                value(scene, dispersion.parameter.path) / dispersion.parameter.factor,
+            )
             yield (
-                f"{key} = {given} is what the nominal case flies with, and all others draw {dispersion.sentence}: "
+                f"{key} = {given} is what the nominal case flies with, and all others draw "
+                f"{dispersion.sentence}: "
                 f"to set it in all, put dispersion.{law.key} = {{ constant = {number:g} }}"
             )
 
@@ -197,38 +249,58 @@ def _of_no_effect(scene: Scene, settings: dict[str, Any], dispersions: tuple[Dis
 def _has_ends(law: Law) -> bool:
     """Whether a law says where its values lie, not how far from the nominal."""
     return (
-        law.discrete is not None or law.constant is not None or any(isinstance(x, tuple) for x in (law.uniform, law.normal, law.triangular))
+        law.discrete is not None
+        or law.constant is not None
+        or any(isinstance(x, tuple) for x in (law.uniform, law.normal, law.triangular))
     )
 
 
-_NAMES = ("body", "joint", "joints", "kind", "outcome")  # tables whose keys are names, in which nothing is a unit
+# tables whose keys are names, in which nothing is a unit
+_NAMES = ("body", "joint", "joints", "kind", "outcome")
 
 
-def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, table: str = "") -> None:
+def _put(
+    node: Any, parts: list[str], value: Any, problems: Problems, key: str, table: str = ""
+) -> None:
     """Put a value at a TOML path, replacing the same parameter if it was given in another unit.
 
-    ``table``: what ``node`` is called. Bodies and joints have names of their own, so that one can be changed but not made.
+    ``table``: what ``node`` is called. Bodies and joints have names of their own, so that one can
+        be changed but not made.
     """
     head, rest = parts[0], parts[1:]
     if isinstance(node, list):
-        tables = {item.get("name"): item for item in node if isinstance(item, dict) and isinstance(item.get("name"), str)}
+        tables = {
+            item.get("name"): item
+            for item in node
+            if isinstance(item, dict) and isinstance(item.get("name"), str)
+        }
         if head in tables and rest:
             _put(tables[head], rest, value, problems, key)
         else:
             problems.add(
-                key, f"{head!r} is a table; name one of its values" if head in tables else f"no {head!r} here; {nearest(head, tables)}"
+                key,
+                f"{head!r} is a table; name one of its values"
+                if head in tables
+                else f"no {head!r} here; {nearest(head, tables)}",
             )
         return
     if not isinstance(node, dict):
         problems.add(key, "the path ends before " + repr(head))
         return
     stem, unit = (head, "") if table in _NAMES else split_unit(head)
-    other = next((k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem), None)
+    other = next(
+        (k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem),
+        None,
+    )
     if other is not None:
         held = node.pop(other)
         if rest and isinstance(held, list | dict) and _kind(unit) == _kind(split_unit(other)[1]):
             factor = UNITS[_kind(unit)][split_unit(other)[1]] / UNITS[_kind(unit)][unit]
-            node[head] = to_si(held, factor) if isinstance(held, list) else {k: to_si(v, factor) for k, v in held.items()}
+            node[head] = (
+                to_si(held, factor)
+                if isinstance(held, list)
+                else {k: to_si(v, factor) for k, v in held.items()}
+            )
     if not rest:
         node[head] = value
     elif head not in node and table in ("body", "joint"):
@@ -237,7 +309,9 @@ def _put(node: Any, parts: list[str], value: Any, problems: Problems, key: str, 
         if rest[0] in _COMPONENTS[stem] and len(node[head]) == len(_COMPONENTS[stem]):
             node[head][_COMPONENTS[stem].index(rest[0])] = value
         else:
-            problems.add(key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem]))
+            problems.add(
+                key, f"{rest[0]!r} is no component; allowed: " + ", ".join(_COMPONENTS[stem])
+            )
     else:
         _put(node.setdefault(head, {}), rest, value, problems, key, head)
 
@@ -264,7 +338,8 @@ _COMPONENTS = _vector_components(Scene)
 
 
 def _builtin(value: Any) -> Any:
-    """A setting given from Python as TOML would give it: numbers of numpy and tuples become plain numbers and lists."""
+    """A setting given from Python as TOML would give it: numbers of numpy and tuples become plain
+    numbers and lists."""
     if isinstance(value, dict):
         return {str(k): _builtin(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
@@ -278,7 +353,9 @@ def parse_setting(text: str) -> tuple[str, Any]:
     try:
         text.encode()
     except UnicodeEncodeError:
-        raise SceneError([f"--set {text.encode(errors='replace').decode()}: is not text in UTF-8"]) from None
+        raise SceneError(
+            [f"--set {text.encode(errors='replace').decode()}: is not text in UTF-8"]
+        ) from None
     if not separator or not key.strip():
         raise SceneError([f"--set {text}: must read path=value, such as body.upper.mass_kg=460"])
     try:

@@ -1,4 +1,5 @@
-"""A TOML tree to a table of the model: keys with units in, SI out, every problem named with its place."""
+"""A TOML tree to a table of the model: keys with units in, SI out, every problem named with its
+place."""
 
 import difflib
 import math
@@ -21,7 +22,9 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
         problems.add(place, "must be a table", tree)
         return None
     fields = fields_of(kind)
-    accepted = {key: (field, factor) for field in fields.values() for key, factor in field.keys.items()}
+    accepted = {
+        key: (field, factor) for field in fields.values() for key, factor in field.keys.items()
+    }
     values: dict[str, Any] = {}
     seen: dict[str, str] = {}
     misspelt: set[str] = set()
@@ -68,13 +71,19 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
     return result
 
 
-def _read_items(field: Field, tree: dict[str, Any], place: str, problems: Problems) -> dict[str, Any]:
+def _read_items(
+    field: Field, tree: dict[str, Any], place: str, problems: Problems
+) -> dict[str, Any]:
     """A table whose keys are free: the terms of a polynomial, or the joints of a phase."""
     kind = get_args(field.bare)[1]
     result = {}
     for key, value in tree.items():
         if kind is float and not _TERM.match(key):
-            problems.add(_join(place, key), "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as alpha_beta2")
+            problems.add(
+                _join(place, key),
+                "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as "
+                "alpha_beta2",
+            )
         elif not _finite(value):
             problems.add(_join(place, key), "must be finite", value)
         else:
@@ -84,7 +93,9 @@ def _read_items(field: Field, tree: dict[str, Any], place: str, problems: Proble
     return result
 
 
-def _components(field: Field, value: dict[str, Any], factor: float, place: str, problems: Problems) -> list[Any]:
+def _components(
+    field: Field, value: dict[str, Any], factor: float, place: str, problems: Problems
+) -> list[Any]:
     """A vector written as ``{ y = 1.0 }``: the components left out keep their default."""
     names = field.quantity.components
     for key in value:
@@ -94,7 +105,9 @@ def _components(field: Field, value: dict[str, Any], factor: float, place: str, 
     return [value.get(name, default[i] / factor) for i, name in enumerate(names)]
 
 
-def _read_named(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> dict[str, Any]:
+def _read_named(
+    kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
+) -> dict[str, Any]:
     if not isinstance(tree, dict):
         problems.add(place, "must be a table of tables", tree)
         return {}
@@ -104,7 +117,9 @@ def _read_named(kind: type[msgspec.Struct], tree: Any, place: str, problems: Pro
     return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
 
 
-def _read_array(kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems) -> tuple[Any, ...]:
+def _read_array(
+    kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
+) -> tuple[Any, ...]:
     if not isinstance(tree, list):
         problems.add(place, f"must be an array of tables: [[{place}]]", tree)
         return ()
@@ -124,7 +139,8 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
     stem, unit = split_unit(key)
     field = fields.get(stem) or fields.get(key)
     if field is None:
-        # the nearest name that has this unit, so that following the hint does not change the value's meaning
+        # the nearest name that has this unit, so that following the hint does not change the
+        # value's meaning
         same_unit = {f"{name}_{unit}": name for name, f in fields.items() if unit in f.units}
         others = {next(iter(f.keys)): name for name, f in fields.items()}
         for known in (same_unit, others):

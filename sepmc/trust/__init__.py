@@ -1,1 +1,2 @@
-"""Why a number may be trusted: closed forms and classical formulations, and the engine held against them."""
+"""Why a number may be trusted: closed forms and classical formulations, and the engine held against
+them."""

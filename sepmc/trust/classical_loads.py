@@ -1,6 +1,8 @@
-"""What acts on a body, written anew from CONVENTIONS.md for the classical formulations: gravity, air, motors.
+"""What acts on a body, written anew from CONVENTIONS.md for the classical formulations: gravity,
+air, motors.
 
-Slow and plain; shares no code with the kernels. What it does not know it refuses, so that nothing is left out silently.
+Slow and plain; shares no code with the kernels. What it does not know it refuses, so that nothing
+is left out silently.
 """
 
 import math
@@ -13,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 Array = np.ndarray
 EARTH_RADIUS = 6356766.0  # m, US Standard Atmosphere 1976
-# US Standard Atmosphere 1976, table 4: geopotential base heights (m) and lapse rates (K/m); the last height is the top.
+# US Standard Atmosphere 1976, table 4: geopotential base heights (m) and lapse rates (K/m); the
+# last height is the top.
 LAYER_BASE = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3, 84852.0])
 LAYER_LAPSE = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3])
 AERODYNAMICS = (
@@ -21,20 +24,35 @@ AERODYNAMICS = (
     *("force_factor", "moment_factor", "moment_point"),
 )
 MOTOR = (
-    *("name", "body", "thrust", "build_up", "ignition", "delay", "burn", "station", "radius", "cant", "clock", "offset"),
+    *(
+        "name",
+        "body",
+        "thrust",
+        "build_up",
+        "ignition",
+        "delay",
+        "burn",
+        "station",
+        "radius",
+        "cant",
+        "clock",
+        "offset",
+    ),
     *("deflection", "deflection_clock"),
 )
 
 
 def refuse_others(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-    """Raise if a table sets anything but ``known``: a key that is absent, empty or zero sets nothing."""
+    """Raise if a table sets anything but ``known``: a key that is absent, empty or zero sets
+    nothing."""
     for key, value in table.items():
         if key not in known and value:
             raise ValueError(f"the classical formulations know no {where}.{key}")
 
 
 def density(y: float) -> float:
-    """Air density (kg/m3) at geometric height y (m): US Standard Atmosphere 1976, equations 18, 23, 33 and 42."""
+    """Air density (kg/m3) at geometric height y (m): US Standard Atmosphere 1976, equations 18, 23,
+    33 and 42."""
     height = EARTH_RADIUS * y / (EARTH_RADIUS + y)
     gas, gravity = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
     temperature, pressure = 288.15, 101325.0
@@ -52,7 +70,8 @@ def density(y: float) -> float:
 
 
 def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]]:
-    """Terms such as ``{"const": 1, "alpha_beta2": 3}`` as a list of (coefficient, power of alpha, power of beta)."""
+    """Terms such as ``{"const": 1, "alpha_beta2": 3}`` as a list of (coefficient, power of alpha,
+    power of beta)."""
     table = []
     for key, value in (terms or {}).items():
         power = {"alpha": 0, "beta": 0}
@@ -66,22 +85,30 @@ def polynomial(terms: Mapping[str, float] | None) -> list[tuple[float, int, int]
 
 
 class Body:
-    """Mass (kg), inertia (kg m2, about the mass centre) and the external loads of one body of a case."""
+    """Mass (kg), inertia (kg m2, about the mass centre) and the external loads of one body of a
+    case."""
 
     def __init__(self, name: str, case: Mapping[str, Any]):
         data, self.environment = case["body"][name], case["environment"]
         self.mass, self.cg = data["mass"], np.array(data["cg"], float)
         xy, xz, yz = data.get("inertia_products", (0.0, 0.0, 0.0))
         xx, yy, zz = data["inertia"]
-        self.inertia = data.get("inertia_factor", 1.0) * np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
+        self.inertia = data.get("inertia_factor", 1.0) * np.array(
+            [[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]]
+        )
         self.aero = data.get("aerodynamics")
         if self.aero:
             refuse_others(self.aero, AERODYNAMICS, f"body.{name}.aerodynamics")
-            self.coefficients = [polynomial(self.aero.get(k)) for k in ("axial", "normal", "side", "roll", "yaw", "pitch")]
+            self.coefficients = [
+                polynomial(self.aero.get(k))
+                for k in ("axial", "normal", "side", "roll", "yaw", "pitch")
+            ]
             self.aero_arm = self.from_cg(self.aero.get("moment_point", self.cg))
         wind = self.environment.get("wind") or {"speed": 0.0, "direction": 0.0}
         refuse_others(wind, ("speed", "direction"), "environment.wind")
-        self.wind = wind["speed"] * np.array([np.cos(wind["direction"]), 0.0, np.sin(wind["direction"])])
+        self.wind = wind["speed"] * np.array(
+            [np.cos(wind["direction"]), 0.0, np.sin(wind["direction"])]
+        )
         self.motors = [self._motor(m) for m in case.get("motor", []) if m["body"] == name]
 
     def from_cg(self, layout: Any) -> Array:
@@ -89,14 +116,17 @@ class Body:
         return (np.asarray(layout, float) - self.cg) * (-1.0, 1.0, 1.0)
 
     def _motor(self, m: Mapping[str, Any]) -> dict[str, Any]:
-        """Motor data with its unit force and that force's moment (m) about the mass centre, both in body axes."""
+        """Motor data with its unit force and that force's moment (m) about the mass centre, both in
+        body axes."""
         refuse_others(m, MOTOR, f"motor.{m['name']}")
         clock, b, p = m.get("clock", 0.0), m.get("deflection", 0.0), m.get("deflection_clock", 0.0)
         nozzle_to_body = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
         force = nozzle_to_body @ (np.cos(b), -np.sin(b) * np.sin(p), np.sin(b) * np.cos(p))
         dy, dz = m.get("offset", (0.0, 0.0))
         radius, ignition = m.get("radius", 0.0), m.get("ignition", 0.0) + m.get("delay", 0.0)
-        arm = self.from_cg([m["station"], -radius * np.sin(clock) + dy, radius * np.cos(clock) + dz])
+        arm = self.from_cg(
+            [m["station"], -radius * np.sin(clock) + dy, radius * np.cos(clock) + dz]
+        )
         times = {"ignition": ignition, "burnout": ignition + m.get("burn", np.inf)}
         return {"build_up": 0.0, **m, **times, "force": force, "moment": np.cross(arm, force)}
 
@@ -105,8 +135,11 @@ class Body:
         u, v, w = R.T @ (v - self.wind)
         return np.sqrt(u * u + v * v + w * w), np.arctan2(-v, u), np.arctan2(w, np.hypot(u, v))
 
-    def loads(self, t: float, t_mid: float, height: float, R: Array, v: Array) -> tuple[Array, Array]:
-        """Force (N) and moment (N m) about the mass centre, body axes. Motors that burn at t_mid count as burning."""
+    def loads(
+        self, t: float, t_mid: float, height: float, R: Array, v: Array
+    ) -> tuple[Array, Array]:
+        """Force (N) and moment (N m) about the mass centre, body axes. Motors that burn at t_mid
+        count as burning."""
         e = self.environment
         g = 0.0 if e["gravity"] == "none" else e["surface_gravity"]
         if e["gravity"] == "inverse-square":
@@ -119,9 +152,20 @@ class Body:
                 force, moment = force + thrust * m["force"], moment + thrust * m["moment"]
         if self.aero and e["atmosphere"] == "us1976":
             speed, alpha, beta = self.air(R, v)
-            axial, normal, side, roll, yaw, pitch = (sum(c * alpha**i * beta**j for c, i, j in p) for p in self.coefficients)
-            qs = 0.5 * density(height) * e.get("density_factor", 1.0) * speed**2 * self.aero["reference_area"]
+            axial, normal, side, roll, yaw, pitch = (
+                sum(c * alpha**i * beta**j for c, i, j in p) for p in self.coefficients
+            )
+            qs = (
+                0.5
+                * density(height)
+                * e.get("density_factor", 1.0)
+                * speed**2
+                * self.aero["reference_area"]
+            )
             air = qs * self.aero.get("force_factor", 1.0) * np.array([-axial, normal, -side])
             qsl = qs * self.aero["reference_length"] * self.aero.get("moment_factor", 1.0)
-            force, moment = force + air, moment + qsl * np.array([roll, -yaw, pitch]) + np.cross(self.aero_arm, air)
+            force, moment = (
+                force + air,
+                moment + qsl * np.array([roll, -yaw, pitch]) + np.cross(self.aero_arm, air),
+            )
         return force, moment

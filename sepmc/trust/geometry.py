@@ -1,7 +1,9 @@
-"""The clearance of two bodies found anew from the sentences of CONVENTIONS.md, "Outline": numpy only, no code of the kernels.
+"""The clearance of two bodies found anew from the sentences of CONVENTIONS.md, "Outline": numpy
+only, no code of the kernels.
 
-Arrays lead with the poses (n,): many attitudes and places of one body seen from the other are worked on at once. A frustum is the tuple
-(start (n, 3), axis (n, 3), length, r0, r1). Distances of solids come with a proof: their nearest points, and a slab between them.
+Arrays lead with the poses (n,): many attitudes and places of one body seen from the other are
+worked on at once. A frustum is the tuple (start (n, 3), axis (n, 3), length, r0, r1). Distances of
+solids come with a proof: their nearest points, and a slab between them.
 """
 
 from collections.abc import Callable
@@ -28,7 +30,11 @@ def on_frustum(points: Array, frustum: tuple) -> Array:
     share = np.clip(along / length, 0.0, 1.0) if length > 0.0 else np.zeros_like(along)
     within = (along >= 0.0) & (along <= length) & (rho <= r0 + (r1 - r0) * share)
     rise, square = r1 - r0, length**2 + (r1 - r0) ** 2
-    side = np.clip((along * length + (rho - r0) * rise) / square, 0.0, 1.0) if square > 0.0 else np.zeros_like(along)
+    side = (
+        np.clip((along * length + (rho - r0) * rise) / square, 0.0, 1.0)
+        if square > 0.0
+        else np.zeros_like(along)
+    )
     feet = [  # of both ends and of the side: (along, rho)
         (np.zeros_like(rho), np.minimum(rho, r0)),
         (np.full_like(rho, length), np.minimum(rho, r1)),
@@ -51,23 +57,31 @@ def reach(frustum: tuple, u: Array) -> Array:
 
 
 def solid_distance(a: tuple, b: tuple, steps: int = _STEPS) -> tuple[Array, Array]:
-    """Distances (n,) of solid frustums, m, and how far they are proved: no distance is less than itself minus that.
+    """Distances (n,) of solid frustums, m, and how far they are proved: no distance is less than
+    itself minus that.
 
-    Projections on one and the other in turn, with momentum (Nesterov), which converge to the nearest points of convex bodies: from the
-    middle and from both ends of each, since along sides that are all but parallel they converge slowly. Along ends that are all but
-    parallel they hardly do at all: what is not proved by then is sought along the rims.
+    Projections on one and the other in turn, with momentum (Nesterov), which converge to the
+    nearest points of convex bodies: from the middle and from both ends of each, since along sides
+    that are all but parallel they converge slowly. Along ends that are all but parallel they hardly
+    do at all: what is not proved by then is sought along the rims.
     """
     whole = a, b
     shares, count = (0.0, 0.5, 1.0), len(a[0])
-    starts = [on_frustum(part[0] + share * part[2] * part[1], b) for part in (a, b) for share in shares]
-    a, b = ((np.tile(part[0], (len(starts), 1)), np.tile(part[1], (len(starts), 1)), *part[2:]) for part in (a, b))
+    starts = [
+        on_frustum(part[0] + share * part[2] * part[1], b) for part in (a, b) for share in shares
+    ]
+    a, b = (
+        (np.tile(part[0], (len(starts), 1)), np.tile(part[1], (len(starts), 1)), *part[2:])
+        for part in (a, b)
+    )
     q = np.concatenate(starts)
     ahead, momentum = q, np.ones(len(q))
     best, proved = np.full(count, np.inf), np.full(count, -np.inf)
     for step in range(steps):
         p = on_frustum(ahead, a)
         new = on_frustum(p, b)
-        turned = np.einsum("ij,ij->i", ahead - new, new - q) > 0.0  # going the wrong way: begin the momentum anew
+        # going the wrong way: begin the momentum anew
+        turned = np.einsum("ij,ij->i", ahead - new, new - q) > 0.0
         follow = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * momentum**2))
         share = np.where(turned, 0.0, (momentum - 1.0) / follow)
         momentum = np.where(turned, 1.0, follow)
@@ -85,7 +99,11 @@ def solid_distance(a: tuple, b: tuple, steps: int = _STEPS) -> tuple[Array, Arra
     doubtful = best - np.maximum(proved, 0.0) > _PROVED
     if doubtful.any():
         one, other = ((part[0][doubtful], part[1][doubtful], *part[2:]) for part in whole)
-        around = [lip_distance(rim, solid) for part, solid in ((one, other), (other, one)) for rim in _rims(part)]
+        around = [
+            lip_distance(rim, solid)
+            for part, solid in ((one, other), (other, one))
+            for rim in _rims(part)
+        ]
         best[doubtful] = np.minimum(best[doubtful], np.min(around, axis=0))
     return best, best - np.maximum(proved, 0.0)
 
@@ -97,7 +115,8 @@ def _rims(frustum: tuple) -> list[tuple]:
 
 
 def rim_distance(rim: tuple, shell: tuple) -> Array:
-    """Least signed distances (n,) of rims from the inside of shells, m; infinite where no point of the rim is between the ends.
+    """Least signed distances (n,) of rims from the inside of shells, m; infinite where no point of
+    the rim is between the ends.
 
     rim : centre (n, 3), normal (n, 3), radius
     """
@@ -112,16 +131,22 @@ def rim_distance(rim: tuple, shell: tuple) -> Array:
         along = np.einsum("ikj,ij->ik", from_start, axis)
         rho = np.linalg.norm(from_start - along[..., None] * axis[:, None], axis=2)
         out = rho - r0 - (r1 - r0) * along / length
-        share = np.clip((along * length + (rho - r0) * (r1 - r0)) / (length**2 + (r1 - r0) ** 2), 0.0, 1.0)
+        share = np.clip(
+            (along * length + (rho - r0) * (r1 - r0)) / (length**2 + (r1 - r0) ** 2), 0.0, 1.0
+        )
         distance = np.hypot(along - share * length, rho - r0 - share * (r1 - r0))
         through = (out > 0.0) & (out <= THROUGH * (rho - out))
-        return np.where((along < 0.0) | (along > length), np.inf, np.where(through, -distance, distance))
+        return np.where(
+            (along < 0.0) | (along > length), np.inf, np.where(through, -distance, distance)
+        )
 
     # angles at which the rim meets the planes of the ends
     slope_u, slope_v = np.einsum("ij,ij->i", u, axis), np.einsum("ij,ij->i", v, axis)
     half, top = radius * np.hypot(slope_u, slope_v), np.arctan2(slope_v, slope_u)
     middle = np.einsum("ij,ij->i", centre - start, axis)
-    grid = np.broadcast_to(np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False), (len(centre), _ANGLES))
+    grid = np.broadcast_to(
+        np.linspace(0.0, 2.0 * np.pi, _ANGLES, endpoint=False), (len(centre), _ANGLES)
+    )
     ends = []
     for plane in (0.0, length):
         share = (plane - middle) / np.where(half > 0.0, half, 1.0)
@@ -144,9 +169,13 @@ def lip_distance(lip: tuple, solid: tuple) -> Array:
         points = points.reshape(-1, 3)
         return np.linalg.norm(points - on_frustum(points, flat[k]), axis=1).reshape(n, k)
 
-    each = _ANGLES // _SECTORS  # a least of every sector: where the solid is all but met, dips are narrow
+    # a least of every sector: where the solid is all but met, dips are narrow
+    each = _ANGLES // _SECTORS
     starts = 2.0 * np.pi / _SECTORS * np.arange(_SECTORS)
-    grids = [np.broadcast_to(start + 2.0 * np.pi / _ANGLES * np.arange(each), (len(lip[0]), each)) for start in starts]
+    grids = [
+        np.broadcast_to(start + 2.0 * np.pi / _ANGLES * np.arange(each), (len(lip[0]), each))
+        for start in starts
+    ]
     return np.min([_zoom(distance, grid) for grid in grids], axis=0)
 
 
@@ -160,24 +189,31 @@ def _in_plane(normal: Array) -> tuple[Array, Array]:
 
 def _circle(rim: tuple, u: Array, v: Array, angle: Array) -> Array:
     """Points (n, k, 3) of circles at angles (n, k)."""
-    return rim[0][:, None] + rim[2] * (np.cos(angle)[..., None] * u[:, None] + np.sin(angle)[..., None] * v[:, None])
+    return rim[0][:, None] + rim[2] * (
+        np.cos(angle)[..., None] * u[:, None] + np.sin(angle)[..., None] * v[:, None]
+    )
 
 
 def _zoom(value: Callable[[Array], Array], angles: Array) -> Array:
-    """Least values (n,) of a function of angles: the best of some (n, k), then closer and closer around it."""
+    """Least values (n,) of a function of angles: the best of some (n, k), then closer and closer
+    around it."""
     values = value(angles)
     width, rows = 2.0 * np.pi / _ANGLES, np.arange(len(angles))
     for _ in range(_ZOOMS):
         chosen = np.argmin(values, axis=1)
         angle = angles[rows, chosen]
-        angles = angle[:, None] + width * np.linspace(-1.0, 1.0, 21)  # the middle one is the best so far
-        values = np.minimum(value(angles), np.where(np.arange(21) == 10, values[rows, chosen][:, None], np.inf))
+        # the middle one is the best so far
+        angles = angle[:, None] + width * np.linspace(-1.0, 1.0, 21)
+        values = np.minimum(
+            value(angles), np.where(np.arange(21) == 10, values[rows, chosen][:, None], np.inf)
+        )
         width *= 0.1
     return values.min(axis=1)
 
 
 def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
-    """Parts of a body's outline in its axes: (hollow, start (3,), axis (3,), length, r0, r1), from its centre of mass."""
+    """Parts of a body's outline in its axes: (hollow, start (3,), axis (3,), length, r0, r1), from
+    its centre of mass."""
     cg, found = np.array(body.cg), []
 
     def place(station: float, y: float, z: float) -> Array:
@@ -188,12 +224,18 @@ def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
             (s0, s1), (r0, r1) = part.stations, part.radii
             axis = np.array([-1.0 if s1 >= s0 else 1.0, 0.0, 0.0])
             found.append((part.hollow, place(s0, *part.offset), axis, abs(s1 - s0), r0, r1))
-        found += [(False, place(*point), np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 0.0) for point in part.points]
+        found += [
+            (False, place(*point), np.array([1.0, 0.0, 0.0]), 0.0, 0.0, 0.0)
+            for point in part.points
+        ]
     return found
 
 
-def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Array, steps: int = _STEPS) -> Array:
-    """Clearances (n,) of two outlines, m; b is seen from a in attitudes (n, 3, 3) at places (n, 3)."""
+def outline_distance(
+    parts_a: list, parts_b: list, attitudes: Array, places: Array, steps: int = _STEPS
+) -> Array:
+    """Clearances (n,) of two outlines, m; b is seen from a in attitudes (n, 3, 3) at places (n,
+    3)."""
     n, best = len(places), np.full(len(places), np.inf)
     for hollow_a, start_a, axis_a, *size_a in parts_a:
         a = (np.broadcast_to(start_a, (n, 3)), np.broadcast_to(axis_a, (n, 3)), *size_a)
@@ -207,7 +249,9 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
                 for rim in rims:
                     best = np.minimum(best, rim_distance(rim, shell))
                 for share, radius in ((0.0, shell[3]), (shell[2], shell[4])):
-                    best = np.minimum(best, lip_distance((shell[0] + share * shell[1], shell[1], radius), solid))
+                    best = np.minimum(
+                        best, lip_distance((shell[0] + share * shell[1], shell[1], radius), solid)
+                    )
             else:
                 near = _axes_apart(a, b) < best  # the others are further than what is known
                 if near.any():
@@ -217,7 +261,8 @@ def outline_distance(parts_a: list, parts_b: list, attitudes: Array, places: Arr
 
 
 def _axes_apart(a: tuple, b: tuple) -> Array:
-    """Less than the distance of two frustums: that of the middles of their axes, less half lengths and radii."""
+    """Less than the distance of two frustums: that of the middles of their axes, less half lengths
+    and radii."""
     middle = a[0] + 0.5 * a[2] * a[1] - b[0] - 0.5 * b[2] * b[1]
     return np.linalg.norm(middle, axis=1) - 0.5 * (a[2] + b[2]) - max(a[3:]) - max(b[3:])
 
@@ -226,21 +271,30 @@ Motion = Callable[[Array], tuple[Array, Array]]
 
 
 def relative_motion(history, a: str, b: str) -> Motion:
-    """Attitude (n, 3, 3) and place (n, 3) of body b seen from a at times (n,), between the rows of a history.
+    """Attitude (n, 3, 3) and place (n, 3) of body b seen from a at times (n,), between the rows of
+    a history.
 
-    Places by cubics through position and velocity; attitudes of each body turn evenly from row to row but for a cubic in time.
+    Places by cubics through position and velocity; attitudes of each body turn evenly from row to
+    row but for a cubic in time.
     """
     time = history["time_s"].to_numpy()
     keep = np.append(np.diff(time) > 0.0, True)
     rows = history[keep]
     time = time[keep]
     apart, speed = (
-        np.subtract(*(rows[[f"{name}_{what}{axis}_{unit}" for axis in "xyz"]].to_numpy() for name in (b, a)))
+        np.subtract(
+            *(rows[[f"{name}_{what}{axis}_{unit}" for axis in "xyz"]].to_numpy() for name in (b, a))
+        )
         for what, unit in (("", "m"), ("v", "m_s"))
     )
     turns, rates = [], []
     for name in (a, b):
-        turns.append(Rotation.from_euler("ZYX", np.radians(rows[[f"{name}_{k}_deg" for k in ("pitch", "yaw", "roll")]].to_numpy())))
+        turns.append(
+            Rotation.from_euler(
+                "ZYX",
+                np.radians(rows[[f"{name}_{k}_deg" for k in ("pitch", "yaw", "roll")]].to_numpy()),
+            )
+        )
         rates.append(np.radians(rows[[f"{name}_omega_{k}_deg_s" for k in "xyz"]].to_numpy()))
 
     def at(times: Array) -> tuple[Array, Array]:
@@ -263,8 +317,11 @@ def relative_motion(history, a: str, b: str) -> Motion:
     return at
 
 
-def least_clearance(motion: Motion, parts_a: list, parts_b: list, times: Array, coarse: int = 400) -> tuple[float, float]:
-    """Least clearance over some times (m,), m, and when: at ``coarse`` of them, then closer and closer around the lowest three."""
+def least_clearance(
+    motion: Motion, parts_a: list, parts_b: list, times: Array, coarse: int = 400
+) -> tuple[float, float]:
+    """Least clearance over some times (m,), m, and when: at ``coarse`` of them, then closer and
+    closer around the lowest three."""
     grid = np.unique(np.concatenate([times[:: max(1, len(times) // coarse)], times[[0, -1]]]))
     values = outline_distance(parts_a, parts_b, *motion(grid), _FEW)
     padded = np.concatenate([[np.inf], values, [np.inf]])

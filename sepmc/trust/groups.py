@@ -10,7 +10,10 @@ Fly = Callable[[list[str]], list[Any]]
 
 
 def side_by_side(
-    fly: Fly, names: Iterable[str], here: Iterable[str] = (), told: Callable[[str], None] | None = None
+    fly: Fly,
+    names: Iterable[str],
+    here: Iterable[str] = (),
+    told: Callable[[str], None] | None = None,
 ) -> dict[str, list[Any]]:
     """Fly the groups of a suite.
 
@@ -18,7 +21,8 @@ def side_by_side(
     ----------
     fly : the suite's own function (`sepmc.trust.verify.verify`), which flies the groups it is given
     names : groups
-    here : those of them that this process flies, because what they leave behind is wanted afterwards
+    here : those of them that this process flies, because what they leave behind is wanted
+        afterwards
     told : called with the name of each group that has been flown
 
     Returns
@@ -37,8 +41,10 @@ def side_by_side(
     processes = max(1, (os.cpu_count() or 1) - len(here))
     if len(names) == 1:
         apart, here = [], set(names)
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:  # not forked: threads of compiled code may run
-        flights = {pool.submit(fly, [name]): name for name in reversed(apart)}  # the longest stand last in the lists
+    # not forked: threads of compiled code may run
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        # the longest stand last in the lists
+        flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
         for name in here:
             keep(name, fly([name]))
         for flight in as_completed(flights):

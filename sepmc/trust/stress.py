@@ -1,11 +1,22 @@
 """`sepmc stress`: numerical stability on hard inputs made for it, in one table.
 
-A line is an input, the error of a quantity, the bound set for it beforehand and why, and whether status or audit told of an error.
+A line is an input, the error of a quantity, the bound set for it beforehand and why, and whether
+status or audit told of an error.
 """
 
 from collections.abc import Callable, Iterable
 
-from sepmc.trust.stresses import drift, edges, events, inputs, ratios, redundant, springs, strokes, turning
+from sepmc.trust.stresses import (
+    drift,
+    edges,
+    events,
+    inputs,
+    ratios,
+    redundant,
+    springs,
+    strokes,
+    turning,
+)
 from sepmc.trust.stresses.drift import hours_table
 from sepmc.trust.stresses.line import Stress, brief, table
 

@@ -1,12 +1,23 @@
-"""`sepmc verify`: the engine held against closed forms, other formulations, an independent flight and conservation laws, in one table.
+"""`sepmc verify`: the engine held against closed forms, other formulations, an independent flight
+and conservation laws, in one table.
 
-A line is a case, a quantity, what it should be, what the engine gives and the difference allowed, which was set before it was measured.
-Kernels fly as plain Python, campaigns that come with the engine also compiled.
+A line is a case, a quantity, what it should be, what the engine gives and the difference allowed,
+which was set before it was measured. Kernels fly as plain Python, campaigns that come with the
+engine also compiled.
 """
 
 from collections.abc import Callable, Iterable
 
-from sepmc.trust.checks import balances, closed_forms, hinged, independent, kinds, methods, paper, rows
+from sepmc.trust.checks import (
+    balances,
+    closed_forms,
+    hinged,
+    independent,
+    kinds,
+    methods,
+    paper,
+    rows,
+)
 from sepmc.trust.line import Line, brief, table
 
 __all__ = ["CHECKS", "Line", "brief", "table", "verify"]

@@ -37,13 +37,18 @@ class Entry:
     note: str
 
 
-def worst(outcomes: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray], sigma: Mapping[str, float]) -> tuple[float, str]:
-    """Largest error of some outcomes, and of which: |difference| / max(|reference|, sigma), over the cases and outcomes.
+def worst(
+    outcomes: Mapping[str, np.ndarray],
+    reference: Mapping[str, np.ndarray],
+    sigma: Mapping[str, float],
+) -> tuple[float, str]:
+    """Largest error of some outcomes, and of which: |difference| / max(|reference|, sigma), over
+    the cases and outcomes.
 
     Parameters
     ----------
-    outcomes, reference : mapping of ndarray
-        Outcome column to values; the reference has as many cases or more, and tells what is compared.
+    outcomes, reference : mapping of ndarray Outcome column to values; the reference has as many
+        cases or more, and tells what is compared.
     sigma : mapping of float
         Scatter of each outcome over the campaign.
     """

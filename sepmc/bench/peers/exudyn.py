@@ -1,4 +1,5 @@
-"""A few cases flown by Exudyn: `sepmc.trust.peers.exudyn`, with loads as Python functions, as its users write them."""
+"""A few cases flown by Exudyn: `sepmc.trust.peers.exudyn`, with loads as Python functions, as its
+users write them."""
 
 from typing import Any
 
@@ -12,7 +13,8 @@ from sepmc.trust.peers.schedule import Flight as Flown
 
 
 class Flight:
-    """Some cases with a step, s, extrapolated from ``levels`` flights, each with half the step of the one before."""
+    """Some cases with a step, s, extrapolated from ``levels`` flights, each with half the step of
+    the one before."""
 
     compile_s = 0.0
 
@@ -21,12 +23,21 @@ class Flight:
         self.data = [campaign.case(i).to_dict() for i in range(inputs.count)]
 
     def fly(self) -> list[Flown]:
-        return [exudyn.fly(data, [self.inputs.end], self.step, self.levels).flight for data in self.data]
+        return [
+            exudyn.fly(data, [self.inputs.end], self.step, self.levels).flight for data in self.data
+        ]
 
     def outcomes(self, flown: list[Flown]) -> dict[str, Array]:
         """Outcome columns of a flight; not timed."""
         first, second = (
-            Final(*(np.array([getattr(f, part)[body.name][-1] for f in flown]) for part in ("x", "v", "R", "w")))
+            Final(
+                *(
+                    np.array([getattr(f, part)[body.name][-1] for f in flown])
+                    for part in ("x", "v", "R", "w")
+                )
+            )
             for body in self.inputs.bodies
         )
-        return outcomes(self.inputs, first, second, np.array([next(iter(f.release.values())) for f in flown]))
+        return outcomes(
+            self.inputs, first, second, np.array([next(iter(f.release.values())) for f in flown])
+        )

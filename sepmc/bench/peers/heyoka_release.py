@@ -1,4 +1,5 @@
-"""What happens at the release, as compiled functions of heyoka over many cases at once: its instant, and one body becoming two."""
+"""What happens at the release, as compiled functions of heyoka over many cases at once: its
+instant, and one body becoming two."""
 
 from typing import Any
 
@@ -18,7 +19,8 @@ def _polynomial(series: list[Any], h: Any) -> Any:
 
 
 def at_root(count: int, place: int, order: int) -> Any:
-    """Function of the series of ``count`` states (a row a coefficient) and the value sought of the one at ``place``.
+    """Function of the series of ``count`` states (a row a coefficient) and the value sought of the
+    one at ``place``.
 
     Returns the states where that one has its value, and then the time at which it does.
     """
@@ -30,11 +32,14 @@ def at_root(count: int, place: int, order: int) -> Any:
     h = 2.0 * hy.sqrt(c * c) / (hy.sqrt(b * b) + hy.sqrt(b * b - 4.0 * a * c))
     for _ in range(NEWTON):
         h = h - _polynomial(sought, h) / _polynomial(slope, h)
-    return hy.cfunc([*(_polynomial(row, h) for row in series), h], [x for row in series for x in row] + [target])
+    return hy.cfunc(
+        [*(_polynomial(row, h) for row in series), h], [x for row in series for x in row] + [target]
+    )
 
 
 def parting(old: list[str], new: list[str]) -> Any:
-    """Function of the states of the composite body and, behind them, shares and lateral distances: states of the two free bodies."""
+    """Function of the states of the composite body and, behind them, shares and lateral distances:
+    states of the two free bodies."""
     D, U, e, w = ([hy.expression(f"{name}{a}") for a in "xyz"] for name in "DUew")
     more = [hy.expression(name) for name in ("share_a", "share_b", "ry", "rz")]
     r = [hy.expression("rx"), *more[2:]]

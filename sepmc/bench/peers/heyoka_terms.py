@@ -1,4 +1,5 @@
-"""What heyoka's equations of all phases share: parameters, vectors of expressions, loads of a body, and the motion of body axes."""
+"""What heyoka's equations of all phases share: parameters, vectors of expressions, loads of a body,
+and the motion of body axes."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +17,8 @@ KM = 1e-3
 
 @dataclass
 class Equations:
-    """A phase: ``system`` of heyoka, its variables by name in order, and the parameters of all cases (p, n)."""
+    """A phase: ``system`` of heyoka, its variables by name in order, and the parameters of all
+    cases (p, n)."""
 
     inputs: Inputs
     rates: dict[str, Any] = field(default_factory=dict)
@@ -70,11 +72,14 @@ def minus(a: Any) -> Any:
     return scaled(-1.0, a)
 
 
-def body_loads(eq: Equations, body: BodyRows, V: Any, height: Any, level: Any) -> tuple[Any, Any, Any]:
+def body_loads(
+    eq: Equations, body: BodyRows, V: Any, height: Any, level: Any
+) -> tuple[Any, Any, Any]:
     """Loads of a body that moves through the air with V, ``height`` above the centre of the Earth.
 
-    Returns two functions, of its acceleration without gravity and of its moment about the mass centre over given numbers, so that a
-    division by a mass or an inertia is one of parameters; and gravity.
+    Returns two functions, of its acceleration without gravity and of its moment about the mass
+    centre over given numbers, so that a division by a mass or an inertia is one of parameters; and
+    gravity.
     """
     inputs = eq.inputs
     base, a, b, power = atmosphere(inputs)
@@ -85,7 +90,11 @@ def body_loads(eq: Equations, body: BodyRows, V: Any, height: Any, level: Any) -
     q = (a + b * closeness) ** power * (flat + w * w)
     powers = {"const": q}
     for angle, name in ((alpha, "alpha"), (beta, "beta")):
-        degrees = [int(t[len(name) :] or 1) for t in TERMS if t.startswith(name) and any(t in body.polynomials[c] for c in COEFFICIENTS)]
+        degrees = [
+            int(t[len(name) :] or 1)
+            for t in TERMS
+            if t.startswith(name) and any(t in body.polynomials[c] for c in COEFFICIENTS)
+        ]
         last = q
         for k in range(1, max(degrees, default=0) + 1):
             last = last * angle
@@ -94,19 +103,27 @@ def body_loads(eq: Equations, body: BodyRows, V: Any, height: Any, level: Any) -
     force, moment = pressure * body.force_factor, pressure * body.length * body.moment_factor
 
     def component(coefficient: str, sign: float, factor: Array, push: Array) -> Any:
-        terms = [eq.par(sign * c * factor) * powers[t] for t, c in body.polynomials[coefficient].items()]
+        terms = [
+            eq.par(sign * c * factor) * powers[t] for t, c in body.polynomials[coefficient].items()
+        ]
         if np.any(push):
             terms.append(eq.par(push) * level)
         return hy.sum(terms)
 
     def accelerations() -> Any:
         signs = (("axial", -1.0), ("normal", 1.0), ("side", -1.0))
-        return [component(c, s, force / body.mass, body.thrust[:, i] / body.mass) for i, (c, s) in enumerate(signs)]
+        return [
+            component(c, s, force / body.mass, body.thrust[:, i] / body.mass)
+            for i, (c, s) in enumerate(signs)
+        ]
 
     def moments(over: Array) -> Any:
         """Components divided by ``over``, shape (n, 3)."""
         signs = (("roll", 1.0), ("yaw", -1.0), ("pitch", 1.0))
-        return [component(c, s, moment / over[:, i], body.thrust[:, 3 + i] / over[:, i]) for i, (c, s) in enumerate(signs)]
+        return [
+            component(c, s, moment / over[:, i], body.thrust[:, 3 + i] / over[:, i])
+            for i, (c, s) in enumerate(signs)
+        ]
 
     gravity = eq.par(inputs.surface_gravity * loads.EARTH_RADIUS**2) * (closeness * closeness)
     return accelerations, moments, gravity

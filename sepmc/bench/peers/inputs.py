@@ -1,7 +1,8 @@
 """The cases as arrays, a row each: what every engine is given before the clock starts.
 
-The peers of the bench fly one kind of scene, the two-stage separation of ``table1`` and ``table2``: two bodies, one joint that is fixed
-until a time, a slider until a stroke and then free, one motor that burns throughout, polynomial aerodynamics and a steady wind.
+The peers of the bench fly one kind of scene, the two-stage separation of ``table1`` and ``table2``:
+two bodies, one joint that is fixed until a time, a slider until a stroke and then free, one motor
+that burns throughout, polynomial aerodynamics and a steady wind.
 """
 
 import itertools
@@ -15,14 +16,30 @@ from sepmc.campaign.cases import draw
 from sepmc.scene import parameters
 from sepmc.scene.messages import InputError
 
-SCENES = "table1 and table2: two bodies, one joint fixed, slider, free; one motor, no springs, loads, tables or releases"
+SCENES = (
+    "table1 and table2: two bodies, one joint fixed, slider, free; one motor, no springs, "
+    "loads, tables or releases"
+)
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
-TERMS = ("const", "alpha", "alpha2", "alpha3", "alpha4", "alpha5", "beta", "beta2", "beta3", "beta4", "beta5")
+TERMS = (
+    "const",
+    "alpha",
+    "alpha2",
+    "alpha3",
+    "alpha4",
+    "alpha5",
+    "beta",
+    "beta2",
+    "beta3",
+    "beta4",
+    "beta5",
+)
 
 
 @dataclass(frozen=True)
 class BodyRows:
-    """One body over the cases. ``polynomials`` (6, 11): `COEFFICIENTS` by `TERMS`; ``arm``: from the mass centre to the joint."""
+    """One body over the cases. ``polynomials`` (6, 11): `COEFFICIENTS` by `TERMS`; ``arm``: from
+    the mass centre to the joint."""
 
     name: str
     mass: Array
@@ -34,7 +51,8 @@ class BodyRows:
     force_factor: Array
     moment_factor: Array
     polynomials: dict[str, dict[str, float]]
-    thrust: Array = field(default_factory=lambda: np.zeros((0, 6)))  # (n, 6): force, N, and moment, N m, at full thrust
+    # (n, 6): force, N, and moment, N m, at full thrust
+    thrust: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def coefficients(self) -> Array:
         return np.array([[self.polynomials[c].get(t, 0.0) for t in TERMS] for c in COEFFICIENTS])
@@ -42,7 +60,8 @@ class BodyRows:
 
 @dataclass(frozen=True)
 class Inputs:
-    """``first`` carries the joint axes. SI, radians; positions and velocities in a frame that moves with the initial ``velocity``."""
+    """``first`` carries the joint axes. SI, radians; positions and velocities in a frame that moves
+    with the initial ``velocity``."""
 
     count: int
     first: BodyRows
@@ -77,7 +96,9 @@ class Inputs:
 
 def _part(rows: Any, first: int, end: int, of: int) -> Any:
     found = {f.name: getattr(rows, f.name) for f in fields(rows)}
-    shorter = {k: v[first:end] for k, v in found.items() if isinstance(v, np.ndarray) and len(v) == of}
+    shorter = {
+        k: v[first:end] for k, v in found.items() if isinstance(v, np.ndarray) and len(v) == of
+    }
     shorter |= {k: _part(v, first, end, of) for k, v in found.items() if isinstance(v, BodyRows)}
     return replace(rows, **shorter, **({"count": end - first} if "count" in found else {}))
 
@@ -93,7 +114,11 @@ class _Values:
 
     def __call__(self, path: str) -> Array:
         self.asked.add(path)
-        return self.drawn[path] if path in self.drawn else np.full(self.count, parameters.value(self.scene, path))
+        return (
+            self.drawn[path]
+            if path in self.drawn
+            else np.full(self.count, parameters.value(self.scene, path))
+        )
 
     def vector(self, path: str, parts: str = "xyz") -> Array:
         return np.stack([self(f"{path}.{p}") for p in parts], axis=-1)
@@ -102,19 +127,55 @@ class _Values:
 def check(scene: Any) -> None:
     """Raise ValueError if the peers of the bench do not fly the scene."""
     kinds = [list(p.joints.values()) for p in scene.phase]
-    plain = len(scene.body) == 2 and len(scene.joint) == 1 and len(scene.motor) == 1 and kinds == [["fixed"], ["slider"], []]
-    plain = plain and not (scene.spring or scene.load or scene.proximity or scene.release or scene.clearance)
+    plain = (
+        len(scene.body) == 2
+        and len(scene.joint) == 1
+        and len(scene.motor) == 1
+        and kinds == [["fixed"], ["slider"], []]
+    )
+    plain = plain and not (
+        scene.spring or scene.load or scene.proximity or scene.release or scene.clearance
+    )
     if plain:
         (joint,), (motor,), (locked, guided, _) = scene.joint.values(), scene.motor, scene.phase
         air, until = scene.environment, (locked.until, guided.until)
-        plain = set(joint.bodies) == set(scene.body) and joint.x_axis == (1.0, 0.0, 0.0) and not (joint.delay or joint.fails or joint.guide)
-        plain = plain and until[0].time is not None and until[1].stroke is not None and joint.second_point is None
-        plain = plain and not any(u.any or u.all for u in until) and (until[0].stroke, until[1].time) == (None, None)
-        plain = plain and air.atmosphere == "us1976" and air.gravity == "inverse-square" and air.wind.profile is None
-        plain = plain and motor.profile is None and motor.burn > scene.run.end_time and motor.build_up > 0.0 == motor.ignition + motor.delay
+        plain = (
+            set(joint.bodies) == set(scene.body)
+            and joint.x_axis == (1.0, 0.0, 0.0)
+            and not (joint.delay or joint.fails or joint.guide)
+        )
+        plain = (
+            plain
+            and until[0].time is not None
+            and until[1].stroke is not None
+            and joint.second_point is None
+        )
+        plain = (
+            plain
+            and not any(u.any or u.all for u in until)
+            and (until[0].stroke, until[1].time) == (None, None)
+        )
+        plain = (
+            plain
+            and air.atmosphere == "us1976"
+            and air.gravity == "inverse-square"
+            and air.wind.profile is None
+        )
+        plain = (
+            plain
+            and motor.profile is None
+            and motor.burn > scene.run.end_time
+            and motor.build_up > 0.0 == motor.ignition + motor.delay
+        )
         for body in scene.body.values():
             aero = body.aerodynamics
-            plain = plain and aero is not None and aero.table is None and aero.moment_point is None and not any(body.inertia_products)
+            plain = (
+                plain
+                and aero is not None
+                and aero.table is None
+                and aero.moment_point is None
+                and not any(body.inertia_products)
+            )
             plain = plain and all(set(getattr(aero, c)) <= set(TERMS) for c in COEFFICIENTS)
     if not plain:
         raise InputError(f"the other engines of the bench fly scenes like {SCENES}")
@@ -123,46 +184,74 @@ def check(scene: Any) -> None:
 def _body(value: _Values, name: str, point: Array, centre: Array) -> BodyRows:
     cg, path = value.vector(f"body.{name}.cg"), f"body.{name}"
     forward = np.array([-1.0, 1.0, 1.0])
-    inertia = np.stack([value(f"{path}.inertia.{a}{a}") for a in "xyz"], axis=-1) * value(f"{path}.inertia_factor")[:, None]
+    inertia = (
+        np.stack([value(f"{path}.inertia.{a}{a}") for a in "xyz"], axis=-1)
+        * value(f"{path}.inertia_factor")[:, None]
+    )
     aero = value.scene.body[name].aerodynamics
     return BodyRows(
         name, value(f"{path}.mass"), inertia, (point - cg) * forward, (cg - centre) * forward,
-        value(f"{path}.aerodynamics.reference_area"), value(f"{path}.aerodynamics.reference_length"),
+        value(f"{path}.aerodynamics.reference_area"),
+        value(f"{path}.aerodynamics.reference_length"),
         value(f"{path}.aerodynamics.force_factor"), value(f"{path}.aerodynamics.moment_factor"),
         {c: dict(getattr(aero, c)) for c in COEFFICIENTS}, _thrust(value, name, cg),
     )  # fmt: skip
 
 
 def _thrust(value: _Values, name: str, cg: Array) -> Array:
-    """Full force and moment of the motor on a body, zero if it is not its own; CONVENTIONS.md, Motor."""
+    """Full force and moment of the motor on a body, zero if it is not its own; CONVENTIONS.md,
+    Motor."""
     (motor,) = value.scene.motor
     if motor.body != name:
         return np.zeros((value.count, 6))
     path = f"motor.{motor.name}"
-    cant, clock, b, p, radius = (value(f"{path}.{k}") for k in ("cant", "clock", "deflection", "deflection_clock", "radius"))
+    cant, clock, b, p, radius = (
+        value(f"{path}.{k}") for k in ("cant", "clock", "deflection", "deflection_clock", "radius")
+    )
     zero = np.zeros_like(cant)
-    x = np.stack([np.cos(cant), -np.sin(clock) * np.sin(cant), np.cos(clock) * np.sin(cant)], axis=-1)
+    x = np.stack(
+        [np.cos(cant), -np.sin(clock) * np.sin(cant), np.cos(clock) * np.sin(cant)], axis=-1
+    )
     y = np.stack([zero, np.cos(clock), np.sin(clock)], axis=-1)
-    line = np.cos(b)[:, None] * x - (np.sin(b) * np.sin(p))[:, None] * y + (np.sin(b) * np.cos(p))[:, None] * cross(x, y)
+    line = (
+        np.cos(b)[:, None] * x
+        - (np.sin(b) * np.sin(p))[:, None] * y
+        + (np.sin(b) * np.cos(p))[:, None] * cross(x, y)
+    )
     offset = value.vector(f"{path}.offset", "yz")
-    place = np.stack([-value(f"{path}.station"), offset[:, 0] - radius * np.sin(clock), offset[:, 1] + radius * np.cos(clock)], axis=-1)
+    place = np.stack(
+        [
+            -value(f"{path}.station"),
+            offset[:, 0] - radius * np.sin(clock),
+            offset[:, 1] + radius * np.cos(clock),
+        ],
+        axis=-1,
+    )
     arm = place - cg * np.array([-1.0, 1.0, 1.0])
     return np.concatenate([line, cross(arm, line)], axis=-1) * value(f"{path}.thrust")[:, None]
 
 
 def read(campaign: Any, count: int) -> Inputs:
-    """The first ``count`` cases of a campaign. Raises ValueError if the bench's peers do not fly it."""
+    """The first ``count`` cases of a campaign. Raises ValueError if the bench's peers do not fly
+    it."""
     scene = campaign.scene
     check(scene)
     value = _Values(campaign, count)
     ((name, joint),) = campaign.nominal().scene.joint.items()
     locked, guided, _ = scene.phase
-    masses, centres = zip(*((value(f"body.{b}.mass"), value.vector(f"body.{b}.cg")) for b in joint.bodies), strict=True)
-    centre = (masses[0][:, None] * centres[0] + masses[1][:, None] * centres[1]) / (masses[0] + masses[1])[:, None]
+    masses, centres = zip(
+        *((value(f"body.{b}.mass"), value.vector(f"body.{b}.cg")) for b in joint.bodies),
+        strict=True,
+    )
+    centre = (masses[0][:, None] * centres[0] + masses[1][:, None] * centres[1]) / (
+        masses[0] + masses[1]
+    )[:, None]
     point = value.vector(f"joint.{name}.point")
     pitch, sigma, speed = value("initial.pitch"), value("initial.path_yaw"), value("initial.speed")
     theta = pitch - value("initial.alpha")
-    path = np.stack([np.cos(theta) * np.cos(sigma), np.sin(theta) * np.cos(sigma), -np.sin(sigma)], axis=-1)
+    path = np.stack(
+        [np.cos(theta) * np.cos(sigma), np.sin(theta) * np.cos(sigma), -np.sin(sigma)], axis=-1
+    )
     wind, to = value("environment.wind.speed"), value("environment.wind.direction")
     first, second = (_body(value, b, point, centre) for b in joint.bodies)
     inputs = Inputs(

@@ -1,12 +1,15 @@
-"""The cases flown by MuJoCo: a model per phase, a batch of all cases, fourth-order Runge-Kutta, all threads.
+"""The cases flown by MuJoCo: a model per phase, a batch of all cases, fourth-order Runge-Kutta, all
+threads.
 
-E. Todorov, T. Erez and Y. Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012. The locked phase is one tree without
-a joint in it, the guided one a tree with a slide joint, the free one two free bodies: no soft constraint, so that what is left is the
-error of its integrator. Its open-loop rollouts know no loads that depend on the state; here they are a compiled callback at every stage
-(`mujoco_loads`), which is the fastest way that MuJoCo offers. Masses, inertias, places and time steps differ from case to case.
+E. Todorov, T. Erez and Y. Tassa, "MuJoCo: a physics engine for model-based control", IROS 2012. The
+locked phase is one tree without a joint in it, the guided one a tree with a slide joint, the free
+one two free bodies: no soft constraint, so that what is left is the error of its integrator. Its
+open-loop rollouts know no loads that depend on the state; here they are a compiled callback at
+every stage (`mujoco_loads`), which is the fastest way that MuJoCo offers. Masses, inertias, places
+and time steps differ from case to case.
 
-Each phase takes steps of equal length, those of the guided one until the stroke is passed; the step that passes it is repeated with
-other lengths, by the secant method, until it ends there.
+Each phase takes steps of equal length, those of the guided one until the stroke is passed; the step
+that passes it is repeated with other lengths, by the secant method, until it ends there.
 """
 
 import ctypes
@@ -37,13 +40,21 @@ class Flight:
         q = _quaternion(inputs.R)
         turn = np.einsum("nij,nj->ni", inputs.R, inputs.first.place)
         swing = np.einsum("nij,nj->ni", inputs.R, cross(inputs.omega, inputs.first.place))
-        self.begin = np.concatenate([turn, q], axis=1), np.concatenate([swing, inputs.omega], axis=1)
+        self.begin = (
+            np.concatenate([turn, q], axis=1),
+            np.concatenate([swing, inputs.omega], axis=1),
+        )
 
     def _batch(self, phase: int, threads: int) -> Batch:
         inputs = self.inputs
-        batch = Batch(mujoco.MjModel.from_xml_string(scene(phase, self.step)), inputs.count, threads)
+        batch = Batch(
+            mujoco.MjModel.from_xml_string(scene(phase, self.step)), inputs.count, threads
+        )
         for k, body in enumerate(inputs.bodies, 1):
-            batch.expand("body_mass")[:, k], batch.expand("body_inertia")[:, k] = body.mass, body.inertia
+            batch.expand("body_mass")[:, k], batch.expand("body_inertia")[:, k] = (
+                body.mass,
+                body.inertia,
+            )
         if phase != FREE:
             batch.expand("body_pos")[:, 2] = inputs.first.arm - inputs.second.arm
         batch.set_const()
@@ -67,11 +78,20 @@ class Flight:
         locked, guided, free = self.batches
         locked.bind("qpos")[:], locked.bind("qvel")[:], locked.bind("time")[:] = *self.begin, 0.0
         _leap(locked, inputs.unlock, self.step)
-        guided.bind("qpos")[:, :7], guided.bind("qvel")[:, :6] = locked.bind("qpos"), locked.bind("qvel")
-        guided.bind("qpos")[:, 7:], guided.bind("qvel")[:, 6:], guided.bind("time")[:] = 0.0, 0.0, inputs.unlock
+        guided.bind("qpos")[:, :7], guided.bind("qvel")[:, :6] = (
+            locked.bind("qpos"),
+            locked.bind("qvel"),
+        )
+        guided.bind("qpos")[:, 7:], guided.bind("qvel")[:, 6:], guided.bind("time")[:] = (
+            0.0,
+            0.0,
+            inputs.unlock,
+        )
         self._to_stroke(guided)
         release = guided.bind("time").copy()
-        free.bind("qpos")[:], free.bind("qvel")[:] = self._part(guided.bind("qpos"), guided.bind("qvel"))
+        free.bind("qpos")[:], free.bind("qvel")[:] = self._part(
+            guided.bind("qpos"), guided.bind("qvel")
+        )
         free.bind("time")[:] = release
         _leap(free, inputs.end - release, self.step)
         return free.bind("qpos").copy(), free.bind("qvel").copy(), release
@@ -86,7 +106,10 @@ class Flight:
         while len(on):
             before[on] = batch.state[on]
             batch.step(on)
-            on = on[(np.abs(slid[on]) < self.inputs.stroke[on]) & (batch.bind("time")[on] < self.inputs.end)]
+            on = on[
+                (np.abs(slid[on]) < self.inputs.stroke[on])
+                & (batch.bind("time")[on] < self.inputs.end)
+            ]
         old, h = np.zeros(self.inputs.count), np.full(self.inputs.count, self.step)
         batch_start = before[:, batch._component(mujoco.mjtState.mjSTATE_QPOS)[0] + 7] - goal
         off_old, off = batch_start, slid - goal
@@ -107,14 +130,24 @@ class Flight:
         r[:, 0] += qpos[:, 7]
         swing = cross(w, r)
         swing[:, 0] += qvel[:, 6]
-        second = qpos[:, :3] + np.einsum("nij,nj->ni", R, r), qvel[:, :3] + np.einsum("nij,nj->ni", R, swing)
-        return np.concatenate([qpos[:, :7], second[0], qpos[:, 3:7]], axis=1), np.concatenate([qvel[:, :6], second[1], w], axis=1)
+        second = (
+            qpos[:, :3] + np.einsum("nij,nj->ni", R, r),
+            qvel[:, :3] + np.einsum("nij,nj->ni", R, swing),
+        )
+        return np.concatenate([qpos[:, :7], second[0], qpos[:, 3:7]], axis=1), np.concatenate(
+            [qvel[:, :6], second[1], w], axis=1
+        )
 
     def outcomes(self, flown: tuple[Array, Array, Array]) -> dict[str, Array]:
         """Outcome columns of a flight; not timed."""
         q, v, release = flown
         finals = [
-            Final(q[:, 7 * k : 7 * k + 3], v[:, 6 * k : 6 * k + 3], _matrix(q[:, 7 * k + 3 : 7 * k + 7]), v[:, 6 * k + 3 : 6 * k + 6])
+            Final(
+                q[:, 7 * k : 7 * k + 3],
+                v[:, 6 * k : 6 * k + 3],
+                _matrix(q[:, 7 * k + 3 : 7 * k + 7]),
+                v[:, 6 * k + 3 : 6 * k + 6],
+            )
             for k in (0, 1)
         ]
         return outcomes(self.inputs, finals[0], finals[1], release)

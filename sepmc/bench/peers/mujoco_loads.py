@@ -1,8 +1,10 @@
-"""Loads as a compiled callback of MuJoCo, called at every stage of a step: state-dependent air, wind, weight and thrust.
+"""Loads as a compiled callback of MuJoCo, called at every stage of a step: state-dependent air,
+wind, weight and thrust.
 
-MuJoCo knows no such loads. Its batches run on C++ threads and call physics callbacks only if they are C functions, so this is one,
-compiled by Numba; a Python callback would cost a hundred times the step. It reads ``mjData`` where its arrays are found to lie, and a
-case's numbers from ``userdata``, and sets ``xfrc_applied``: force and moment at each mass centre, world axes.
+MuJoCo knows no such loads. Its batches run on C++ threads and call physics callbacks only if they
+are C functions, so this is one, compiled by Numba; a Python callback would cost a hundred times the
+step. It reads ``mjData`` where its arrays are found to lie, and a case's numbers from ``userdata``,
+and sets ``xfrc_applied``: force and moment at each mass centre, world axes.
 """
 
 import ctypes
@@ -21,7 +23,9 @@ from sepmc.bench.peers.vectors import Array
 from sepmc.trust.peers import loads
 
 LOCKED, GUIDED, FREE = 0, 1, 2
-CASE, BODY = 7, 9  # numbers in userdata: phase, altitude, climb, gravity, air x y z; per body mass, force, moment scale, thrust (6)
+# numbers in userdata: phase, altitude, climb, gravity, air x y z; per body mass, force, moment
+# scale, thrust (6)
+CASE, BODY = 7, 9
 SIZE = CASE + 2 * BODY
 FIELDS = ("qvel", "xfrc_applied", "xipos", "xmat", "userdata")
 STEPS_OUT = 100_000  # words of mjData among which its pointers are looked for
@@ -31,12 +35,19 @@ _INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 
 
 def scene(phase: int, step: float = 1e-3) -> str:
-    """The model of a phase: the first body free, the second welded to it, sliding in it, or free as well."""
+    """The model of a phase: the first body free, the second welded to it, sliding in it, or free as
+    well."""
     slide, free = '<joint type="slide" axis="1 0 0"/>', "<freejoint/>"
-    inner = {LOCKED: f"<body>{_INERTIAL}</body>", GUIDED: f"<body>{slide}{_INERTIAL}</body>", FREE: ""}[phase]
+    inner = {
+        LOCKED: f"<body>{_INERTIAL}</body>",
+        GUIDED: f"<body>{slide}{_INERTIAL}</body>",
+        FREE: "",
+    }[phase]
     outer = f"<body>{free}{_INERTIAL}</body>" if phase == FREE else ""
-    option = f'<option integrator="RK4" timestep="{step}" gravity="0 0 0"><flag contact="disable" constraint="disable"/></option>'
-    return f"<mujoco>{option}<size nuserdata='{SIZE}'/><worldbody><body>{free}{_INERTIAL}{inner}</body>{outer}</worldbody></mujoco>"
+    flags = '<flag contact="disable" constraint="disable"/>'
+    option = f'<option integrator="RK4" timestep="{step}" gravity="0 0 0">{flags}</option>'
+    world = f"<worldbody><body>{free}{_INERTIAL}{inner}</body>{outer}</worldbody>"
+    return f"<mujoco>{option}<size nuserdata='{SIZE}'/>{world}</mujoco>"
 
 
 def places(data: Any) -> dict[str, int]:
@@ -61,11 +72,22 @@ def userdata(inputs: Inputs) -> Array:
     """The numbers of every case, (n, `SIZE`); the phase is left zero."""
     air = inputs.velocity - inputs.wind
     gravity = inputs.surface_gravity * loads.EARTH_RADIUS**2
-    head = np.column_stack([np.zeros(inputs.count), inputs.altitude, inputs.velocity[:, 1], gravity, air])
+    head = np.column_stack(
+        [np.zeros(inputs.count), inputs.altitude, inputs.velocity[:, 1], gravity, air]
+    )
     parts = [head]
     for body in inputs.bodies:
         scale = 0.5 * inputs.density_factor * body.area
-        parts.append(np.column_stack([body.mass, scale * body.force_factor, scale * body.length * body.moment_factor, body.thrust]))
+        parts.append(
+            np.column_stack(
+                [
+                    body.mass,
+                    scale * body.force_factor,
+                    scale * body.length * body.moment_factor,
+                    body.thrust,
+                ]
+            )
+        )
     return np.concatenate(parts, axis=1)
 
 
@@ -89,15 +111,24 @@ def callback(inputs: Inputs) -> Any:
 
     @numba.njit(error_model="numpy")
     def load(polynomials, R, m, height, v, user, k, level, force, out):
-        """Loads of one body that moves through the air with v (body axes), into force[out:]; its numbers begin at user[k]."""
+        """Loads of one body that moves through the air with v (body axes), into force[out:]; its
+        numbers begin at user[k]."""
         u, side, w = v
         flat = u * u + side * side
         closeness = 1.0 / (radius + height)
         q = base * (one + by_closeness * closeness) ** power * (flat + w * w)
         ca, cn, cy, cl, cyaw, cm = polynomials(math.atan2(-side, u), math.atan2(w, math.sqrt(flat)))
         qf, qm = q * user[k + 1], q * user[k + 2]
-        fx, fy, fz = level * user[k + 3] - qf * ca, level * user[k + 4] + qf * cn, level * user[k + 5] - qf * cy
-        mx, my, mz = level * user[k + 6] + qm * cl, level * user[k + 7] - qm * cyaw, level * user[k + 8] + qm * cm
+        fx, fy, fz = (
+            level * user[k + 3] - qf * ca,
+            level * user[k + 4] + qf * cn,
+            level * user[k + 5] - qf * cy,
+        )
+        mx, my, mz = (
+            level * user[k + 6] + qm * cl,
+            level * user[k + 7] - qm * cyaw,
+            level * user[k + 8] + qm * cm,
+        )
         for i in range(3):
             row = m + 3 * i
             force[out + i] = R[row] * fx + R[row + 1] * fy + R[row + 2] * fz
@@ -108,7 +139,13 @@ def callback(inputs: Inputs) -> Any:
 
     @numba.cfunc(types.void(types.voidptr, types.CPointer(pointer)), error_model="numpy")
     def apply(_, fields):
-        qvel, force, place, R, user = fields[QVEL], fields[FORCE], fields[XIPOS], fields[XMAT], fields[USER]
+        qvel, force, place, R, user = (
+            fields[QVEL],
+            fields[FORCE],
+            fields[XIPOS],
+            fields[XMAT],
+            fields[USER],
+        )
         t = _carray(_numbers(fields), (TIME + 1,), numba.float64)[TIME]
         level, rise, phase = 1.0 - math.exp(-t / build_up), user[1] + user[2] * t, user[0]
         u, v, w = into(R, 9, qvel[0] + user[4], qvel[1] + user[5], qvel[2] + user[6])
@@ -150,6 +187,13 @@ def _polynomials(table: Array) -> Any:
 
     @numba.njit(error_model="numpy")
     def coefficients(a, b):
-        return row(rows[0], a, b), row(rows[1], a, b), row(rows[2], a, b), row(rows[3], a, b), row(rows[4], a, b), row(rows[5], a, b)
+        return (
+            row(rows[0], a, b),
+            row(rows[1], a, b),
+            row(rows[2], a, b),
+            row(rows[3], a, b),
+            row(rows[4], a, b),
+            row(rows[5], a, b),
+        )
 
     return coefficients

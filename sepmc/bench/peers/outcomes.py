@@ -10,7 +10,8 @@ from sepmc.bench.peers.vectors import Array, cross
 
 @dataclass(frozen=True)
 class Final:
-    """Motion of a body at the end, a row a case: ground axes in the moving frame, rates in body axes."""
+    """Motion of a body at the end, a row a case: ground axes in the moving frame, rates in body
+    axes."""
 
     x: Array
     v: Array
@@ -48,7 +49,12 @@ def outcomes(inputs: Inputs, first: Final, second: Final, release: Array) -> dic
     """Outcome columns, in their units."""
     a, b = inputs.bodies
     gap = _back(first.R, second.x + _turn(second.R, b.arm) - first.x) - a.arm
-    rate = second.v + _turn(second.R, cross(second.w, b.arm)) - first.v - _turn(first.R, cross(first.w, a.arm))
+    rate = (
+        second.v
+        + _turn(second.R, cross(second.w, b.arm))
+        - first.v
+        - _turn(first.R, cross(first.w, a.arm))
+    )
     along = _back(first.R, rate) - cross(first.w, gap)
     return {
         **_body(inputs, a, first),

@@ -1,4 +1,5 @@
-"""The cases flown by scipy's `solve_ivp` with events, in plain Python: the independent flight, which is what everyone would try first."""
+"""The cases flown by scipy's `solve_ivp` with events, in plain Python: the independent flight,
+which is what everyone would try first."""
 
 from typing import Any
 
@@ -18,7 +19,10 @@ class Flight:
 
     def __init__(self, tree: dict[str, Any], name: str, inputs: Inputs, tolerance: float):
         self.campaign = campaign = Campaign(parse_campaign(tree, name, None, name))
-        self.cases, self.tolerance = [campaign.case(i).to_dict() for i in range(inputs.count)], tolerance
+        self.cases, self.tolerance = (
+            [campaign.case(i).to_dict() for i in range(inputs.count)],
+            tolerance,
+        )
 
     def fly(self) -> list[Flown]:
         """Every case."""
@@ -26,4 +30,7 @@ class Flight:
 
     def outcomes(self, flown: list[Flown]) -> dict[str, Array]:
         """Outcome columns of a flight; not timed."""
-        return {c.name: np.array([one.outcomes.get(c.name, np.nan) for one in flown]) for c in self.campaign.outcome_columns}
+        return {
+            c.name: np.array([one.outcomes.get(c.name, np.nan) for one in flown])
+            for c in self.campaign.outcome_columns
+        }

@@ -1,7 +1,8 @@
 """The race: every engine that is installed flies the same cases with several settings.
 
-Timed is what an engine does from the initial states to the final ones, the release located on the way. Not timed are reading the case
-table into its arrays and turning final states into outcome columns. Compiling is told apart.
+Timed is what an engine does from the initial states to the final ones, the release located on the
+way. Not timed are reading the case table into its arrays and turning final states into outcome
+columns. Compiling is told apart.
 """
 
 import importlib
@@ -19,7 +20,8 @@ from sepmc.bench.peers.worker import Workers
 Say = Callable[[str], None]
 CASES = {"heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
 TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-15)
-# heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried the fastest at their error
+# heyoka with steps of our choice: orders and numbers of steps, locked, guided, free; of those tried
+# the fastest at their error
 ORDERS = (
     ((6, 8, 8), (1, 2, 2)),
     ((7, 10, 10), (1, 2, 2)),
@@ -33,7 +35,9 @@ EXUDYN = ((0.005, 1), (0.0005, 3))  # s and levels
 PLAIN = (1e-6, 1e-9, 1e-12)
 
 
-def race(campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = None, repeats: int = 7) -> list[Entry]:
+def race(
+    campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = None, repeats: int = 7
+) -> list[Entry]:
     """Let every engine that is installed fly the first cases of a campaign.
 
     Parameters
@@ -44,8 +48,8 @@ def race(campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = N
         Told what begins, and which engines are left out.
     cases : dict of int, optional
         Cases by engine, instead of those of `CASES`; an engine with none is left out.
-    repeats : int
-        Flights of which the median time is taken; one if the cases are few and the time extrapolated.
+    repeats : int Flights of which the median time is taken; one if the cases are few and the time
+        extrapolated.
 
     Raises
     ------
@@ -60,7 +64,10 @@ def race(campaign: Any, threads: int, say: Say, cases: dict[str, int] | None = N
         if counts[name] == 0 or not _installed(name, say):
             continue
         for entry in racer(campaign, inputs.part(0, counts[name]), threads, repeats):
-            say(f"{entry.engine}, {entry.setting}: {entry.seconds_per_case * 1e7:.3g} ms per 10,000 cases")
+            say(
+                f"{entry.engine}, {entry.setting}: {entry.seconds_per_case * 1e7:.3g} ms per "
+                "10,000 cases"
+            )
             entries.append(entry)
     return entries
 
@@ -77,27 +84,61 @@ def _installed(name: str, say: Say) -> bool:
 
 
 def _heyoka(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
-    settings: list[tuple[str, tuple[Any, ...]]] = [(f"tol {tolerance:.0e}", (tolerance,)) for tolerance in TOLERANCES]
+    settings: list[tuple[str, tuple[Any, ...]]] = [
+        (f"tol {tolerance:.0e}", (tolerance,)) for tolerance in TOLERANCES
+    ]
     for orders, steps in ORDERS:
-        setting = "order {}, steps {}".format(*(" ".join(map(str, three)) for three in (orders, steps)))
+        setting = "order {}, steps {}".format(
+            *(" ".join(map(str, three)) for three in (orders, steps))
+        )
         settings.append((setting, (None, orders, steps)))
     for setting, arguments in settings:
         shares = [(share, *arguments) for share in inputs.shares(threads)]
-        note = "a process a thread; its own steps and terminal event" if arguments[0] else "a process a thread; prescribed steps"
-        yield _apart("heyoka batch 8", setting, "sepmc.bench.peers.heyoka:Flight", shares, inputs, threads, repeats, note)
+        note = (
+            "a process a thread; its own steps and terminal event"
+            if arguments[0]
+            else "a process a thread; prescribed steps"
+        )
+        yield _apart(
+            "heyoka batch 8",
+            setting,
+            "sepmc.bench.peers.heyoka:Flight",
+            shares,
+            inputs,
+            threads,
+            repeats,
+            note,
+        )
 
 
 def _scipy(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entry]:
     for tolerance in PLAIN:
         note = "the independent flight, in plain Python"
         share = [(campaign.file.tree, campaign.name, inputs, tolerance)]
-        yield _apart("scipy DOP853", f"rtol {tolerance:.0e}", "sepmc.bench.peers.plain:Flight", share, inputs, threads, 1, note)
+        yield _apart(
+            "scipy DOP853",
+            f"rtol {tolerance:.0e}",
+            "sepmc.bench.peers.plain:Flight",
+            share,
+            inputs,
+            threads,
+            1,
+            note,
+        )
 
 
 def _apart(
-    engine: str, setting: str, factory: str, shares: list[tuple[Any, ...]], inputs: Inputs, threads: int, repeats: int, note: str
+    engine: str,
+    setting: str,
+    factory: str,
+    shares: list[tuple[Any, ...]],
+    inputs: Inputs,
+    threads: int,
+    repeats: int,
+    note: str,
 ) -> Entry:
-    """An engine in processes of its own, one for each share of the cases. The few cases of plain Python are flown in one."""
+    """An engine in processes of its own, one for each share of the cases. The few cases of plain
+    Python are flown in one."""
     plain = factory.endswith("plain:Flight")
     environment = {"NUMBA_DISABLE_JIT": "1"} if plain else {}
     with Workers(factory, shares, environment) as workers:
@@ -107,7 +148,18 @@ def _apart(
         parts = workers.outcomes()
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     seconds = seconds / threads if plain else seconds
-    return Entry(engine, setting, inputs.count, threads, workers.compile_s, seconds, repeats, table, plain, note)
+    return Entry(
+        engine,
+        setting,
+        inputs.count,
+        threads,
+        workers.compile_s,
+        seconds,
+        repeats,
+        table,
+        plain,
+        note,
+    )
 
 
 def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
@@ -119,7 +171,16 @@ def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
         note = "batch of a model a phase, loads as a compiled callback"
         table = flight.outcomes(flown)
         yield Entry(
-            "MuJoCo RK4", f"step {step:g} s", inputs.count, threads, flight.compile_s, spent / inputs.count, repeats, table, False, note
+            "MuJoCo RK4",
+            f"step {step:g} s",
+            inputs.count,
+            threads,
+            flight.compile_s,
+            spent / inputs.count,
+            repeats,
+            table,
+            False,
+            note,
         )
 
 
@@ -131,7 +192,18 @@ def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Ent
         spent, flown = _timed(flight, 1)
         setting = f"step {step:g} s" + (f", {levels} levels" if levels > 1 else "")
         seconds, table = spent / inputs.count / threads, flight.outcomes(flown)
-        yield Entry("Exudyn", setting, inputs.count, threads, 0.0, seconds, 1, table, True, "loads as Python functions")
+        yield Entry(
+            "Exudyn",
+            setting,
+            inputs.count,
+            threads,
+            0.0,
+            seconds,
+            1,
+            table,
+            True,
+            "loads as Python functions",
+        )
 
 
 def _timed(flight: Any, repeats: int) -> tuple[float, Any]:

@@ -23,7 +23,8 @@ def attitude(pitch: Array, yaw: Array, roll: Array) -> Array:
 
 
 def attitude_from(U: Array, e: Array, air: Array) -> Array:
-    """R from the body components of two ground vectors: U, the unit vector of ``air``, and e, the upward one."""
+    """R from the body components of two ground vectors: U, the unit vector of ``air``, and e, the
+    upward one."""
     along = air / np.linalg.norm(air, axis=1)[:, None]
     up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), U.shape)
 

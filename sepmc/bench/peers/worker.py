@@ -1,7 +1,9 @@
-"""One process of several that fly at once: engines whose Python interface lets only one thread work at a time, or that must run apart.
+"""One process of several that fly at once: engines whose Python interface lets only one thread work
+at a time, or that must run apart.
 
-The process reads pickles from its standard input: first what makes the flight, then commands. Only the cases go in and the outcomes come
-out that way, outside the time that is taken; a command and its answer take 0.1 ms.
+The process reads pickles from its standard input: first what makes the flight, then commands. Only
+the cases go in and the outcomes come out that way, outside the time that is taken; a command and
+its answer take 0.1 ms.
 """
 
 import importlib
@@ -15,16 +17,26 @@ from typing import Any
 
 
 class Workers:
-    """Processes with a flight each, made by ``factory`` ("module:name") from the arguments of its share."""
+    """Processes with a flight each, made by ``factory`` ("module:name") from the arguments of its
+    share."""
 
-    def __init__(self, factory: str, shares: list[tuple[Any, ...]], environment: dict[str, str] | None = None):
-        found = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path), **(environment or {})}
+    def __init__(
+        self, factory: str, shares: list[tuple[Any, ...]], environment: dict[str, str] | None = None
+    ):
+        found = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+            **(environment or {}),
+        }
         command = [sys.executable, "-c", "from sepmc.bench.peers.worker import main; main()"]
-        self.folder = tempfile.TemporaryDirectory()  # heyoka keeps compiled code in the user's cache: here none must be found again
+        # heyoka keeps compiled code in the user's cache: here none must be found again
+        self.folder = tempfile.TemporaryDirectory()
         self.processes = []
         for number in range(len(shares)):
             own = {**found, "XDG_CACHE_HOME": os.path.join(self.folder.name, str(number))}
-            self.processes.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own))
+            self.processes.append(
+                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=own)
+            )
         try:
             for process, share in zip(self.processes, shares, strict=True):
                 _send(process.stdin, (factory, share))

@@ -9,14 +9,25 @@ from sepmc.trust import references as ref
 from sepmc.trust.flights import Flight, campaign, tensor
 from sepmc.trust.line import Line
 
-# By method: its order, how far below it a fitted slope may lie, the longest step (s) of the smooth flight, others following by half
-# octaves, and how many steps fit until the release: a kernel makes its steps so long that a whole number of them does. Over all these
-# errors stand clear of round-off, and no body turns too far in a step.
-STUDIES = {"rk4": (4.0, 0.3, 0.05, (12, 16, 24, 32, 48)), "dop853": (8.0, 0.7, 0.28, (2, 3, 4, 5, 6))}
+# By method: its order, how far below it a fitted slope may lie, the longest step (s) of the smooth
+# flight, others following by half octaves, and how many steps fit until the release: a kernel makes
+# its steps so long that a whole number of them does. Over all these errors stand clear of
+# round-off, and no body turns too far in a step.
+STUDIES = {
+    "rk4": (4.0, 0.3, 0.05, (12, 16, 24, 32, 48)),
+    "dop853": (8.0, 0.7, 0.28, (2, 3, 4, 5, 6)),
+}
 COUNT = 5
 SMOOTH = {"initial.omega_rad_s": [2.4, 1.0, -1.6], "run.end_time_s": 20.0}
 RELEASE = {
-    "phase": [{"name": "guided", "joints": {"link": "slider"}, "until": {"joint": "link", "stroke_m": 0.3}}, {"name": "free"}],
+    "phase": [
+        {
+            "name": "guided",
+            "joints": {"link": "slider"},
+            "until": {"joint": "link", "stroke_m": 0.3},
+        },
+        {"name": "free"},
+    ],
     "initial.omega_rad_s": [3.6, -2.0, 2.8],
     "run.end_time_s": 5.0,
 }
@@ -31,11 +42,17 @@ def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], fl
 
 
 def orders() -> list[Line]:
-    """A free body's rates and attitude against the closed form; after a release, against Newton and Euler."""
+    """A free body's rates and attitude against the closed form; after a release, against Newton and
+    Euler."""
     smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
-    w, r = ref.asymmetric_top(smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega)
+    w, r = ref.asymmetric_top(
+        smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega
+    )
     expected = lagrange.fly(event.nominal().to_dict())
-    names = ("release_time_s", *(f"{body}_omega_{axis}_deg_s" for body in ("fore", "aft") for axis in "xyz"))
+    names = (
+        "release_time_s",
+        *(f"{body}_omega_{axis}_deg_s" for body in ("fore", "aft") for axis in "xyz"),
+    )
 
     def of_smooth(settings: dict) -> float:
         stone = Flight(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
@@ -47,6 +64,15 @@ def orders() -> list[Line]:
 
     lines = []
     for method, (_, _, longest, counts) in STUDIES.items():
-        lines.append(_order("smooth flight", method, longest / 2.0 ** (0.5 * np.arange(COUNT)), of_smooth))
-        lines.append(_order("flight with a release", method, expected["release_time_s"] / np.array(counts), of_event))
+        lines.append(
+            _order("smooth flight", method, longest / 2.0 ** (0.5 * np.arange(COUNT)), of_smooth)
+        )
+        lines.append(
+            _order(
+                "flight with a release",
+                method,
+                expected["release_time_s"] / np.array(counts),
+                of_event,
+            )
+        )
     return lines

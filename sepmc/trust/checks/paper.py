@@ -1,4 +1,5 @@
-"""The paper's case: the constraint force equations against Lagrange's and Newton and Euler's on Table 2, phase by phase."""
+"""The paper's case: the constraint force equations against Lagrange's and Newton and Euler's on
+Table 2, phase by phase."""
 
 from functools import cache
 from typing import Any
@@ -12,7 +13,8 @@ from sepmc.trust.flights import Flight, run_plainly
 from sepmc.trust.line import Line
 
 FINE: dict[str, Any] = {"solver.step_s": 0.01, "run.history_step_s": 0.0}
-SHARP: dict[str, Any] = {"solver.accuracy": 1e-11, "run.history_step_s": 0.0}  # which the pilot keeps by its own choice of steps
+# which the pilot keeps by its own choice of steps
+SHARP: dict[str, Any] = {"solver.accuracy": 1e-11, "run.history_step_s": 0.0}
 LOCKED = [{"name": "locked", "joints": {"pins": "fixed"}}]
 # A flight that ends within each phase, and the formulation it is held against.
 PHASES: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -30,16 +32,29 @@ def _drawn() -> dict[str, np.ndarray]:
 
 def _scatter() -> dict[str, float]:
     """What counts as large of each outcome: its standard deviation over the campaign."""
-    return {name: float(np.std(column, ddof=1)) for name, column in _drawn().items() if column.dtype == float}
+    return {
+        name: float(np.std(column, ddof=1))
+        for name, column in _drawn().items()
+        if column.dtype == float
+    }
 
 
 def phases() -> list[Line]:
-    """The nominal case ended within each phase: every outcome, and while the joint holds its reaction, relative to its magnitude."""
+    """The nominal case ended within each phase: every outcome, and while the joint holds its
+    reaction, relative to its magnitude."""
     lines = []
     for phase, formulation, settings in PHASES:
         flown = load("table2.toml", FINE | settings)
-        found, expected, case = Flight(flown), lagrange.fly(flown.nominal().to_dict()), f"Table 2, {phase}: {formulation}"
-        outcomes = {name: value for name, value in expected.items() if name in found.outcomes and np.isfinite(value)}
+        found, expected, case = (
+            Flight(flown),
+            lagrange.fly(flown.nominal().to_dict()),
+            f"Table 2, {phase}: {formulation}",
+        )
+        outcomes = {
+            name: value
+            for name, value in expected.items()
+            if name in found.outcomes and np.isfinite(value)
+        }
         lines.append(furthest(case, found.outcomes, outcomes, _scatter()))
         for what, unit in (("force", "N"), ("moment", "N_m")):
             should, size = (
@@ -52,9 +67,13 @@ def phases() -> list[Line]:
 
 
 def cases() -> list[Line]:
-    """Dispersed cases, every outcome at the end: compiled in steps of 10 ms, and as plain Python in those that the pilot finds."""
+    """Dispersed cases, every outcome at the end: compiled in steps of 10 ms, and as plain Python in
+    those that the pilot finds."""
     flown, lines = load("table2.toml", FINE), []
-    tables = {"steps of 10 ms": _drawn(), "accuracy 1e-11": run_plainly(load("table2.toml", SHARP), len(CASES)).table}
+    tables = {
+        "steps of 10 ms": _drawn(),
+        "accuracy 1e-11": run_plainly(load("table2.toml", SHARP), len(CASES)).table,
+    }
     for number in CASES:
         expected = lagrange.fly(flown.case(number).to_dict())
         for how, table in tables.items():

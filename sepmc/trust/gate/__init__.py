@@ -1,1 +1,2 @@
-"""Random scenes flown the way a campaign flies them, each row held against an independent flight of its case."""
+"""Random scenes flown the way a campaign flies them, each row held against an independent flight of
+its case."""

@@ -5,7 +5,19 @@ import math
 from sepmc.trust.gate.draft import Draft, Tree
 
 _RHO0, _SCALE_HEIGHT = 1.225, 7000.0  # kg/m3, m: about the air, to choose areas by
-_TERMS = ("const", "alpha", "alpha2", "alpha3", "beta", "beta2", "beta3", "alpha_beta", "alpha2_beta2", "alpha_beta2", "alpha4")
+_TERMS = (
+    "const",
+    "alpha",
+    "alpha2",
+    "alpha3",
+    "beta",
+    "beta2",
+    "beta3",
+    "alpha_beta",
+    "alpha2_beta2",
+    "alpha_beta2",
+    "alpha4",
+)
 
 
 def add_environment(draft: Draft) -> None:
@@ -13,14 +25,19 @@ def add_environment(draft: Draft) -> None:
     dice, still = draft.dice, draft.special == "still"
     environment: Tree = {
         "atmosphere": "none" if still else dice.weighted({"us1976": 0.6, "none": 0.4}),
-        "gravity": "none" if still else dice.weighted({"inverse-square": 0.4, "constant": 0.35, "none": 0.25}),
+        "gravity": "none"
+        if still
+        else dice.weighted({"inverse-square": 0.4, "constant": 0.35, "none": 0.25}),
     }
     if dice.chance(0.2):
         environment["surface_gravity_m_s2"] = dice.between(1.0, 15.0)
     if dice.chance(0.2):
         environment["density_factor"] = dice.weighted({0.0: 0.15, dice.between(0.5, 1.5): 0.85})
     if not still and dice.chance(0.5):
-        environment["wind"] = {"speed_m_s": dice.between(0.0, 40.0), "direction_deg": dice.between(0.0, 360.0)}
+        environment["wind"] = {
+            "speed_m_s": dice.between(0.0, 40.0),
+            "direction_deg": dice.between(0.0, 360.0),
+        }
     draft.tree["environment"] = environment
 
 
@@ -39,7 +56,8 @@ def add_bodies(draft: Draft) -> None:
 
 
 def _inertia(draft: Draft, mass: float) -> Tree:
-    """Moments and products that a solid body has: from second moments of its mass along its axes, kg m2."""
+    """Moments and products that a solid body has: from second moments of its mass along its axes,
+    kg m2."""
     dice = draft.dice
     along, up, side = (dice.between(0.03, 0.3) * mass for _ in range(3))
     sort = dice.weighted({"any": 0.65, "round": 0.15, "sphere": 0.1, "flat": 0.1})
@@ -87,17 +105,33 @@ def add_air(draft: Draft) -> None:
 
 
 def add_start(draft: Draft) -> None:
-    """Height, speed, rates and attitude. What is held to the ground starts at rest, or turns about the joint that holds it."""
+    """Height, speed, rates and attitude. What is held to the ground starts at rest, or turns about
+    the joint that holds it."""
     dice, still = draft.dice, draft.special == "still"
     air = draft.tree["environment"]["atmosphere"] == "us1976"
     low = dice.chance(0.3)
     initial: Tree = {
-        "altitude_m": dice.between(300.0, 3000.0) if low else dice.between(300.0, 80000.0) if air else dice.between(-100.0, 4e5),
-        "speed_m_s": 0.0 if still else dice.weighted({0.0: 0.1, dice.between(5.0, 300.0): 0.6, dice.between(300.0, 7000.0): 0.3}),
+        "altitude_m": dice.between(300.0, 3000.0)
+        if low
+        else dice.between(300.0, 80000.0)
+        if air
+        else dice.between(-100.0, 4e5),
+        "speed_m_s": 0.0
+        if still
+        else dice.weighted(
+            {0.0: 0.1, dice.between(5.0, 300.0): 0.6, dice.between(300.0, 7000.0): 0.3}
+        ),
     }
     if dice.chance(0.6) and not still:
         initial["omega_deg_s"] = dice.vector(dice.pick([10.0, 80.0]))
-    for key, size in (("alpha", 8.0), ("pitch", 60.0), ("yaw", 40.0), ("roll", 120.0), ("path_yaw", 10.0), ("path_reference", 20.0)):
+    for key, size in (
+        ("alpha", 8.0),
+        ("pitch", 60.0),
+        ("yaw", 40.0),
+        ("roll", 120.0),
+        ("path_yaw", 10.0),
+        ("path_reference", 20.0),
+    ):
         if dice.chance(0.2 if key.startswith("path") else 0.6):
             initial[f"{key}_deg"] = dice.about(size)
     draft.tree["initial"] = initial

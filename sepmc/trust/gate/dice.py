@@ -39,7 +39,9 @@ class Dice:
     def direction(self) -> list[float]:
         """A vector of no particular length, never near zero."""
         drawn = self.random.normal(size=3)
-        return [rounded(x, 3) for x in drawn / np.linalg.norm(drawn) * self.random.uniform(0.5, 2.0)]
+        return [
+            rounded(x, 3) for x in drawn / np.linalg.norm(drawn) * self.random.uniform(0.5, 2.0)
+        ]
 
     def pick(self, items: Sequence[T]) -> T:
         return items[int(self.random.integers(len(items)))]

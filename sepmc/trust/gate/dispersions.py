@@ -1,4 +1,5 @@
-"""Laws of a random scene, over any number of it: its paths come from the model itself, so a new field is dispersed too."""
+"""Laws of a random scene, over any number of it: its paths come from the model itself, so a new
+field is dispersed too."""
 
 import math
 from collections.abc import Iterator
@@ -14,18 +15,50 @@ from sepmc.scene.model import Law, Scene
 from sepmc.scene.parameters import item_names, value
 from sepmc.trust.gate.dice import Dice, rounded
 
-_ROUND = ("environment.wind.direction", "deflection_clock", "clock", "initial.roll")  # angles that laws take all round
+# angles that laws take all round
+_ROUND = ("environment.wind.direction", "deflection_clock", "clock", "initial.roll")
 # Numbers that decide when something happens: two of them more often vary than others.
-_TIMED = ("time", "delay", "fails", "ignition", "burn", "build_up", "tail_off", "start", "end", "stroke", "distance", "angle", "altitude")
+_TIMED = (
+    "time",
+    "delay",
+    "fails",
+    "ignition",
+    "burn",
+    "build_up",
+    "tail_off",
+    "start",
+    "end",
+    "stroke",
+    "distance",
+    "angle",
+    "altitude",
+)
 # Half-width of a law over a nominal of 0, in SI, by kind of quantity.
 _SIZES = {
-    **{"mass": 0.1, "length": 0.005, "area": 0.01, "time": 0.05, "angle": 0.03, "speed": 5.0, "angular rate": 0.1},
-    **{"acceleration": 0.5, "force": 5.0, "moment": 0.5, "stiffness": 50.0, "damping": 2.0, "inertia": 1e-4, "": 0.05},
+    **{
+        "mass": 0.1,
+        "length": 0.005,
+        "area": 0.01,
+        "time": 0.05,
+        "angle": 0.03,
+        "speed": 5.0,
+        "angular rate": 0.1,
+    },
+    **{
+        "acceleration": 0.5,
+        "force": 5.0,
+        "moment": 0.5,
+        "stiffness": 50.0,
+        "damping": 2.0,
+        "inertia": 1e-4,
+        "": 0.05,
+    },
 }
 
 
 class Path(NamedTuple):
-    """A number of a scene: the parts of its path without units, which of them has the unit, and its field."""
+    """A number of a scene: the parts of its path without units, which of them has the unit, and its
+    field."""
 
     parts: tuple[str, ...]
     at: int
@@ -61,7 +94,17 @@ def paths(node: Any, parts: tuple[str, ...] = ()) -> Iterator[Path]:
 def kind_of(path: Path) -> str:
     """A path with the names of a scene's own things left out: ``motor.*.thrust``."""
     parts = path.parts
-    if parts[0] in ("body", "joint", "motor", "spring", "load", "proximity", "clearance", "phase", "release"):
+    if parts[0] in (
+        "body",
+        "joint",
+        "motor",
+        "spring",
+        "load",
+        "proximity",
+        "clearance",
+        "phase",
+        "release",
+    ):
         parts = (parts[0], "*", *parts[2:])
     if len(parts) > 3 and parts[2] == "aerodynamics" and path.field is None:
         parts = (*parts[:3], "term")
@@ -69,7 +112,8 @@ def kind_of(path: Path) -> str:
 
 
 def add_dispersions(tree: dict[str, Any], scene: Scene, dice: Dice) -> None:
-    """Put laws into a tree whose scene was read from it. What the parser refuses (settings, say) is left out."""
+    """Put laws into a tree whose scene was read from it. What the parser refuses (settings, say) is
+    left out."""
     places = list(paths(scene))
     # Each kind of number is as likely as another, however many of it there are.
     kinds = sorted({kind_of(path) for path in places})
@@ -103,7 +147,9 @@ def _law(scene: Scene, path: Path, dice: Dice) -> tuple[str, dict[str, Any]]:
     if path.parts[-1] == "fails":
         return key, {"discrete": [0, 1], "weights": [0.6, 0.4]}
     low, high = _range(scene, path, nominal, dice)
-    return key, _spread(rounded(nominal / factor, 12), rounded(low / factor, 5), rounded(high / factor, 5), dice)
+    return key, _spread(
+        rounded(nominal / factor, 12), rounded(low / factor, 5), rounded(high / factor, 5), dice
+    )
 
 
 def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float, float]:
@@ -115,7 +161,11 @@ def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float,
     if ".".join(path.parts).endswith(_ROUND) and dice.chance(0.5):
         return 0.0, 2.0 * math.pi
     kind = path.field.quantity.kind if path.field is not None else ""
-    positive = (path.field is not None and "NotNegative" in str(path.field.type)) or kind in ("stiffness", "damping", "time")
+    positive = (path.field is not None and "NotNegative" in str(path.field.type)) or kind in (
+        "stiffness",
+        "damping",
+        "time",
+    )
     if nominal == 0.0:
         size = _SIZES.get(kind, 0.05) * dice.between(0.2, 1.0)
         if kind == "time":
@@ -132,11 +182,17 @@ def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float,
 def _spread(nominal: float, low: float, high: float, dice: Dice) -> dict[str, Any]:
     """A law between two numbers; where it may, one about the nominal."""
     centred = math.isfinite(nominal) and low < nominal < high
-    half, middle = rounded(0.5 * (high - low)), rounded(low + dice.between(0.2, 0.8) * (high - low), 6)
+    half, middle = (
+        rounded(0.5 * (high - low)),
+        rounded(low + dice.between(0.2, 0.8) * (high - low), 6),
+    )
     laws: dict[str, dict[str, Any]] = {
         "pair": {"uniform": [low, high]},
         "peak": {"triangular": sorted([low, middle, high])},
-        "values": {"discrete": sorted({low, middle, high}), **({"weights": [1.0, 2.0, 0.5]} if len({low, middle, high}) == 3 else {})},
+        "values": {
+            "discrete": sorted({low, middle, high}),
+            **({"weights": [1.0, 2.0, 0.5]} if len({low, middle, high}) == 3 else {}),
+        },
         "one": {"constant": middle},
         "bell": {
             "normal": [middle, rounded(half / 3.0)],
@@ -147,13 +203,23 @@ def _spread(nominal: float, low: float, high: float, dice: Dice) -> dict[str, An
         laws |= {
             "half": {"uniform": half},
             "third": {"triangular": half},
-            "sigma": {"normal": rounded(half / 3.0), **({"truncate_sigma": 3.0} if dice.chance(0.6) else {})},
+            "sigma": {
+                "normal": rounded(half / 3.0),
+                **({"truncate_sigma": 3.0} if dice.chance(0.6) else {}),
+            },
         }
         share = half / abs(nominal) if nominal else 0.0
         if share and share < 0.5:
             laws |= {
                 "share": {"uniform": rounded(share), "relative": True},
-                "shares": {"uniform": [1.0 - rounded(share), 1.0 + rounded(share)], "relative": True},
-                "sigma share": {"normal": rounded(share / 3.0), "relative": True, "truncate_sigma": 2.5},
+                "shares": {
+                    "uniform": [1.0 - rounded(share), 1.0 + rounded(share)],
+                    "relative": True,
+                },
+                "sigma share": {
+                    "normal": rounded(share / 3.0),
+                    "relative": True,
+                    "truncate_sigma": 2.5,
+                },
             }
     return laws[dice.pick(list(laws))]

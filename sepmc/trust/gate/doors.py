@@ -1,4 +1,5 @@
-"""The doors a user has, against each other: a row and the replay of its case, one scene and the same spelt in another way."""
+"""The doors a user has, against each other: a row and the replay of its case, one scene and the
+same spelt in another way."""
 
 import copy
 import warnings
@@ -10,7 +11,15 @@ from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign, Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
-from sepmc.trust.gate.compare import Verdict, differences, last_line, settled, sizes, spread_of, told_errors
+from sepmc.trust.gate.compare import (
+    Verdict,
+    differences,
+    last_line,
+    settled,
+    sizes,
+    spread_of,
+    told_errors,
+)
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.spellings import SPELLINGS, spelt
@@ -32,7 +41,8 @@ def through(tree: Tree, name: str, verdict: Verdict) -> None:
 
 
 def doors(tree: Tree, name: str) -> list[str]:
-    """What differs between the doors, a line each: the replays of two cases, and the nominal scene in other spellings."""
+    """What differs between the doors, a line each: the replays of two cases, and the nominal scene
+    in other spellings."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         campaign = Campaign(parse_campaign(tree, name))
@@ -42,21 +52,33 @@ def doors(tree: Tree, name: str) -> list[str]:
         plain = Campaign(parse_campaign(nominal, name)).run(cases=1)
         for spelling, spell in SPELLINGS.items():
             other = spell(copy.deepcopy(nominal), Dice(len(spelling)))
-            said += _same(plain, Campaign(parse_campaign(other, name)).run(cases=1), spelling, nominal)
+            said += _same(
+                plain, Campaign(parse_campaign(other, name)).run(cases=1), spelling, nominal
+            )
     return said
 
 
 def _replayed(result: Result, number: int) -> list[str]:
     """A row against the single run of its case, as `sepmc run RUN --case N` flies it."""
     table, columns = result.table, result.campaign.outcome_columns
-    single = result.campaign.simulate(result.case(number), step_s=result.campaign.scene.run.end_time)
+    single = result.campaign.simulate(
+        result.case(number), step_s=result.campaign.scene.run.end_time
+    )
     outcomes, status = single.attrs["outcomes"], single.attrs["status"]
     if str(table["status"][number]) != status:
         return [f"replay of case {number}: {status}, its row {table['status'][number]}"]
-    if status not in _FLOWN or any("however short" in note for note in single.attrs["notes"]):  # it says that no step settles it
+    # it says that no step settles it
+    if status not in _FLOWN or any("however short" in note for note in single.attrs["notes"]):
         return []
     row = np.array([table[c.name][number] for c in columns])
-    return _off(row, np.array([outcomes[c.name] for c in columns]), columns, result, 2.0, f"replay of case {number}")
+    return _off(
+        row,
+        np.array([outcomes[c.name] for c in columns]),
+        columns,
+        result,
+        2.0,
+        f"replay of case {number}",
+    )
 
 
 def _same(one: Result, two: Result, spelling: str, tree: Tree) -> list[str]:
@@ -75,9 +97,17 @@ def _reported(result: Result) -> float:
     return max(told_errors(result.accuracy).values(), default=0.0)
 
 
-def _off(found: Any, expected: Any, columns: list[Column], result: Result, share: float, what: str, more: float = 0.0) -> list[str]:
-    """A line if outcomes differ by more than the run reports and was asked for. Times and places of extremes, which a flat one leaves
-    open, are left to the comparison of rows."""
+def _off(
+    found: Any,
+    expected: Any,
+    columns: list[Column],
+    result: Result,
+    share: float,
+    what: str,
+    more: float = 0.0,
+) -> list[str]:
+    """A line if outcomes differ by more than the run reports and was asked for. Times and places of
+    extremes, which a flat one leaves open, are left to the comparison of rows."""
     asked = result.accuracy.asked if result.accuracy else 0.0
     allowed = max(_FLOOR, share * asked, _MARGIN * (_reported(result) + more))
     off = differences(settled(found[None], expected[None], columns)[0], expected, columns)
@@ -89,4 +119,7 @@ def _off(found: Any, expected: Any, columns: list[Column], result: Result, share
     at = int(np.argmax(off))
     if off[at] <= allowed:
         return []
-    return [f"{what}: {columns[at].name} = {found[at]:.9g}, not {expected[at]:.9g}, off by {off[at]:.1e}"]
+    return [
+        f"{what}: {columns[at].name} = {found[at]:.9g}, not {expected[at]:.9g}, off by "
+        f"{off[at]:.1e}"
+    ]

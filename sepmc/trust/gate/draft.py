@@ -14,8 +14,8 @@ GROUND = "ground"
 class Draft:
     """The tree of a campaign file while it is drawn.
 
-    ``special`` names the special structure the scene has ("" for none), ``span`` its flight time in s, ``late`` the later kinds
-    of feature it may have, see `sepmc.trust.gate.scenes.LATE`.
+    ``special`` names the special structure the scene has ("" for none), ``span`` its flight time in
+    s, ``late`` the later kinds of feature it may have, see `sepmc.trust.gate.scenes.LATE`.
     """
 
     dice: Dice

@@ -1,4 +1,5 @@
-"""The gate: so many random scenes, each flown and judged by a worker process, and one table of what was found."""
+"""The gate: so many random scenes, each flown and judged by a worker process, and one table of what
+was found."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -17,7 +18,13 @@ _COLUMNS = ("same", "told", "tie", "refused", *FAULTS)
 Found = dict[str, Any]
 
 
-def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None] = print, cases: int = CASES) -> list[Found]:
+def gate(
+    count: int,
+    seed: int = 0,
+    compiled: int = 0,
+    say: Callable[[str], None] = print,
+    cases: int = CASES,
+) -> list[Found]:
     """Judge the scenes of seeds ``seed`` to ``seed + count``.
 
     Parameters
@@ -31,8 +38,14 @@ def gate(count: int, seed: int = 0, compiled: int = 0, say: Callable[[str], None
     -------
     verdicts : `sepmc.trust.gate.compare.Verdict` as dicts, in the order of seeds
     """
-    jobs: list[Job] = [{"seed": number, "cases": cases, "doors": number % _DOORS == 0} for number in range(seed, seed + count)]
-    jobs += [{"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"} for n in range(seed, seed + min(compiled, count))]
+    jobs: list[Job] = [
+        {"seed": number, "cases": cases, "doors": number % _DOORS == 0}
+        for number in range(seed, seed + count)
+    ]
+    jobs += [
+        {"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"}
+        for n in range(seed, seed + min(compiled, count))
+    ]
     found: list[Found] = []
     for verdict in judge_all(jobs):
         found.append(verdict)
@@ -61,7 +74,9 @@ def shrunk(tree: Tree, compiled: bool = False, cases: int = CASES, most: int = 1
     """A smaller tree that fails in the same way, found by a worker process."""
     worker = Worker(limit_s=3600.0)
     try:
-        answer = worker.judge({"tree": tree, "name": "shrunk", "shrink": most, "cases": cases, "compiled": compiled})
+        answer = worker.judge(
+            {"tree": tree, "name": "shrunk", "shrink": most, "cases": cases, "compiled": compiled}
+        )
     finally:
         worker.close()
     return answer["tree"] if answer else tree
@@ -74,7 +89,8 @@ def keep(tree: Tree, path: Path, verdict: Found) -> None:
 
 
 def table(verdicts: Iterable[Found]) -> str:
-    """Rows and faults by how the scene was flown and by what it has, the worst agreement, the seeds that fail."""
+    """Rows and faults by how the scene was flown and by what it has, the worst agreement, the seeds
+    that fail."""
     verdicts = list(verdicts)
     flown = [v for v in verdicts if not v.get("not_flown")]
     groups: dict[str, list[Found]] = {"all": flown}
@@ -82,18 +98,35 @@ def table(verdicts: Iterable[Found]) -> str:
         groups.setdefault(_drive(v), []).append(v)
     for feature in sorted({f for v in flown for f in v.get("features", [])}):
         groups[feature] = [v for v in flown if feature in v.get("features", [])]
-    text = [f"{'scenes with':30s}{'scenes':>8s}" + "".join(f"{c:>9s}" for c in _COLUMNS) + f"{'crashes':>9s}"]
+    text = [
+        f"{'scenes with':30s}{'scenes':>8s}"
+        + "".join(f"{c:>9s}" for c in _COLUMNS)
+        + f"{'crashes':>9s}"
+    ]
     for name, group in groups.items():
         rows: Counter[str] = sum((Counter(v["rows"]) for v in group), Counter())
         crashes = sum(bool(v["crash"]) for v in group)
-        text.append(f"{name:30s}{len(group):8d}" + "".join(f"{rows[c]:9d}" for c in _COLUMNS) + f"{crashes:9d}")
+        text.append(
+            f"{name:30s}{len(group):8d}"
+            + "".join(f"{rows[c]:9d}" for c in _COLUMNS)
+            + f"{crashes:9d}"
+        )
     statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in flown), Counter())
     text += ["", "statuses: " + ", ".join(f"{n} {label}" for label, n in statuses.most_common())]
     text += [_worst(flown)] if any(v.get("rows") for v in flown) else []
-    for reason, n in Counter(v["not_flown"][:100] for v in verdicts if v.get("not_flown")).most_common():
+    for reason, n in Counter(
+        v["not_flown"][:100] for v in verdicts if v.get("not_flown")
+    ).most_common():
         text.append(f"not compared: {n} x {reason}")
     failing = sorted({v["seed"] for v in flown if fails(v)})
-    text.append(f"{len(verdicts)} scenes, " + (f"{len(failing)} FAIL, seeds {', '.join(map(str, failing))}" if failing else "none fails"))
+    text.append(
+        f"{len(verdicts)} scenes, "
+        + (
+            f"{len(failing)} FAIL, seeds {', '.join(map(str, failing))}"
+            if failing
+            else "none fails"
+        )
+    )
     return "\n".join(text)
 
 
@@ -101,5 +134,8 @@ def _worst(flown: list[Found]) -> str:
     """The row that agrees least of those that agree, in shares of what its run reports."""
     off = max(flown, key=lambda v: v.get("worst", 0.0) / max(v.get("reported", 0.0), 1e-9))
     missed = sum(not v.get("met", True) for v in flown)
-    said = f"worst agreement: {off.get('worst', 0.0):.1e} where {off.get('reported', 0.0):.1e} is reported ({off['name']})"
+    said = (
+        f"worst agreement: {off.get('worst', 0.0):.1e} where {off.get('reported', 0.0):.1e} is "
+        f"reported ({off['name']})"
+    )
     return f"{said}; {missed} scenes say that their accuracy is not met"

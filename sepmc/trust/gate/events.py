@@ -23,14 +23,20 @@ def ending(draft: Draft, held: dict[str, str], one: _Condition) -> Tree:
 
 
 def _combined(draft: Draft, one: _Condition, depth: int = 0) -> Tree:
-    """Several keys in one table, or ``any`` or ``all`` of several conditions, some of which are such themselves."""
+    """Several keys in one table, or ``any`` or ``all`` of several conditions, some of which are
+    such themselves."""
     dice = draft.dice
     sort = dice.weighted({"keys": 0.25, "any": 0.35, "all": 0.4})
     if sort == "keys":
         found, other = one(), one()
         clash = set(found) & set(other)
         return found if clash else found | other
-    return {sort: [_combined(draft, one, depth + 1) if depth < 1 and dice.chance(0.2) else one() for _ in range(dice.pick([2, 2, 3]))]}
+    return {
+        sort: [
+            _combined(draft, one, depth + 1) if depth < 1 and dice.chance(0.2) else one()
+            for _ in range(dice.pick([2, 2, 3]))
+        ]
+    }
 
 
 def _break_load(draft: Draft, held: dict[str, str]) -> Tree:
@@ -47,17 +53,25 @@ def _break_load(draft: Draft, held: dict[str, str]) -> Tree:
 
 
 def add_releases(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
-    """Releases of single joints, whatever the phase; ``until(held, span, past)`` draws a plain condition."""
+    """Releases of single joints, whatever the phase; ``until(held, span, past)`` draws a plain
+    condition."""
     dice, tree = draft.dice, draft.tree
     if "release" not in draft.late:
         return
-    kinds = {name: [phase["joints"].get(name, "free") for phase in tree["phase"]] for name in tree["joint"]}
-    for name in dice.some([name for name, found in kinds.items() if set(found) != {"free"}], dice.pick([1, 1, 2])):
+    kinds = {
+        name: [phase["joints"].get(name, "free") for phase in tree["phase"]]
+        for name in tree["joint"]
+    }
+    for name in dice.some(
+        [name for name, found in kinds.items() if set(found) != {"free"}], dice.pick([1, 1, 2])
+    ):
         past = dice.between(0.15, 0.95) * draft.span
         held = {joint: found[0] for joint, found in kinds.items()}
         when = ending(draft, held, lambda held=held, past=past: until(held, past, past))  # type: ignore[misc]
         to = "free" if dice.chance(0.6) else dice.pick(_less(draft, name, kinds[name]) or ["free"])
-        tree.setdefault("release", []).append({"name": draft.names.new("release"), "joint": name, "to": to, "when": when})
+        tree.setdefault("release", []).append(
+            {"name": draft.names.new("release"), "joint": name, "to": to, "when": when}
+        )
 
 
 def _less(draft: Draft, name: str, kinds: list[str]) -> list[str]:

@@ -22,7 +22,9 @@ def add_guides(draft: Draft) -> None:
         if dice.chance(0.5):
             guide["clock_deg"] = dice.about(180.0)
         if dice.chance(0.66):
-            guide["friction"] = dice.weighted({dice.between(0.01, 0.15): 0.9, dice.between(0.3, 1.0): 0.1})
+            guide["friction"] = dice.weighted(
+                {dice.between(0.01, 0.15): 0.9, dice.between(0.3, 1.0): 0.1}
+            )
             guide["slip_speed_m_s"] = dice.decades(0.05, 0.5)
         joint["guide"] = guide
 

@@ -7,7 +7,8 @@ from sepmc.trust.gate.draft import GROUND, Draft, Tree
 
 
 def add_loads(draft: Draft) -> None:
-    """Some motors, springs and loads, each with some of what it may have; what motors the phases need already gets options too."""
+    """Some motors, springs and loads, each with some of what it may have; what motors the phases
+    need already gets options too."""
     dice, tree = draft.dice, draft.tree
     if draft.special == "still":
         return
@@ -16,7 +17,12 @@ def add_loads(draft: Draft) -> None:
     for _ in range(dice.weighted({0: 0.3, 1: 0.45, 2: 0.25})):
         body = dice.pick(draft.bodies)
         station = rounded(draft.cg(body)[0] + dice.between(-0.5, 0.8))
-        motor = {"name": draft.names.new("motor"), "body": body, "thrust_N": _force(draft, body), "station_m": station}
+        motor = {
+            "name": draft.names.new("motor"),
+            "body": body,
+            "thrust_N": _force(draft, body),
+            "station_m": station,
+        }
         if dice.chance(0.3):
             motor["burn_s"] = dice.between(0.1, 0.9) * draft.span
         if dice.chance(0.35):
@@ -46,8 +52,15 @@ def _options(draft: Draft, motor: Tree) -> None:
         rows = dice.pick([2, 3, 4])
         times = [rounded(dice.between(0.3, 1.2) * span * row / (rows - 1)) for row in range(rows)]
         if times == sorted(set(times)):
-            motor["profile"] = {"time_s": times, "fraction": [dice.between(0.1, 1.3) for _ in times]}
-    for key, size, chance in (("radius_m", 0.3, 0.3), ("cant_deg", 200.0, 0.6), ("clock_deg", 180.0, 0.4)):
+            motor["profile"] = {
+                "time_s": times,
+                "fraction": [dice.between(0.1, 1.3) for _ in times],
+            }
+    for key, size, chance in (
+        ("radius_m", 0.3, 0.3),
+        ("cant_deg", 200.0, 0.6),
+        ("clock_deg", 180.0, 0.4),
+    ):
         if dice.chance(chance):
             motor[key] = abs(dice.about(size)) if key == "radius_m" else dice.about(size)
     for key, value in (
@@ -60,7 +73,8 @@ def _options(draft: Draft, motor: Tree) -> None:
 
 
 def _add_spring(draft: Draft) -> None:
-    """A spring along an axis or along the line between its points, between two bodies or from the ground."""
+    """A spring along an axis or along the line between its points, between two bodies or from the
+    ground."""
     dice = draft.dice
     bodies = dice.some(draft.bodies, 2)
     if dice.chance(0.12):
@@ -68,14 +82,18 @@ def _add_spring(draft: Draft) -> None:
     if dice.chance(0.5):
         bodies.reverse()
     centres = [draft.cg(body) for body in bodies if body != GROUND]
-    point = [rounded(x + dice.about(0.15)) for x in (sum(c) / len(c) for c in zip(*centres, strict=True))]
+    point = [
+        rounded(x + dice.about(0.15)) for x in (sum(c) / len(c) for c in zip(*centres, strict=True))
+    ]
     reduced, turns = draft.reduced(bodies), dice.between(3.0, 30.0)
     spring: Tree = {"name": draft.names.new("spring"), "bodies": bodies, "point_m": point}
     if dice.chance(0.5):
         spring["axis"] = dice.direction()
     if "axis" not in spring or dice.chance(0.3):
         other = dice.direction()
-        spring["second_point_m"] = [rounded(x + 0.4 * y / math.hypot(*other)) for x, y in zip(point, other, strict=True)]
+        spring["second_point_m"] = [
+            rounded(x + 0.4 * y / math.hypot(*other)) for x, y in zip(point, other, strict=True)
+        ]
     if dice.chance(0.8):
         spring["force_N"] = rounded(reduced * dice.about(30.0))
     if dice.chance(0.6):
@@ -96,7 +114,10 @@ def _add_load(draft: Draft) -> None:
     if dice.chance(0.8):
         load["force_N"] = force
     if dice.chance(0.5):
-        load["moment_N_m"] = [rounded(x * sum(draft.tree["body"][body]["inertia_kg_m2"]) / 3.0) for x in dice.vector(8.0)]
+        load["moment_N_m"] = [
+            rounded(x * sum(draft.tree["body"][body]["inertia_kg_m2"]) / 3.0)
+            for x in dice.vector(8.0)
+        ]
     if dice.chance(0.5):
         load["frame"] = "ground"
     if dice.chance(0.5):

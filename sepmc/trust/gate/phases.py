@@ -1,4 +1,5 @@
-"""Phases of a random scene: which joints hold, what ends each phase, and the load that brings that about."""
+"""Phases of a random scene: which joints hold, what ends each phase, and the load that brings that
+about."""
 
 import math
 from functools import partial
@@ -8,24 +9,41 @@ from sepmc.trust.gate.draft import GROUND, Draft, Tree
 from sepmc.trust.gate.events import add_releases, ending
 from sepmc.trust.gate.joints import chain, rows, toward
 
-_ENDS = {"time": 0.32, "stroke": 0.26, "distance": 0.1, "angle": 0.1, "altitude": 0.07, "burn_out": 0.15}
+_ENDS = {
+    "time": 0.32,
+    "stroke": 0.26,
+    "distance": 0.1,
+    "angle": 0.1,
+    "altitude": 0.07,
+    "burn_out": 0.15,
+}
 
 
 def add_phases(draft: Draft) -> None:
-    """One to five phases. Between two of them some joint lets go, unless the boundary is an idle one."""
+    """One to five phases. Between two of them some joint lets go, unless the boundary is an idle
+    one."""
     dice, tree = draft.dice, draft.tree
     count = dice.weighted({1: 0.08, 2: 0.37, 3: 0.33, 4: 0.17, 5: 0.05})
     changes: dict[str, list[bool]] = {name: [] for name in tree["joint"]}
     for _ in range(count - 1):
         idle = draft.special in ("idle", "shut") and dice.chance(0.6)
-        chosen = [] if idle or not changes else dice.some(list(changes), 1 if dice.chance(0.75) else 2)
+        chosen = (
+            [] if idle or not changes else dice.some(list(changes), 1 if dice.chance(0.75) else 2)
+        )
         for name, found in changes.items():
-            found.append(name in chosen and not (draft.special == "shut" and GROUND not in tree["joint"][name]["bodies"]))
+            found.append(
+                name in chosen
+                and not (draft.special == "shut" and GROUND not in tree["joint"][name]["bodies"])
+            )
     kinds = {name: chain(draft, name, found) for name, found in changes.items()}
     tree["phase"] = []
     past = 0.0  # s, about when the phase begins
     for number in range(count):
-        held = {name: found[number] for name, found in kinds.items() if found[number] != "free" or dice.chance(0.1)}
+        held = {
+            name: found[number]
+            for name, found in kinds.items()
+            if found[number] != "free" or dice.chance(0.1)
+        }
         phase: Tree = {"name": draft.names.new("phase"), "joints": held}
         if number < count - 1:
             span = dice.between(0.5, 1.0) * draft.span / count
@@ -38,7 +56,8 @@ def add_phases(draft: Draft) -> None:
 
 
 def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree:
-    """A condition that is met about ``span`` s after the phase begins, ``past`` s after the start, if all goes well."""
+    """A condition that is met about ``span`` s after the phase begins, ``past`` s after the start,
+    if all goes well."""
     dice = draft.dice
     what = dice.weighted(_ENDS)
     if what in ("stroke", "distance"):
@@ -53,9 +72,14 @@ def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree
         return _climbed(draft, past)
     if what == "burn_out":
         return _burnt(draft, past)
-    times = [phase["until"]["time_s"] for phase in draft.tree["phase"] if "time_s" in phase.get("until", {})]
+    times = [
+        phase["until"]["time_s"]
+        for phase in draft.tree["phase"]
+        if "time_s" in phase.get("until", {})
+    ]
     early = max([0.0, *times])
-    time = early if dice.chance(0.04) else max(early, past * dice.between(0.3, 1.0))  # some are over before they begin
+    # some are over before they begin
+    time = early if dice.chance(0.04) else max(early, past * dice.between(0.3, 1.0))
     return {"time_s": rounded(min(time, 0.98 * draft.span), 6)}
 
 
@@ -65,7 +89,15 @@ def _slides(draft: Draft, name: str, held: dict[str, str]) -> bool:
 
 def _turns(kind: str) -> bool:
     """Whether a load can turn a joint of a kind about its x axis."""
-    return kind in ("revolute", "cylindrical", "spherical", "planar", "point-on-line", "free", "point-on-plane")
+    return kind in (
+        "revolute",
+        "cylindrical",
+        "spherical",
+        "planar",
+        "point-on-line",
+        "free",
+        "point-on-plane",
+    )
 
 
 def _pushed(draft: Draft, name: str, span: float, what: str) -> Tree:
@@ -99,22 +131,38 @@ def _turned(draft: Draft, name: str, span: float) -> Tree:
     size = math.hypot(*axis)
     acceleration = dice.between(5.0, 40.0)
     moment = acceleration * sum(draft.tree["body"][body]["inertia_kg_m2"]) / 3.0
-    load = {"name": draft.names.new("load"), "body": body, "moment_N_m": [rounded(moment * x / size) for x in axis]}
+    load = {
+        "name": draft.names.new("load"),
+        "body": body,
+        "moment_N_m": [rounded(moment * x / size) for x in axis],
+    }
     draft.tree.setdefault("load", []).append(load)
     angle = max(2e-3, min(0.7, 0.5 * acceleration * span**2 * dice.between(0.2, 0.7)))
     return {"joint": name, "angle_deg": rounded(math.degrees(angle))}
 
 
 def _climbed(draft: Draft, past: float) -> Tree:
-    """A height that a body passes about ``past`` s after the start, were there neither loads nor rates."""
+    """A height that a body passes about ``past`` s after the start, were there neither loads nor
+    rates."""
     initial, dice = draft.tree["initial"], draft.dice
     body = dice.pick(draft.bodies)
     path = math.radians(initial.get("pitch_deg", 0.0) - initial.get("alpha_deg", 0.0))
-    rise = initial["speed_m_s"] * math.cos(math.radians(initial.get("path_yaw_deg", 0.0))) * math.sin(path)
+    rise = (
+        initial["speed_m_s"]
+        * math.cos(math.radians(initial.get("path_yaw_deg", 0.0)))
+        * math.sin(path)
+    )
     masses = [draft.mass(name) for name in draft.bodies]
-    centre = sum(m * draft.cg(name)[0] for m, name in zip(masses, draft.bodies, strict=True)) / sum(masses)
+    centre = sum(m * draft.cg(name)[0] for m, name in zip(masses, draft.bodies, strict=True)) / sum(
+        masses
+    )
     start = (centre - draft.cg(body)[0]) * math.sin(math.radians(initial.get("pitch_deg", 0.0)))
-    return {"body": body, "altitude_m": rounded(initial["altitude_m"] + start + rise * past * dice.between(0.5, 0.9), 8)}
+    return {
+        "body": body,
+        "altitude_m": rounded(
+            initial["altitude_m"] + start + rise * past * dice.between(0.5, 0.9), 8
+        ),
+    }
 
 
 def _burnt(draft: Draft, past: float) -> Tree:

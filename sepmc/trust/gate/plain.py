@@ -1,7 +1,8 @@
-"""The pilot of plain Python: steps for the text that is flown as it stands, from the run's own first cases.
+"""The pilot of plain Python: steps for the text that is flown as it stands, from the run's own
+first cases.
 
-The campaign's pilot would take most of the time there. What steps it finds is not what the gate is about: whatever they are, the run
-reports the error it was flown with, and rows are held to that.
+The campaign's pilot would take most of the time there. What steps it finds is not what the gate is
+about: whatever they are, the run reports the error it was flown with, and rows are held to that.
 """
 
 import math
@@ -39,7 +40,9 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
         campaigns.plan_flight = usual
 
 
-def _plan(campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None) -> Flight:
+def _plan(
+    campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None
+) -> Flight:
     scene = campaign.scene
     draws = campaign.in_si(cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES))
     kernel = load_kernel(pilot.kernel_text(campaign, history=history))
@@ -53,24 +56,40 @@ def _plan(campaign: Definition, history: bool = False, announce: Callable[[str],
     while True:
         block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
-        if np.isinf(usual).all() and sound.any():  # now it is known how long stages last: the same steps once more
+        # now it is known how long stages last: the same steps once more
+        if np.isinf(usual).all() and sound.any():
             usual[:] = usual_lengths(ends, sound)
             continue
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
             errors = relative_error(before[0][both], now[0][both], units, own)
         settled = errors.max() <= pilot.SAFE * scene.solver.accuracy
-        if settled or 2 * steps.max() > _MOST_STEPS or (steps.max() >= _HOPELESS and not sound.any()):
+        if (
+            settled
+            or 2 * steps.max() > _MOST_STEPS
+            or (steps.max() >= _HOPELESS and not sound.any())
+        ):
             flown = before if settled and before is not None else now
             if low_order:  # a step and its half can be off by the same
                 block, _ = fly_cases(kernel, campaign.plan, 2 * steps, usual, campaign.slots, draws)
                 both = flown[1] & np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
-                finer = relative_error(flown[0][both], block.outcomes[both, : len(units)], units, own)
+                finer = relative_error(
+                    flown[0][both], block.outcomes[both, : len(units)], units, own
+                )
                 errors = np.maximum(errors, finer) if both.any() else errors
-            # the rows are the trial cases: those that no step suits tell their error when they are flown again
+            # the rows are the trial cases: those that no step suits tell their error when they are
+            # flown again
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
             left = pilot.spares(campaign, history)
-            return Flight(kernel=kernel, steps=chosen, usual=usual, scale=scale, error=float(errors.max()), achieved=told, spares=left)
+            return Flight(
+                kernel=kernel,
+                steps=chosen,
+                usual=usual,
+                scale=scale,
+                error=float(errors.max()),
+                achieved=told,
+                spares=left,
+            )
         before, steps = now, 2 * steps

@@ -2,16 +2,19 @@
 
 What is drawn, and how often (the weights stand where they are used):
 
-=================  =================================================================================================
+=================  =================================================================================
 bodies             2 to 5; products of inertia, round, spherical and flat ones
-joints             a tree, in 3 of 10 scenes with more than two bodies a loop, in 1 of 5 the ground; all kinds and own ones
-phases             1 to 5, ended by time, stroke, distance, angle, height or burn-out; delays, failures
-loads              0 to 3 motors, springs and constant loads with any of their options; polynomial aerodynamics, wind
+joints             a tree, in 3 of 10 scenes with more than two bodies a loop, in 1 of 5 the ground;
+                   all kinds and own ones
+phases             1 to 5, ended by time, stroke, distance, angle, height or burn-out; delays,
+                   failures
+loads              0 to 3 motors, springs and constant loads with any of their options; polynomial
+                   aerodynamics, wind
 dispersions        0 to 16, over any number of the scene, by any law, in any unit
 names              in 35 of 100 scenes such as a program that writes programs may trip over
 special structure  in 1 of 4 scenes, see `SPECIAL`
 later kinds        in 3 of 10 scenes, each of `LATE` as often as it says
-=================  =================================================================================================
+=================  =================================================================================
 """
 
 from collections.abc import Iterable
@@ -55,7 +58,19 @@ LATE = {
 }
 _LATE_SHARE = 0.3
 _ORDER = (
-    *("environment", "body", "motor", "spring", "load", "proximity", "joint", "phase", "release", "clearance", "output"),
+    *(
+        "environment",
+        "body",
+        "motor",
+        "spring",
+        "load",
+        "proximity",
+        "joint",
+        "phase",
+        "release",
+        "clearance",
+        "output",
+    ),
     *("initial", "run", "solver", "dispersion"),
 )
 
@@ -91,12 +106,18 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
 
 
 def _late(dice: Dice) -> frozenset[str]:
-    """Later kinds that a scene may have; a stream of their own leaves the rest of a seed as it is without them."""
-    return frozenset(kind for kind, share in LATE.items() if dice.chance(share)) if dice.chance(_LATE_SHARE) else frozenset()
+    """Later kinds that a scene may have; a stream of their own leaves the rest of a seed as it is
+    without them."""
+    return (
+        frozenset(kind for kind, share in LATE.items() if dice.chance(share))
+        if dice.chance(_LATE_SHARE)
+        else frozenset()
+    )
 
 
 def _hold(draft: Draft) -> None:
-    """What the ground holds starts at rest, or turning about the joint that holds it; now and then against it."""
+    """What the ground holds starts at rest, or turning about the joint that holds it; now and then
+    against it."""
     dice, initial = draft.dice, draft.tree["initial"]
     holding = [joint for joint in draft.tree["joint"].values() if GROUND in joint["bodies"]]
     if not holding:

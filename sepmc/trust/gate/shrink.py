@@ -1,4 +1,5 @@
-"""A failing scene made small: what can be left out, or be simpler, without the failure going away."""
+"""A failing scene made small: what can be left out, or be simpler, without the failure going
+away."""
 
 import copy
 from collections.abc import Callable, Iterator
@@ -13,9 +14,14 @@ _LISTS = ("motor", "spring", "load", "proximity", "clearance", "release")
 
 
 def shrink(
-    tree: Tree, cases: int = 3, most: int = 300, judged: Judge | None = None, say: Callable[[str], None] = lambda text: None
+    tree: Tree,
+    cases: int = 3,
+    most: int = 300,
+    judged: Judge | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Tree:
-    """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the same fault."""
+    """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the
+    same fault."""
     judged = judged or (lambda t: judge(t, "shrunk", cases))
     sign = _sign(judged(tree))
     if not sign:
@@ -50,7 +56,10 @@ def _edits(tree: Tree) -> Iterator[Tree]:
         keys = list(tree["dispersion"])
         for half in (keys[: len(keys) // 2], keys[len(keys) // 2 :]):
             if len(keys) > 2:
-                yield {**tree, "dispersion": {k: v for k, v in tree["dispersion"].items() if k not in half}}
+                yield {
+                    **tree,
+                    "dispersion": {k: v for k, v in tree["dispersion"].items() if k not in half},
+                }
     for body in list(tree["body"])[::-1]:
         if len(tree["body"]) > 1:
             yield _without_body(tree, body)
@@ -97,21 +106,40 @@ def _without_body(tree: Tree, body: str) -> Tree:
     del smaller["body"][body]
     for key in _LISTS:
         if key in smaller:
-            smaller[key] = [item for item in smaller[key] if item.get("body") != body and body not in item.get("bodies", [])]
-    gone = [name for name, joint in smaller.get("joint", {}).items() if body in joint["bodies"] or set(joint["bodies"]) == {GROUND}]
+            smaller[key] = [
+                item
+                for item in smaller[key]
+                if item.get("body") != body and body not in item.get("bodies", [])
+            ]
+    gone = [
+        name
+        for name, joint in smaller.get("joint", {}).items()
+        if body in joint["bodies"] or set(joint["bodies"]) == {GROUND}
+    ]
     return _with_known(_without_joints(smaller, gone))
 
 
 def _without_joints(tree: Tree, gone: list[str]) -> Tree:
-    """A tree without joints and all that names them; phases that one of them ends, end at a time."""
+    """A tree without joints and all that names them; phases that one of them ends, end at a
+    time."""
     smaller = copy.deepcopy(tree)
-    smaller["joint"] = {name: joint for name, joint in smaller.get("joint", {}).items() if name not in gone}
+    smaller["joint"] = {
+        name: joint for name, joint in smaller.get("joint", {}).items() if name not in gone
+    }
     for number, phase in enumerate(smaller["phase"]):
-        phase["joints"] = {name: kind for name, kind in phase.get("joints", {}).items() if name not in gone}
+        phase["joints"] = {
+            name: kind for name, kind in phase.get("joints", {}).items() if name not in gone
+        }
         if phase.get("until", {}).get("joint") in gone:
-            phase["until"] = {"time_s": rounded(smaller["run"]["end_time_s"] * (number + 1) / (len(smaller["phase"]) + 1))}
+            phase["until"] = {
+                "time_s": rounded(
+                    smaller["run"]["end_time_s"] * (number + 1) / (len(smaller["phase"]) + 1)
+                )
+            }
     if "tip_off" in smaller.get("output", {}):
-        smaller["output"]["tip_off"] = [name for name in smaller["output"]["tip_off"] if name not in gone]
+        smaller["output"]["tip_off"] = [
+            name for name in smaller["output"]["tip_off"] if name not in gone
+        ]
     return _with_known(smaller)
 
 
@@ -120,14 +148,21 @@ def _with_known(tree: Tree) -> Tree:
     sorts = {key: set(tree.get(key, {})) for key in ("body", "joint")}
     sorts |= {key: {item.get("name") for item in tree.get(key, [])} for key in (*_LISTS, "phase")}
     laws = tree.get("dispersion", {})
-    kept = {key: law for key, law in laws.items() if (parts := key.split("."))[0] not in sorts or parts[1] in sorts[parts[0]]}
+    kept = {
+        key: law
+        for key, law in laws.items()
+        if (parts := key.split("."))[0] not in sorts or parts[1] in sorts[parts[0]]
+    }
     return {**tree, "dispersion": kept} if laws else tree
 
 
 def _rounded(tree: Tree) -> Iterator[Tree]:
     """Trees all of whose numbers, outside the laws, have fewer digits."""
     for digits in (1, 2):
-        simpler = {key: value if key in ("dispersion", "run", "solver") else _round(value, digits) for key, value in tree.items()}
+        simpler = {
+            key: value if key in ("dispersion", "run", "solver") else _round(value, digits)
+            for key, value in tree.items()
+        }
         if simpler != tree:
             yield simpler
 

@@ -1,4 +1,5 @@
-"""One scene written in another way, that must fly the same: other units, names, order; joints and springs the other way round."""
+"""One scene written in another way, that must fly the same: other units, names, order; joints and
+springs the other way round."""
 
 import copy
 import math
@@ -25,7 +26,11 @@ def in_units(tree: Tree, dice: Dice) -> Tree:
 
 
 def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
-    fields = {key: (field, factor) for field in fields_of(kind).values() for key, factor in field.keys.items()}
+    fields = {
+        key: (field, factor)
+        for field in fields_of(kind).values()
+        for key, factor in field.keys.items()
+    }
     result: Tree = {}
     for key, value in table.items():
         field, factor = fields.get(key, (None, 1.0))
@@ -34,7 +39,9 @@ def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
         elif field.table:
             result[key] = _in_units(value, field.table, dice)
         elif field.table_of_tables:
-            result[key] = {name: _in_units(item, field.table_of_tables, dice) for name, item in value.items()}
+            result[key] = {
+                name: _in_units(item, field.table_of_tables, dice) for name, item in value.items()
+            }
         elif field.array_of_tables:
             result[key] = [_in_units(item, field.array_of_tables, dice) for item in value]
         elif field.units:
@@ -50,7 +57,8 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def renamed(tree: Tree, dice: Dice) -> Tree:
-    """Every body, joint, spring, motor, load, phase and own kind with another name, made of the old one."""
+    """Every body, joint, spring, motor, load, phase and own kind with another name, made of the old
+    one."""
     del dice
     bodies = {name: f"{name}_1" for name in tree["body"]} | {"ground": "ground"}
     joints = {name: f"n{name}" for name in tree.get("joint", {})}
@@ -77,18 +85,31 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
     for release in new.get("release", []):
         own = tree["joint"][release["joint"]].get("kind", {})
         release |= {"name": f"R{release['name']}", "joint": joints[release["joint"]]}
-        release["to"] = f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
+        release["to"] = (
+            f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
+        )
         release["when"] = _renamed_in(release["when"], bodies, joints, motors)
     for entry in new.get("proximity", []):
-        entry |= {"name": f"N{entry['name']}", "body": bodies[entry["body"]], "joint": joints[entry["joint"]]}
+        entry |= {
+            "name": f"N{entry['name']}",
+            "body": bodies[entry["body"]],
+            "joint": joints[entry["joint"]],
+        }
     for clearance in new.get("clearance", []):
-        clearance |= {"name": f"C{clearance['name']}", "bodies": [bodies[name] for name in clearance["bodies"]]}
+        clearance |= {
+            "name": f"C{clearance['name']}",
+            "bodies": [bodies[name] for name in clearance["bodies"]],
+        }
         clearance |= {"after": joints[clearance["after"]]} if "after" in clearance else {}
-    new["output"] = {key: [joints[name] for name in names] for key, names in new.get("output", {}).items()}
+    new["output"] = {
+        key: [joints[name] for name in names] for key, names in new.get("output", {}).items()
+    }
     return new
 
 
-def _renamed_in(until: Tree, bodies: dict[str, str], joints: dict[str, str], motors: dict[str, str]) -> Tree:
+def _renamed_in(
+    until: Tree, bodies: dict[str, str], joints: dict[str, str], motors: dict[str, str]
+) -> Tree:
     """A condition, and those inside it, with the new names."""
     new = dict(until)
     for key, names in (("joint", joints), ("body", bodies), ("burn_out", motors)):
@@ -107,30 +128,46 @@ def reordered(tree: Tree, dice: Dice) -> Tree:
 
 
 def turned(tree: Tree, dice: Dice) -> Tree:
-    """Springs along a line, and joints that hold the same seen from either body, the other way round."""
+    """Springs along a line, and joints that hold the same seen from either body, the other way
+    round."""
     del dice
     new = copy.deepcopy(tree)
     one_way = _with_direction(tree)
     for name, joint in new.get("joint", {}).items():
         kinds = {phase.get("joints", {}).get(name, "free") for phase in tree["phase"]}
-        kinds |= {release.get("to", "free") for release in tree.get("release", []) if release["joint"] == name}
+        kinds |= {
+            release.get("to", "free")
+            for release in tree.get("release", [])
+            if release["joint"] == name
+        }
         if kinds <= _TURNED and name not in one_way:
             joint["bodies"].reverse()
             if "apart" in joint:
                 joint["apart"] = -joint["apart"]
             if "second_point_m" in joint:
-                joint["point_m"], joint["second_point_m"] = joint["second_point_m"], joint["point_m"]
+                joint["point_m"], joint["second_point_m"] = (
+                    joint["second_point_m"],
+                    joint["point_m"],
+                )
     for spring in new.get("spring", []):
         if "axis" not in spring:
             spring["bodies"] = spring["bodies"][::-1]
-            spring["point_m"], spring["second_point_m"] = spring["second_point_m"], spring["point_m"]
+            spring["point_m"], spring["second_point_m"] = (
+                spring["second_point_m"],
+                spring["point_m"],
+            )
     return new
 
 
 def _with_direction(tree: Tree) -> set[str]:
-    """Joints of which something depends on which body is the first: conditions, pins, increments, outputs of loads."""
-    waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [r["when"] for r in tree.get("release", [])]
-    found = set(tree.get("output", {}).get("loads", [])) | {entry["joint"] for entry in tree.get("proximity", [])}
+    """Joints of which something depends on which body is the first: conditions, pins, increments,
+    outputs of loads."""
+    waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [
+        r["when"] for r in tree.get("release", [])
+    ]
+    found = set(tree.get("output", {}).get("loads", [])) | {
+        entry["joint"] for entry in tree.get("proximity", [])
+    }
     found |= {name for name, joint in tree.get("joint", {}).items() if "guide" in joint}
     while waiting:
         until = waiting.pop()
@@ -154,7 +191,9 @@ def halved(tree: Tree, dice: Dice) -> Tree:
 def _first_end(tree: Tree) -> float:
     """When the first phase ends, s, by the independent flight."""
     try:
-        events = fly(Campaign(parse_campaign(tree, "nominal")).nominal().to_dict(), rtol=1e-8).events
+        events = fly(
+            Campaign(parse_campaign(tree, "nominal")).nominal().to_dict(), rtol=1e-8
+        ).events
     except ValueError:  # what it does not know
         return math.inf
     return min((time for time, what in events if what.startswith("phase ")), default=math.inf)
@@ -181,14 +220,29 @@ SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {
 
 
 _OF_JOINT = (
-    *("separation_speed_m_s", "separation_distance_mm", "release_time_s", "peak_force_", "peak_moment_", "force_impulse_"),
+    *(
+        "separation_speed_m_s",
+        "separation_distance_mm",
+        "release_time_s",
+        "peak_force_",
+        "peak_moment_",
+        "force_impulse_",
+    ),
     *("moment_impulse_", "time_in_guide_s", "pin", "jam_friction"),
 )
-_OF_CLEARANCE = ("clearance_mm", "clearance_time_s", "clearance_station_m", "clearance_y_m", "clearance_z_m", "recontact")
+_OF_CLEARANCE = (
+    "clearance_mm",
+    "clearance_time_s",
+    "clearance_station_m",
+    "clearance_y_m",
+    "clearance_z_m",
+    "recontact",
+)
 
 
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:
-    """The column of another spelling that must hold the same as ``column``; None if there is none."""
+    """The column of another spelling that must hold the same as ``column``; None if there is
+    none."""
     joints, one = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
     if spelling == "joints and springs the other way round" and "separation_" in column:
         return None  # along an axis of the other body
@@ -196,7 +250,11 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         return column
     if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
         return column
-    moved = {f"{name}_{end}": f"C{name}_{end}" for name in (c["name"] for c in tree.get("clearance", [])) for end in _OF_CLEARANCE}
+    moved = {
+        f"{name}_{end}": f"C{name}_{end}"
+        for name in (c["name"] for c in tree.get("clearance", []))
+        for end in _OF_CLEARANCE
+    }
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"

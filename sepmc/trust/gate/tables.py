@@ -1,4 +1,5 @@
-"""Tables of a random scene: wind and air over height, aerodynamic coefficients, increments over a distance."""
+"""Tables of a random scene: wind and air over height, aerodynamic coefficients, increments over a
+distance."""
 
 import math
 from typing import Any
@@ -11,7 +12,8 @@ _SOUND = 300.0  # m/s, about
 
 
 def add_profiles(draft: Draft) -> None:
-    """Wind and air over heights about those that are flown through; now and then a table of the air that is left."""
+    """Wind and air over heights about those that are flown through; now and then a table of the air
+    that is left."""
     dice, environment, initial = draft.dice, draft.tree["environment"], draft.tree["initial"]
     reach = max(30.0, initial["speed_m_s"] * draft.span)
     if "wind profile" in draft.late:
@@ -22,8 +24,16 @@ def add_profiles(draft: Draft) -> None:
             "direction_deg": [dice.between(0.0, 360.0) for _ in heights],
         }
     if "table of the air" in draft.late:
-        heights = _axis(draft, initial["altitude_m"], reach * dice.weighted({2.0: 0.85, 0.4: 0.15}), dice.pick([2, 4, 6]))
-        density = [rounded(0.8 * math.exp(-(h - heights[0]) / 7000.0) * dice.between(0.8, 1.2)) for h in heights]
+        heights = _axis(
+            draft,
+            initial["altitude_m"],
+            reach * dice.weighted({2.0: 0.85, 0.4: 0.15}),
+            dice.pick([2, 4, 6]),
+        )
+        density = [
+            rounded(0.8 * math.exp(-(h - heights[0]) / 7000.0) * dice.between(0.8, 1.2))
+            for h in heights
+        ]
         environment["atmosphere"] = "table"
         environment["air"] = {
             "altitude_m": heights,
@@ -33,7 +43,8 @@ def add_profiles(draft: Draft) -> None:
 
 
 def add_aero_tables(draft: Draft) -> None:
-    """Coefficients on grids over some of Mach, alpha and beta, about the flow at the start; some are left in flight."""
+    """Coefficients on grids over some of Mach, alpha and beta, about the flow at the start; some
+    are left in flight."""
     dice, initial = draft.dice, draft.tree["initial"]
     if "aerodynamic table" not in draft.late:
         return
@@ -42,7 +53,9 @@ def add_aero_tables(draft: Draft) -> None:
         if "aerodynamics" not in body or not dice.chance(0.8):
             continue
         mach = initial["speed_m_s"] / _SOUND
-        wide = 180.0 if initial["speed_m_s"] < 3.0 * wind else dice.weighted({180.0: 0.6, 60.0: 0.4})
+        wide = (
+            180.0 if initial["speed_m_s"] < 3.0 * wind else dice.weighted({180.0: 0.6, 60.0: 0.4})
+        )
         axes = {
             "mach": [rounded(x) for x in _axis(draft, mach, max(0.3, mach), dice.pick([2, 3, 5]))],
             "alpha_deg": _axis(draft, 0.0, wide, dice.pick([3, 5])),

@@ -30,14 +30,24 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
     name, cases = job.get("name") or f"seed {job['seed']}", job.get("cases", 3)
     with flown_plainly(not job.get("compiled")):
         if job.get("shrink"):
-            return {"tree": shrink(tree, cases, job["shrink"], say=lambda text: print(text, file=sys.stderr))}
+            return {
+                "tree": shrink(
+                    tree, cases, job["shrink"], say=lambda text: print(text, file=sys.stderr)
+                )
+            }
         found = judge(tree, name, cases)
         if job.get("doors") and found.rows:
             through(tree, name, found)
     compiled = bool(job.get("compiled"))
-    if not compiled and found.rows.get("silent"):  # by few trial cases, in plain Python: the pilot that users have decides
+    # by few trial cases, in plain Python: the pilot that users have decides
+    if not compiled and found.rows.get("silent"):
         compiled, found = True, judge(tree, name, cases)
-    return {**found.to_dict(), "seconds": time.perf_counter() - begun, "seed": job.get("seed"), "compiled": compiled}
+    return {
+        **found.to_dict(),
+        "seconds": time.perf_counter() - begun,
+        "seed": job.get("seed"),
+        "compiled": compiled,
+    }
 
 
 def main() -> None:

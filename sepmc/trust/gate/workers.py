@@ -1,4 +1,5 @@
-"""Worker processes that judge scenes, one for each core. A process may die over a scene: that is a verdict too."""
+"""Worker processes that judge scenes, one for each core. A process may die over a scene: that is a
+verdict too."""
 
 import contextlib
 import json
@@ -19,8 +20,15 @@ class Worker:
     """A process that judges one scene after the other."""
 
     def __init__(self, limit_s: float = _LIMIT_S):
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        }
+        environment |= {
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "NUMBA_NUM_THREADS": "1",
+        }
         self.limit_s, self.stopped = limit_s, False
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "sepmc.trust.gate.worker"],
@@ -60,8 +68,11 @@ class Worker:
         self.process.communicate()  # closes its pipes
 
 
-def judge_all(jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S) -> Iterator[dict[str, Any]]:
-    """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than ``limit_s`` gets none."""
+def judge_all(
+    jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S
+) -> Iterator[dict[str, Any]]:
+    """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than
+    ``limit_s`` gets none."""
     left: queue.SimpleQueue[Job] = queue.SimpleQueue()
     found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     running: list[Worker] = []
@@ -80,7 +91,12 @@ def judge_all(jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S) ->
             worker.kill()
 
 
-def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]], limit_s: float, running: list[Worker]) -> None:
+def _work(
+    left: queue.SimpleQueue[Job],
+    found: queue.SimpleQueue[dict[str, Any]],
+    limit_s: float,
+    running: list[Worker],
+) -> None:
     worker = None
     while True:
         try:
@@ -93,10 +109,19 @@ def _work(left: queue.SimpleQueue[Job], found: queue.SimpleQueue[dict[str, Any]]
         verdict = worker.judge(job)
         if verdict is None:
             worker.close()
-            why = f"no verdict within {worker.limit_s:g} s" if worker.stopped else "the process died"
+            why = (
+                f"no verdict within {worker.limit_s:g} s" if worker.stopped else "the process died"
+            )
             worker = None
             name = job.get("name") or f"seed {job['seed']}"
-            verdict = {"name": name, "seed": job.get("seed"), "crash": why, "rows": {}, "said": [], "compiled": job.get("compiled", False)}
+            verdict = {
+                "name": name,
+                "seed": job.get("seed"),
+                "crash": why,
+                "rows": {},
+                "said": [],
+                "compiled": job.get("compiled", False),
+            }
         found.put(verdict)
     if worker:
         worker.close()

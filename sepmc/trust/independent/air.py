@@ -1,4 +1,5 @@
-"""Air: the 1976 standard atmosphere layer by layer, tables of air and wind, aerodynamic coefficients."""
+"""Air: the 1976 standard atmosphere layer by layer, tables of air and wind, aerodynamic
+coefficients."""
 
 import itertools
 import math
@@ -11,12 +12,16 @@ from sepmc.trust.independent.case import COEFFICIENTS, Table
 from sepmc.trust.independent.state import Array
 
 _GAS, _GRAVITY = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
-EDGES = EARTH_RADIUS * LAYER_BASE / (EARTH_RADIUS - LAYER_BASE)  # heights at which a layer begins, m; the last is the top
+# heights at which a layer begins, m; the last is the top
+EDGES = EARTH_RADIUS * LAYER_BASE / (EARTH_RADIUS - LAYER_BASE)
 EDGES[-1] = 86000.0  # whose geopotential height is printed rounded
 
 
-def _in_layer(geopotential: float, layer: int, temperature: float, pressure: float) -> tuple[float, float]:
-    """Temperature, K, and pressure, Pa, from those at the base of a layer; equations 23 and 33 of the standard."""
+def _in_layer(
+    geopotential: float, layer: int, temperature: float, pressure: float
+) -> tuple[float, float]:
+    """Temperature, K, and pressure, Pa, from those at the base of a layer; equations 23 and 33 of
+    the standard."""
     rise, lapse = geopotential - LAYER_BASE[layer], LAYER_LAPSE[layer]
     hotter = temperature + lapse * rise
     if lapse == 0.0:
@@ -35,13 +40,17 @@ class Standard:
     edges = EDGES
 
     def at(self, height: float, layer: int) -> tuple[float, float]:
-        """Density, kg/m3, and speed of sound, m/s, by the formula of a layer, beyond its edges too."""
-        temperature, pressure = _in_layer(EARTH_RADIUS * height / (EARTH_RADIUS + height), layer, *_BASES[layer])
+        """Density, kg/m3, and speed of sound, m/s, by the formula of a layer, beyond its edges
+        too."""
+        temperature, pressure = _in_layer(
+            EARTH_RADIUS * height / (EARTH_RADIUS + height), layer, *_BASES[layer]
+        )
         return pressure / (_GAS * temperature), math.sqrt(1.4 * _GAS * temperature)
 
 
 class Tabled:
-    """Air from a table over height: splines of the logarithm of its density and of its speed of sound."""
+    """Air from a table over height: splines of the logarithm of its density and of its speed of
+    sound."""
 
     def __init__(self, table: Table):
         self.edges = np.array([table["altitude"][0], table["altitude"][-1]])
@@ -54,20 +63,27 @@ class Tabled:
 
 
 class Wind:
-    """Velocity of the air in ground axes: steady, and over height, where it is held constant beyond its table."""
+    """Velocity of the air in ground axes: steady, and over height, where it is held constant beyond
+    its table."""
 
     def __init__(self, table: Table):
         self.steady = _level(table["speed"], table["direction"])
         self.curve, profile = None, table["profile"]
         if profile:
-            rows = [_level(*row) for row in zip(profile["speed"], profile["direction"], strict=True)]
+            rows = [
+                _level(*row) for row in zip(profile["speed"], profile["direction"], strict=True)
+            ]
             self.curve, self.ends = (
                 held_curve(profile["altitude"], rows),
                 (profile["altitude"][0], profile["altitude"][-1]),
             )
 
     def at(self, height: float) -> Array:
-        return self.steady if self.curve is None else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))
+        return (
+            self.steady
+            if self.curve is None
+            else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))
+        )
 
 
 def _level(speed: float, direction: float) -> Array:
@@ -75,16 +91,20 @@ def _level(speed: float, direction: float) -> Array:
 
 
 def held_curve(points: Array, rows: Array) -> CubicSpline:
-    """Spline of zero slope at both ends, so that it is smooth where it is held constant beyond them."""
+    """Spline of zero slope at both ends, so that it is smooth where it is held constant beyond
+    them."""
     return CubicSpline(points, np.array(rows, float), bc_type="clamped")
 
 
 class Increments:
-    """Increments of the six coefficients over a separation distance, held constant beyond the ends."""
+    """Increments of the six coefficients over a separation distance, held constant beyond the
+    ends."""
 
     def __init__(self, table: Table):
         zero = (0.0,) * len(table["distance"])
-        self.curve = held_curve(table["distance"], np.transpose([table[key] or zero for key in COEFFICIENTS]))
+        self.curve = held_curve(
+            table["distance"], np.transpose([table[key] or zero for key in COEFFICIENTS])
+        )
         self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
 
     def at(self, distance: float) -> Array:
@@ -92,18 +112,26 @@ class Increments:
 
 
 class Coefficients:
-    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta, and a table over Mach, alpha and beta."""
+    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta, and a table over Mach,
+    alpha and beta."""
 
     def __init__(self, table: Table):
         self.terms = [polynomial(table[key]) for key in COEFFICIENTS]
-        self.axes: list[tuple[int, Array, CubicSpline]] = []  # which of Mach, alpha, beta; its points; a cardinal spline for each
+        # which of Mach, alpha, beta; its points; a cardinal spline for each
+        self.axes: list[tuple[int, Array, CubicSpline]] = []
         self.grid = None
         if table["table"]:
             axes = [np.array(table["table"][key], float) for key in ("mach", "alpha", "beta")]
             shape = tuple(max(1, len(points)) for points in axes)
             zero = np.zeros(shape)
-            self.grid = np.array([np.reshape(table["table"][key] or zero, shape) for key in COEFFICIENTS])
-            self.axes = [(i, points, CubicSpline(points, np.eye(len(points)))) for i, points in enumerate(axes) if len(points) > 1]
+            self.grid = np.array(
+                [np.reshape(table["table"][key] or zero, shape) for key in COEFFICIENTS]
+            )
+            self.axes = [
+                (i, points, CubicSpline(points, np.eye(len(points))))
+                for i, points in enumerate(axes)
+                if len(points) > 1
+            ]
 
     def at(self, mach: float, alpha: float, beta: float) -> Array:
         found = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
@@ -117,4 +145,8 @@ class Coefficients:
     def beyond(self, mach: float, alpha: float, beta: float) -> list[float]:
         """How far the flow lies beyond each edge of the table (inside if negative)."""
         flow = (mach, alpha, beta)
-        return list(itertools.chain(*((points[0] - flow[i], flow[i] - points[-1]) for i, points, _ in self.axes)))
+        return list(
+            itertools.chain(
+                *((points[0] - flow[i], flow[i] - points[-1]) for i, points, _ in self.axes)
+            )
+        )

@@ -1,4 +1,5 @@
-"""A case as plain tables with every default in place. What is not known here is refused, so that nothing is left out silently."""
+"""A case as plain tables with every default in place. What is not known here is refused, so that
+nothing is left out silently."""
 
 import math
 from collections.abc import Mapping
@@ -11,32 +12,39 @@ COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
 ZERO = (0.0, 0.0, 0.0)
 
 ENVIRONMENT = {
-    "atmosphere": "us1976", "air": None, "density_factor": 1.0, "gravity": "inverse-square", "surface_gravity": 9.80665, "wind": None,
+    "atmosphere": "us1976", "air": None, "density_factor": 1.0, "gravity": "inverse-square",
+    "surface_gravity": 9.80665, "wind": None,
 }  # fmt: skip
 WIND = {"speed": 0.0, "direction": 0.0, "profile": None}
 WIND_PROFILE = {"altitude": REQUIRED, "speed": REQUIRED, "direction": REQUIRED}
 AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": ()}
 BODY = {
-    "mass": REQUIRED, "inertia": REQUIRED, "inertia_products": ZERO, "inertia_factor": 1.0, "cg": REQUIRED, "aerodynamics": None,
+    "mass": REQUIRED, "inertia": REQUIRED, "inertia_products": ZERO, "inertia_factor": 1.0,
+    "cg": REQUIRED, "aerodynamics": None,
     "outline": (),
 }  # fmt: skip
 AERODYNAMICS = {
-    "reference_area": REQUIRED, "reference_length": REQUIRED, "force_factor": 1.0, "moment_factor": 1.0, "moment_point": None,
+    "reference_area": REQUIRED, "reference_length": REQUIRED, "force_factor": 1.0,
+    "moment_factor": 1.0, "moment_point": None,
     "table": None, **dict.fromkeys(COEFFICIENTS),
 }  # fmt: skip
 AERO_TABLE = {"mach": (), "alpha": (), "beta": (), **dict.fromkeys(COEFFICIENTS, ())}
 MOTOR = {
-    "name": REQUIRED, "body": REQUIRED, "thrust": REQUIRED, "build_up": 0.0, "ignition": 0.0, "delay": 0.0, "burn": math.inf,
-    "tail_off": 0.0, "profile": None, "station": REQUIRED, "radius": 0.0, "cant": math.pi, "clock": 0.0, "offset": (0.0, 0.0),
+    "name": REQUIRED, "body": REQUIRED, "thrust": REQUIRED, "build_up": 0.0, "ignition": 0.0,
+    "delay": 0.0, "burn": math.inf,
+    "tail_off": 0.0, "profile": None, "station": REQUIRED, "radius": 0.0, "cant": math.pi,
+    "clock": 0.0, "offset": (0.0, 0.0),
     "deflection": 0.0, "deflection_clock": 0.0,
 }  # fmt: skip
 PROFILE = {"time": REQUIRED, "fraction": REQUIRED}
 SPRING = {
-    "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None, "force": 0.0, "stiffness": 0.0,
+    "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None,
+    "force": 0.0, "stiffness": 0.0,
     "damping": 0.0, "stroke": math.inf,
 }  # fmt: skip
 LOAD = {
-    "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body", "point": None, "start": 0.0, "end": math.inf,
+    "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",
+    "point": None, "start": 0.0, "end": math.inf,
 }  # fmt: skip
 PROXIMITY = {
     "name": REQUIRED,
@@ -47,7 +55,8 @@ PROXIMITY = {
     **dict.fromkeys(COEFFICIENTS, ()),
 }
 JOINT = {
-    "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "x_axis": (1.0, 0.0, 0.0), "y_axis": (0.0, 1.0, 0.0), "apart": None,
+    "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "x_axis": (1.0, 0.0, 0.0),
+    "y_axis": (0.0, 1.0, 0.0), "apart": None,
     "kind": None, "delay": 0.0, "fails": 0.0, "guide": None,
 }  # fmt: skip
 GUIDE = {
@@ -64,12 +73,14 @@ CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "after": None}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 RELEASE = {"name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED}
 UNTIL = {
-    "time": None, "burn_out": None, "joint": None, "stroke": None, "distance": None, "angle": None, "force": None, "moment": None,
+    "time": None, "burn_out": None, "joint": None, "stroke": None, "distance": None,
+    "angle": None, "force": None, "moment": None,
     "body": None, "altitude": None, "any": (), "all": (),
 }  # fmt: skip
 OUTPUT = {"loads": (), "tip_off": (), "guide": ()}
 INITIAL = {
-    "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0, "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,
+    "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0,
+    "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,
     "path_reference": None,
 }  # fmt: skip
 RUN = {
@@ -79,10 +90,13 @@ RUN = {
     "history_step": 0.0,
     "chunk": 0,
 }  # of which only the first matters here
-SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))  # how others fly; no matter here
+# how others fly; no matter here
+SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))
 SCENE = {
-    "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (), "joint": None, "phase": REQUIRED,
-    "release": (), "clearance": (), "output": None, "initial": REQUIRED, "run": REQUIRED, "solver": None,
+    "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
+    "joint": None, "phase": REQUIRED,
+    "release": (), "clearance": (), "output": None, "initial": REQUIRED, "run": REQUIRED,
+    "solver": None,
 }  # fmt: skip
 
 
@@ -117,13 +131,18 @@ def condition(table: Mapping[str, Any], where: str) -> Table:
 
 
 def read(case: Mapping[str, Any]) -> Table:
-    """A case (SI, radians, as `sepmc.campaign.definition.Case.to_dict` gives it) with every default in place."""
+    """A case (SI, radians, as `sepmc.campaign.definition.Case.to_dict` gives it) with every default
+    in place."""
     scene = filled(case, SCENE, "scene")
     scene["environment"] = filled(scene["environment"], ENVIRONMENT, "environment")
-    wind = scene["environment"]["wind"] = filled(scene["environment"]["wind"], WIND, "environment.wind")
+    wind = scene["environment"]["wind"] = filled(
+        scene["environment"]["wind"], WIND, "environment.wind"
+    )
     _inner(wind, "profile", WIND_PROFILE, "environment.wind")
     _inner(scene["environment"], "air", AIR, "environment")
-    scene["body"] = {name: filled(table, BODY, f"body.{name}") for name, table in scene["body"].items()}
+    scene["body"] = {
+        name: filled(table, BODY, f"body.{name}") for name, table in scene["body"].items()
+    }
     for name, body in scene["body"].items():
         body["outline"] = [filled(part, PART, f"body.{name}.outline") for part in body["outline"]]
         _inner(body, "aerodynamics", AERODYNAMICS, f"body.{name}")
@@ -138,14 +157,24 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["load"] = _list(scene["load"], LOAD, "load")
     scene["clearance"] = _list(scene["clearance"], CLEARANCE, "clearance")
     scene["proximity"] = _list(scene["proximity"], PROXIMITY, "proximity")
-    scene["joint"] = {name: filled(table, JOINT, f"joint.{name}") for name, table in (scene["joint"] or {}).items()}
+    scene["joint"] = {
+        name: filled(table, JOINT, f"joint.{name}")
+        for name, table in (scene["joint"] or {}).items()
+    }
     for name, joint in scene["joint"].items():
         _inner(joint, "guide", GUIDE, f"joint.{name}")
-        joint["kind"] = {own: filled(table, CUSTOM, f"joint.{name}.kind.{own}") for own, table in (joint["kind"] or {}).items()}
+        joint["kind"] = {
+            own: filled(table, CUSTOM, f"joint.{name}.kind.{own}")
+            for own, table in (joint["kind"] or {}).items()
+        }
     scene["phase"] = _list(scene["phase"], PHASE, "phase")
     for phase in scene["phase"]:
         phase["joints"] = phase["joints"] or {}
-        phase["until"] = condition(phase["until"], f"phase.{phase['name']}.until") if phase["until"] is not None else None
+        phase["until"] = (
+            condition(phase["until"], f"phase.{phase['name']}.until")
+            if phase["until"] is not None
+            else None
+        )
     scene["release"] = _list(scene["release"], RELEASE, "release")
     for release in scene["release"]:
         release["when"] = condition(release["when"], f"release.{release['name']}.when")

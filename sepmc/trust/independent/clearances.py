@@ -1,4 +1,5 @@
-"""Clearances of a flight: its motion is kept, and the least distance sought at its end by `sepmc.trust.geometry`."""
+"""Clearances of a flight: its motion is kept, and the least distance sought at its end by
+`sepmc.trust.geometry`."""
 
 import math
 from collections.abc import Callable
@@ -37,7 +38,8 @@ class Clearances:
             self.steps.append(Step(start, end, dense))
 
     def report(self, free_from: dict[str, float]) -> dict[str, float]:
-        """Outcomes under their public names but for places; ``free_from`` tells since when joints are free."""
+        """Outcomes under their public names but for places; ``free_from`` tells since when joints
+        are free."""
         out: dict[str, float] = {}
         for table in self.asked:
             a, b = table["bodies"]
@@ -46,7 +48,9 @@ class Clearances:
             out |= {
                 f"{table['name']}_clearance_mm": 1e3 * least,
                 f"{table['name']}_clearance_time_s": when,
-                f"{table['name']}_recontact": math.nan if math.isnan(least) else float(least <= 0.0),
+                f"{table['name']}_recontact": math.nan
+                if math.isnan(least)
+                else float(least <= 0.0),
             }
         return out
 
@@ -54,7 +58,9 @@ class Clearances:
         steps = [step for step in self.steps if step.end > begin]
         if not steps:
             return math.nan, math.nan
-        times = np.unique(np.concatenate([np.linspace(max(begin, s.start), s.end, _SAMPLES + 1) for s in steps]))
+        times = np.unique(
+            np.concatenate([np.linspace(max(begin, s.start), s.end, _SAMPLES + 1) for s in steps])
+        )
         ends = np.array([s.end for s in steps])
         first, second = self.vehicle.index[a], self.vehicle.index[b]
 
@@ -64,7 +70,9 @@ class Clearances:
             for t in at:
                 step = steps[min(int(np.searchsorted(ends, t)), len(steps) - 1)]
                 s = self.vehicle.state(t, step.dense(t))
-                found.append((s.r[first].T @ s.r[second], s.r[first].T @ (s.x[second] - s.x[first])))
+                found.append(
+                    (s.r[first].T @ s.r[second], s.r[first].T @ (s.x[second] - s.x[first]))
+                )
             return np.array([f[0] for f in found]), np.array([f[1] for f in found])
 
         least, when = least_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
@@ -73,4 +81,6 @@ class Clearances:
 
 def _outlined(body: Table) -> Any:
     """A body as `parts_of` takes it."""
-    return SimpleNamespace(cg=body["cg"], outline=[SimpleNamespace(**part) for part in body["outline"]])
+    return SimpleNamespace(
+        cg=body["cg"], outline=[SimpleNamespace(**part) for part in body["outline"]]
+    )

@@ -8,7 +8,8 @@ from typing import Any
 from sepmc.trust.independent.case import Table
 
 _ON_JOINT = ("stroke", "distance", "angle", "force", "moment")
-TOUCH = 1e-12  # of a threshold, or of one: a condition this close at the instant it begins to be waited for is met
+# of a threshold, or of one: a condition this close at the instant it begins to be waited for is met
+TOUCH = 1e-12
 
 
 @dataclass
@@ -32,7 +33,8 @@ class Leaf:
 
 @dataclass
 class Event:
-    """The end of a phase, a release or the end of a spring's push, with its condition as a tree and the leaves of that."""
+    """The end of a phase, a release or the end of a spring's push, with its condition as a tree and
+    the leaves of that."""
 
     name: str
     tree: Table | None
@@ -60,7 +62,9 @@ def _tree(until: Table, leaves: list[Leaf], burn_out: Callable[[str], float]) ->
     if until["burn_out"] is not None:
         own.append(Leaf("burn_out", until["burn_out"], burn_out(until["burn_out"])))
     if until["joint"] is not None:
-        own += [Leaf(key, until["joint"], until[key]) for key in _ON_JOINT if until[key] is not None]
+        own += [
+            Leaf(key, until["joint"], until[key]) for key in _ON_JOINT if until[key] is not None
+        ]
     if until["body"] is not None and until["altitude"] is not None:
         own.append(Leaf("altitude", until["body"], until["altitude"]))
     leaves += own

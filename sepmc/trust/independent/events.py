@@ -13,24 +13,43 @@ Value = Callable[[Leaf], float]  # how far a leaf is beyond its threshold now
 
 
 class Sequence:
-    """Phases, releases and springs of a case as they go on. An event tells joints what to hold; each is late by its delay."""
+    """Phases, releases and springs of a case as they go on. An event tells joints what to hold;
+    each is late by its delay."""
 
     def __init__(self, scene: Table, joints: dict[str, Joint], loads: Loads):
         ends = {motor.table["name"]: motor.end for motor in loads.motors}
         self.joints, self.names = joints, [phase["name"] for phase in scene["phase"]]
         self.kinds: list[Held] = [
-            {name: rows_of(phase["joints"].get(name, "free"), joint.own) for name, joint in joints.items()} for phase in scene["phase"]
+            {
+                name: rows_of(phase["joints"].get(name, "free"), joint.own)
+                for name, joint in joints.items()
+            }
+            for phase in scene["phase"]
         ]
-        self.phases = [make_event(f"phase {phase['name']} ended", phase["until"], ends.__getitem__) for phase in scene["phase"]]
-        self.releases = [make_event(f"release {table['name']}", table["when"], ends.__getitem__) for table in scene["release"]]
-        self.tells = [{table["joint"]: rows_of(table["to"], joints[table["joint"]].own)} for table in scene["release"]]
+        self.phases = [
+            make_event(f"phase {phase['name']} ended", phase["until"], ends.__getitem__)
+            for phase in scene["phase"]
+        ]
+        self.releases = [
+            make_event(f"release {table['name']}", table["when"], ends.__getitem__)
+            for table in scene["release"]
+        ]
+        self.tells = [
+            {table["joint"]: rows_of(table["to"], joints[table["joint"]].own)}
+            for table in scene["release"]
+        ]
         self.loads = loads
-        self.springs = [spring_event(s.name, s.table["stroke"]) for s in loads.springs if math.isfinite(s.table["stroke"])]
+        self.springs = [
+            spring_event(s.name, s.table["stroke"])
+            for s in loads.springs
+            if math.isfinite(s.table["stroke"])
+        ]
         self.phase, self.held = 0, dict(self.kinds[0])
         self.log: list[tuple[float, str]] = []
 
     def armed(self) -> list[Leaf]:
-        """Leaves that are waited for: of the phase that is on, and of releases and springs that have not gone."""
+        """Leaves that are waited for: of the phase that is on, and of releases and springs that
+        have not gone."""
         waiting = [event for event in (*self.releases, *self.springs) if math.isinf(event.time)]
         if self.phase < len(self.phases) - 1:
             waiting.append(self.phases[self.phase])
@@ -45,7 +64,8 @@ class Sequence:
         self.set_sides(height, [self.phases[0], *self.releases])
 
     def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:
-        """Everything that happens at time t, until nothing more does; what joints carry is judged when all else has happened."""
+        """Everything that happens at time t, until nothing more does; what joints carry is judged
+        when all else has happened."""
         loads = False
         for _ in range(1000):
             again = self._meet(t, value, loads)
@@ -59,7 +79,9 @@ class Sequence:
                     self._happened(event, t)
                     again = True
             for spring in self.loads.springs:
-                spring.spent = any(e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs)
+                spring.spent = any(
+                    e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs
+                )
             again = self._let_go(t) or again
             if loads and not again:
                 return
@@ -83,7 +105,8 @@ class Sequence:
         return found
 
     def _told(self) -> Iterator[tuple[Event, str, frozenset[Row]]]:
-        """What every event that has come tells joints to hold, where that is less than they hold."""
+        """What every event that has come tells joints to hold, where that is less than they
+        hold."""
         following = [*self.kinds[1:], {}]
         for event, tells in [
             *zip(self.phases, following, strict=True),
@@ -98,7 +121,11 @@ class Sequence:
         changed = False
         for event, name, rows in list(self._told()):
             joint = self.joints[name]
-            if is_less(rows, self.held[name]) and not joint.fails and event.time + joint.delay <= t + GRAIN:
+            if (
+                is_less(rows, self.held[name])
+                and not joint.fails
+                and event.time + joint.delay <= t + GRAIN
+            ):
                 self.held[name], changed = rows, True
                 self.log.append((t, f"joint {name} holds {len(rows)} rows"))
         return changed
@@ -106,11 +133,16 @@ class Sequence:
     def next_time(self, t: float) -> float:
         """Earliest time after t at which something happens by the clock."""
         times = [leaf.threshold for leaf in self.armed() if leaf.on_time]
-        times += [event.time + self.joints[name].delay for event, name, _ in self._told() if not self.joints[name].fails]
+        times += [
+            event.time + self.joints[name].delay
+            for event, name, _ in self._told()
+            if not self.joints[name].fails
+        ]
         return min((time for time in times if time > t), default=math.inf)
 
     def never_released(self) -> bool:
-        """Whether a phase other than the last is on, or a joint holds what it was told to let go."""
+        """Whether a phase other than the last is on, or a joint holds what it was told to let
+        go."""
         return self.phase < len(self.phases) - 1 or any(True for _ in self._told())
 
 

@@ -1,4 +1,5 @@
-"""One case from start to end: stretches between known switches, steps of DOP853, events located as roots."""
+"""One case from start to end: stretches between known switches, steps of DOP853, events located as
+roots."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -20,22 +21,25 @@ from sepmc.trust.independent.roots import first_root
 from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, quaternion_rates
 from sepmc.trust.independent.watch import Watch
 
-_CONSISTENT = 1e-9  # m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
+# m, rad, m/s, rad/s: what the joints of the first phase may be violated by at the start
+_CONSISTENT = 1e-9
 _EDGE = 1e-9  # m beyond the edge of a layer of air at which the next one begins
 _ON_EDGE = 1e-12  # Mach and rad beyond the edge of a table that count as on it, which is inside
 _MOST_STRETCHES = 10_000
-_AT_KNOTS = 0.1  # of the tolerance where there are tables: an estimate of error misses a part of what their knots do
+# of the tolerance where there are tables: an estimate of error misses a part of what their knots do
+_AT_KNOTS = 0.1
 
 
 @dataclass
 class Flown:
     """How a case ended.
 
-    ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where there is none; ``events`` are pairs
-    of a time, s, and what happened. ``vague`` are outcomes that round-off decides: flow angles of a body that hardly moves against
-    the air. ``audit``: steps and evaluations taken, largest violation of a constraint (m, rad, and per second), and whether roll and
-    pitch may have jumped (yaw near 90 deg). ``reached`` are the earliest and latest time, s, at which a peak was as good as reached, by
-    the outcome that tells its time.
+    ``status`` is a label of `sepmc.schema.Status`; ``outcomes`` hold every public column, NaN where
+    there is none; ``events`` are pairs of a time, s, and what happened. ``vague`` are outcomes that
+    round-off decides: flow angles of a body that hardly moves against the air. ``audit``: steps and
+    evaluations taken, largest violation of a constraint (m, rad, and per second), and whether roll
+    and pitch may have jumped (yaw near 90 deg). ``reached`` are the earliest and latest time, s, at
+    which a peak was as good as reached, by the outcome that tells its time.
     """
 
     status: str
@@ -69,7 +73,8 @@ class Flight:
         self.t, self.end = 0.0, scene["run"]["end_time"]
         self.y = vehicle.start(self.motion.pivot(scene["phase"][0]["joints"]))
         self.follower = Follower(vehicle)
-        self.released: dict[str, tuple[float, Array]] = {}  # when a joint became free, and the rates of all bodies then
+        # when a joint became free, and the rates of all bodies then
+        self.released: dict[str, tuple[float, Array]] = {}
         self.watch = Watch(self.motion, scene["output"])
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
         self.rows = _heights_of_rows(scene["environment"])
@@ -79,11 +84,14 @@ class Flight:
         return self.vehicle.state(t, y)
 
     def watched(self) -> list[Watched]:
-        """Functions that become positive where something happens, and what then does: conditions, edges of air and of tables."""
+        """Functions that become positive where something happens, and what then does: conditions,
+        edges of air and of tables."""
         found: list[Watched] = []
         for leaf in self.sequence.armed():
             if not leaf.on_time:
-                found.append((partial(self.motion.value, leaf), partial(setattr, leaf, "met", True)))
+                found.append(
+                    (partial(self.motion.value, leaf), partial(setattr, leaf, "met", True))
+                )
         for flow in self.loads.flows:
             for side in (-1, 1):
                 found.append(
@@ -124,8 +132,13 @@ class Flight:
             edges, height = self._edges(), self.vehicle.height(0.0, s, flow.body)
             if not edges[0] - _EDGE <= height <= edges[-1] + _EDGE:
                 raise Ended("outside-atmosphere")
-            flow.layer = min(max(int(np.searchsorted(edges, height, side="right")) - 1, 0), len(edges) - 2)
-            if any(self._beyond_table(flow, i, 0.0, s) > 0.0 for i in range(2 * len(flow.coefficients.axes))):
+            flow.layer = min(
+                max(int(np.searchsorted(edges, height, side="right")) - 1, 0), len(edges) - 2
+            )
+            if any(
+                self._beyond_table(flow, i, 0.0, s) > 0.0
+                for i in range(2 * len(flow.coefficients.axes))
+            ):
                 raise Ended("outside-table")
         self.sequence.begin(self._height(s))
 
@@ -133,11 +146,16 @@ class Flight:
         return lambda body: self.vehicle.height(self.t, s, self.vehicle.index[body])
 
     def _project(self) -> None:
-        """Bring positions and attitudes, then speeds, back onto the constraints: the least change by mass, of some round-off."""
+        """Bring positions and attitudes, then speeds, back onto the constraints: the least change
+        by mass, of some round-off."""
         for what in ("position", "speed"):
             s, y = self.state(self.t, self.y), self.y.reshape(-1, SIZE)
             rows = self.motion.constraints.at(s)
-            off = self.motion.constraints.values(s) if what == "position" else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
+            off = (
+                self.motion.constraints.values(s)
+                if what == "position"
+                else rows.rows @ np.concatenate([s.v, s.w], axis=1).ravel()
+            )
             change = rows.unweighted(rows.change(-off))
             if what == "position":
                 y[:, 0:3] += change[:, :3]
@@ -154,7 +172,11 @@ class Flight:
         s = self.state(self.t, self.y)
         self._settle_held(s)
         for name in self.joints:
-            if not self.sequence.held[name] and self.sequence.kinds[0][name] and name not in self.released:
+            if (
+                not self.sequence.held[name]
+                and self.sequence.kinds[0][name]
+                and name not in self.released
+            ):
                 self.released[name] = (self.t, s.w.copy())
 
     def _settle_held(self, s: State) -> None:
@@ -201,7 +223,9 @@ class Flight:
                 raise Ended("not-finite")
             before, self.step = solver.t_old, solver.t - solver.t_old
             dense, start = (
-                solver.dense_output() if watched or self.watch.quantities() or self.clearances.asked else _nowhere,
+                solver.dense_output()
+                if watched or self.watch.quantities() or self.clearances.asked
+                else _nowhere,
                 self.y,
             )
             first, time = self._first(watched, dense, before, solver.t)
@@ -233,7 +257,8 @@ class Flight:
         )
 
     def _seen(self, solver: DOP853) -> float:
-        """The longest step in which no body flies by more than one row of a table over height: a step sees nothing between its stages."""
+        """The longest step in which no body flies by more than one row of a table over height: a
+        step sees nothing between its stages."""
         if not len(self.rows):
             return math.inf
         step, now = solver.h_abs, self.state(solver.t, solver.y)
@@ -249,7 +274,9 @@ class Flight:
             step *= 0.5
         return step
 
-    def _first(self, watched: list[Watched], dense: Dense, before: float, after: float) -> tuple[Watched | None, float]:
+    def _first(
+        self, watched: list[Watched], dense: Dense, before: float, after: float
+    ) -> tuple[Watched | None, float]:
         """The first of what is watched that happens in a step, and when."""
         first: Watched | None = None
         end = after
@@ -263,11 +290,17 @@ class Flight:
         """A function of time and state on a step."""
         return value(t, self.state(t, dense(t)))
 
-    def _located(self, value: Value, dense: Dense, before: float, start: Array, time: float) -> tuple[float, Array]:
-        """Time of a root that a step's interpolation gave, corrected on the integration itself, and the state there."""
+    def _located(
+        self, value: Value, dense: Dense, before: float, start: Array, time: float
+    ) -> tuple[float, Array]:
+        """Time of a root that a step's interpolation gave, corrected on the integration itself, and
+        the state there."""
         y = self._reach(before, start, time)
         width = 1e-3 * self.step
-        slope = (value(time + width, self.state(time + width, dense(time + width))) - value(time, self.state(time, dense(time)))) / width
+        slope = (
+            value(time + width, self.state(time + width, dense(time + width)))
+            - value(time, self.state(time, dense(time)))
+        ) / width
         for _ in range(4):
             off = value(time, self.state(time, y))
             if not slope > 0.0 or not abs(off) < slope * width or abs(off) < 1e-15 * slope:
@@ -299,9 +332,8 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
 
     Parameters
     ----------
-    case : mapping
-        Nested like the campaign file, in SI and radians, keys without unit suffix, as `sepmc.campaign.Case.to_dict` gives it; what is
-        absent or None has its default.
+    case : mapping Nested like the campaign file, in SI and radians, keys without unit suffix, as
+        `sepmc.campaign.Case.to_dict` gives it; what is absent or None has its default.
     rtol : float
         Relative tolerance of DOP853; the absolute one is a hundredth of it in SI units.
 
@@ -324,13 +356,24 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
     }  # fmt: skip
     if status not in ("ok", "never-released"):
         return Flown(status, nothing, flight.sequence.log, audit)
-    return Flown(status, nothing | report(flight), flight.sequence.log, audit, vague(flight), flight.watch.reached())
+    return Flown(
+        status,
+        nothing | report(flight),
+        flight.sequence.log,
+        audit,
+        vague(flight),
+        flight.watch.reached(),
+    )
 
 
 def _has_tables(scene: dict[str, Any]) -> bool:
     environment = scene["environment"]
     profiles = environment["air"], environment["wind"]["profile"]
-    return any(profiles) or bool(scene["proximity"]) or any((body["aerodynamics"] or {}).get("table") for body in scene["body"].values())
+    return (
+        any(profiles)
+        or bool(scene["proximity"])
+        or any((body["aerodynamics"] or {}).get("table") for body in scene["body"].values())
+    )
 
 
 def _heights_of_rows(environment: dict[str, Any]) -> Array:

@@ -30,7 +30,9 @@ class Motor:
         )
         nozzle = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
         self.force = nozzle @ (math.cos(b), -math.sin(b) * math.sin(p), math.sin(b) * math.cos(p))
-        arm = vehicle.arm(m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz))
+        arm = vehicle.arm(
+            m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz)
+        )
         self.moment = cross(arm, self.force)
         self.start = m["ignition"] + m["delay"]
         self.end = self.start + m["burn"]
@@ -42,10 +44,15 @@ class Motor:
 
     def _burning(self, since: float, profile: Callable[[float], float]) -> float:
         build_up = self.table["build_up"]
-        return self.table["thrust"] * profile(since) * (-math.expm1(-since / build_up) if build_up > 0.0 else 1.0)
+        return (
+            self.table["thrust"]
+            * profile(since)
+            * (-math.expm1(-since / build_up) if build_up > 0.0 else 1.0)
+        )
 
     def thrust(self, middle: float) -> Callable[[float], float] | None:
-        """Thrust, N, over time in the stretch around ``middle``, which holds no switch; None if there is none."""
+        """Thrust, N, over time in the stretch around ``middle``, which holds no switch; None if
+        there is none."""
         tail = self.table["tail_off"]
         if middle < self.start or (middle >= self.end and tail <= 0.0):
             return None
@@ -57,7 +64,8 @@ class Motor:
         return lambda t: last * math.exp(-(t - self.end) / tail)
 
     def _profile(self, since: float) -> Callable[[float], float]:
-        """The line that the profile follows around a time since ignition: its first value before its rows, zero after them."""
+        """The line that the profile follows around a time since ignition: its first value before
+        its rows, zero after them."""
         if not self.table["profile"]:
             return lambda _: 1.0
         times, fractions = self.table["profile"]["time"], self.table["profile"]["fraction"]
@@ -71,7 +79,8 @@ class Motor:
 
 
 class Spring:
-    """A spring between a point of a first body and one of a second, along their line or along an axis of the first."""
+    """A spring between a point of a first body and one of a second, along their line or along an
+    axis of the first."""
 
     def __init__(self, table: Table, vehicle: Vehicle):
         self.name, self.table, self.spent = table["name"], table, False
@@ -80,8 +89,14 @@ class Spring:
             table["point"],
             table["second_point"] if table["second_point"] is not None else table["point"],
         ]
-        self.arm_a, self.arm_b = (vehicle.arm(body, point) for body, point in zip(table["bodies"], points, strict=True))
-        self.axis = None if table["axis"] is None else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
+        self.arm_a, self.arm_b = (
+            vehicle.arm(body, point) for body, point in zip(table["bodies"], points, strict=True)
+        )
+        self.axis = (
+            None
+            if table["axis"] is None
+            else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
+        )
         gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
         self.start = float(np.linalg.norm(gap) if self.axis is None else gap @ self.axis)
 
@@ -98,9 +113,12 @@ class Spring:
         return self.line(s)[1]
 
     def push(self, s: State, force: Array, moment: Array) -> None:
-        """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes."""
+        """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres,
+        body axes."""
         e, extension, rate, d = self.line(s)
-        size = self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
+        size = (
+            self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
+        )
         act(
             s,
             self.a,
@@ -125,8 +143,8 @@ def act(
     force: Array,
     moment: Array,
 ) -> None:
-    """Add a force on body b at its point, and the opposite on body a, at its point or, if ``across`` is d, where the line through
-    the point of b meets it."""
+    """Add a force on body b at its point, and the opposite on body a, at its point or, if
+    ``across`` is d, where the line through the point of b meets it."""
     force[b] += on_b
     force[a] -= on_b
     arm = s.r[a] @ arm_a if across is None else s.r[a] @ arm_a + across
@@ -159,13 +177,18 @@ class Flow:
     def __init__(self, name: str, table: Table, vehicle: Vehicle):
         self.name, self.body, self.table = name, vehicle.index[name], table
         self.coefficients = Coefficients(table)
-        self.arm = np.zeros(3) if table["moment_point"] is None else vehicle.arm(name, table["moment_point"])
+        self.arm = (
+            np.zeros(3)
+            if table["moment_point"] is None
+            else vehicle.arm(name, table["moment_point"])
+        )
         self.layer = 0
         self.increments: list[tuple[Joint, Increments]] = []
 
 
 class Loads:
-    """All loads of a case. `set_stretch` decides what acts between two switches; `on_bodies` tells it at a state."""
+    """All loads of a case. `set_stretch` decides what acts between two switches; `on_bodies` tells
+    it at a state."""
 
     def __init__(self, scene: Table, vehicle: Vehicle, joints: dict[str, Joint]):
         self.vehicle, self.environment = vehicle, scene["environment"]
@@ -174,13 +197,19 @@ class Loads:
         self.springs = [Spring(table, vehicle) for table in scene["spring"]]
         self.constants = [self._constant(table) for table in scene["load"]]
         self.air = None if self.environment["atmosphere"] == "none" else self._air()
-        flows = {name: Flow(name, body["aerodynamics"], vehicle) for name, body in scene["body"].items() if body["aerodynamics"]}
+        flows = {
+            name: Flow(name, body["aerodynamics"], vehicle)
+            for name, body in scene["body"].items()
+            if body["aerodynamics"]
+        }
         for table in scene["proximity"]:
             if table["body"] in flows:
                 flows[table["body"]].increments.append((joints[table["joint"]], Increments(table)))
         self.flows = list(flows.values()) if self.air else []
         self.switches = [t for motor in self.motors for t in motor.switches]
-        self.switches += [t for load in self.constants for t in (load.table["start"], load.table["end"])]
+        self.switches += [
+            t for load in self.constants for t in (load.table["start"], load.table["end"])
+        ]
         self.thrusts: list[tuple[Motor, Callable[[float], float]]] = []
         self.acting: list[Constant] = []
 
@@ -190,7 +219,11 @@ class Loads:
         return Constant(table, self.vehicle.index[body], arm)
 
     def _air(self) -> Standard | Tabled:
-        return Standard() if self.environment["atmosphere"] == "us1976" else Tabled(self.environment["air"])
+        return (
+            Standard()
+            if self.environment["atmosphere"] == "us1976"
+            else Tabled(self.environment["air"])
+        )
 
     def set_stretch(self, middle: float) -> None:
         """What acts around a time; no switch lies in the stretch of which it is the middle."""
@@ -200,7 +233,9 @@ class Loads:
 
     def air_velocity(self, t: float, s: State, body: int) -> Array:
         """Velocity of a body against the air, body axes, m/s."""
-        return s.r[body].T @ (s.v[body] + self.vehicle.velocity - self.wind.at(self.vehicle.height(t, s, body)))
+        return s.r[body].T @ (
+            s.v[body] + self.vehicle.velocity - self.wind.at(self.vehicle.height(t, s, body))
+        )
 
     def flow(self, t: float, s: State, flow: Flow) -> tuple[float, float, float, float, float]:
         """Airspeed, density, Mach number, alpha and beta."""
@@ -217,7 +252,12 @@ class Loads:
             c = c + increments.at(joint.separation(s)[0])
         qs = 0.5 * density * speed * speed * flow.table["reference_area"]
         force = qs * flow.table["force_factor"] * np.array([-c[0], c[1], -c[2]])
-        moment = qs * flow.table["reference_length"] * flow.table["moment_factor"] * np.array([c[3], -c[4], c[5]])
+        moment = (
+            qs
+            * flow.table["reference_length"]
+            * flow.table["moment_factor"]
+            * np.array([c[3], -c[4], c[5]])
+        )
         return force, moment + cross(flow.arm, force)
 
     def gravity(self, height: float) -> float:
@@ -228,7 +268,8 @@ class Loads:
         return surface if kind == "constant" else 0.0
 
     def on_bodies(self, t: float, s: State) -> tuple[Array, Array]:
-        """Forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes; of the ground too."""
+        """Forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes;
+        of the ground too."""
         n = self.vehicle.n
         inside, moment = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
         for motor, thrust in self.thrusts:
@@ -243,7 +284,9 @@ class Loads:
             moment[body] += moment_b
         force = (s.r @ inside[:, :, None])[:, :, 0]
         for body in range(n):
-            force[body, 1] -= self.vehicle.mass[body] * self.gravity(self.vehicle.height(t, s, body))
+            force[body, 1] -= self.vehicle.mass[body] * self.gravity(
+                self.vehicle.height(t, s, body)
+            )
         for spring in self.springs:
             if not spring.spent:
                 spring.push(s, force, moment)

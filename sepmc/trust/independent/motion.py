@@ -1,4 +1,5 @@
-"""The motion at a state: loads, what the joints hold now, accelerations, joint wrenches, conditions."""
+"""The motion at a state: loads, what the joints hold now, accelerations, joint wrenches,
+conditions."""
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from sepmc.trust.independent.state import Array, State, Vehicle, cross
 
 
 class Motion:
-    """A case with what its joints hold at a time. ``jammed``: no friction was in balance with the loads it causes."""
+    """A case with what its joints hold at a time. ``jammed``: no friction was in balance with the
+    loads it causes."""
 
     def __init__(self, scene: Table, vehicle: Vehicle):
         self.vehicle = vehicle
@@ -26,11 +28,13 @@ class Motion:
     def hold(self) -> None:
         """Constraints as the joints hold now."""
         held = [(joint, self.sequence.held[name]) for name, joint in self.joints.items()]
-        self.constraints = Constraints([(joint, rows) for joint, rows in held if rows], self.vehicle)
+        self.constraints = Constraints(
+            [(joint, rows) for joint, rows in held if rows], self.vehicle
+        )
 
     def pivot(self, first: dict[str, str]) -> Array:
-        """About what the vehicle turns at the start, held by the kinds of its first phase: its mass centre, or the point of the first joint
-        that holds the ground."""
+        """About what the vehicle turns at the start, held by the kinds of its first phase: its mass
+        centre, or the point of the first joint that holds the ground."""
         for name, joint in self.joints.items():
             if GROUND in joint.bodies and first.get(name, "free") != "free":
                 point = joint.points[joint.bodies.index(GROUND)]
@@ -38,7 +42,8 @@ class Motion:
         return np.zeros(3)
 
     def free(self, s: State, force: Array, moment: Array) -> Array:
-        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass centres in body axes."""
+        """Accelerations (n, 6) without joints: forces in ground axes, moments about the mass
+        centres in body axes."""
         vehicle, n, found = self.vehicle, self.vehicle.n, np.empty((self.vehicle.n, 6))
         found[:, :3] = force[:n] / vehicle.mass[:, None]
         for b in range(n):
@@ -47,7 +52,8 @@ class Motion:
         return found
 
     def at(self, t: float, s: State) -> tuple[Array, Array, Rows | None, dict[str, float]]:
-        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and the friction of guides."""
+        """Accelerations (n, 6), the weighted part of the joints in them, the rows these hold and
+        the friction of guides."""
         self.evaluations += 1
         force, moment = self.loads.on_bodies(t, s)
         if not self.constraints.count:
@@ -69,29 +75,42 @@ class Motion:
         found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
         if rows is not None:
             multipliers = rows.multipliers(added)
-            found |= {name: rows.wrench(j, s, multipliers) for name, j in self.joints.items() if self.sequence.held[name]}
+            found |= {
+                name: rows.wrench(j, s, multipliers)
+                for name, j in self.joints.items()
+                if self.sequence.held[name]
+            }
         return found
 
     def held_along(self, name: str, t: float, s: State) -> tuple[float, Array, Array]:
-        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins did not rub. Force and moment on its
-        second body if that one did hold it."""
+        """Force that drives a joint apart, N: less the one that would hold it along x, if its pins
+        did not rub. Force and moment on its second body if that one did hold it."""
         joint, (_, _, _, rubbing) = self.joints[name], self.at(t, s)
         force, moment = self.loads.on_bodies(t, s)
         for other, size in rubbing.items():
             if other != name:
                 rub(self.joints[other], s, size, force, moment)
-        held = [(j, self.sequence.held[each] | ({("along", 0)} if each == name else set())) for each, j in self.joints.items()]
+        held = [
+            (j, self.sequence.held[each] | ({("along", 0)} if each == name else set()))
+            for each, j in self.joints.items()
+        ]
         rows = Constraints(held, self.vehicle).at(s)
-        wrench = rows.wrench(joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1]))
+        wrench = rows.wrench(
+            joint, s, rows.multipliers(rows.accelerate(self.free(s, force, moment))[1])
+        )
         return max(0.0, -joint.apart * float(wrench[0] @ (s.r[joint.a] @ joint.axes[0]))), *wrench
 
     def value(self, leaf: Leaf, t: float, s: State) -> float:
         """How far a condition on the state is beyond its threshold."""
         what, which = leaf.what, str(leaf.which)
         if what == "altitude":
-            return leaf.side * (self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold)
+            return leaf.side * (
+                self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold
+            )
         if what == "spring":
-            found = next(spring for spring in self.loads.springs if spring.name == which).extension(s)
+            found = next(spring for spring in self.loads.springs if spring.name == which).extension(
+                s
+            )
         elif what == "stroke":
             found = self.joints[which].separation(s)[0]
         elif what == "distance":

@@ -46,7 +46,9 @@ class Follower:
         self.yaw = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
         turned = np.linalg.norm(s.w[:-1], axis=1) * step
         change = np.max([np.abs(roll - self.roll), np.abs(pitch - self.pitch), turned])
-        self.singular = self.singular or bool(change > 0.5 * math.pi or np.abs(self.yaw).max() > _SINGULAR)
+        self.singular = self.singular or bool(
+            change > 0.5 * math.pi or np.abs(self.yaw).max() > _SINGULAR
+        )
         self.roll, self.pitch = roll, pitch
 
 
@@ -55,8 +57,9 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 
 def vague(flight: "Flight") -> tuple[str, ...]:
-    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the crosswind is left; times of
-    flat peaks. And places of least clearances, and when bodies that meet are nearest, which this flight does not tell."""
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the
+    crosswind is left; times of flat peaks. And places of least clearances, and when bodies that
+    meet are nearest, which this flight does not tell."""
     s, found = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
@@ -75,7 +78,11 @@ def report(flight: "Flight") -> dict[str, float]:
     vehicle = flight.vehicle
     out: dict[str, float] = {}
     s, first = flight.state(flight.t, flight.y), flight.vehicle.initial
-    reference = first["path_reference"] if first["path_reference"] is not None else first["pitch"] - first["alpha"]
+    reference = (
+        first["path_reference"]
+        if first["path_reference"] is not None
+        else first["pitch"] - first["alpha"]
+    )
     follower = flight.follower
     follower.follow(s, 0.0)
     for b, name in enumerate(vehicle.names):
@@ -83,7 +90,10 @@ def report(flight: "Flight") -> dict[str, float]:
         angles = {"alpha": alpha, "beta": beta, "alpha_ref": follower.pitch[b] - reference}
         angles |= {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
         out |= {f"{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
-        out |= {f"{name}_omega_{axis}_deg_s": math.degrees(rate) for axis, rate in zip("xyz", s.w[b], strict=True)}
+        out |= {
+            f"{name}_omega_{axis}_deg_s": math.degrees(rate)
+            for axis, rate in zip("xyz", s.w[b], strict=True)
+        }
     for name, joint in flight.joints.items():
         prefix = "" if len(flight.joints) == 1 else f"{name}_"
         distance, speed = joint.separation(s)
@@ -97,7 +107,9 @@ def report(flight: "Flight") -> dict[str, float]:
         if name in flight.released:
             for body in flight.joints[name].bodies:
                 if body in vehicle.names:
-                    for axis, rate in zip("xyz", flight.released[name][1][vehicle.index[body]], strict=True):
+                    for axis, rate in zip(
+                        "xyz", flight.released[name][1][vehicle.index[body]], strict=True
+                    ):
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}

@@ -9,7 +9,8 @@ _SAMPLES = 8  # of a step in which a function is looked at; peaks between them a
 
 
 def first_root(value: Callable[[float], float], start: float, end: float) -> float | None:
-    """First time in (start, end] at which ``value`` is not negative, or None. It is negative at the start."""
+    """First time in (start, end] at which ``value`` is not negative, or None. It is negative at the
+    start."""
     times = np.linspace(start, end, _SAMPLES + 1).tolist()
     found = [value(t) for t in times]
     for i in range(1, _SAMPLES + 1):
@@ -17,7 +18,8 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
         if found[i] < 0.0:
             if i == _SAMPLES or not (found[i] >= found[i - 1] and found[i] >= found[i + 1]):
                 continue
-            if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:  # too far below for a smooth peak to reach
+            # too far below for a smooth peak to reach
+            if found[i] + (found[i] - min(found[i - 1], found[i + 1])) < 0.0:
                 continue
             high = _peak(value, low, times[i + 1])
             if value(high) < 0.0:
@@ -30,5 +32,7 @@ def first_root(value: Callable[[float], float], start: float, end: float) -> flo
 
 def _peak(value: Callable[[float], float], low: float, high: float) -> float:
     """Time of the greatest value between two times."""
-    found = minimize_scalar(lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
+    found = minimize_scalar(
+        lambda t: -value(t), bounds=(low, high), method="bounded", options={"xatol": 1e-12}
+    )
     return float(found.x)

@@ -1,4 +1,5 @@
-"""State of all bodies: positions, velocities, attitudes and angular rates, in a frame that moves with the vehicle's first velocity."""
+"""State of all bodies: positions, velocities, attitudes and angular rates, in a frame that moves
+with the vehicle's first velocity."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +14,9 @@ SIZE = 13  # of a body in the state vector: position, velocity, quaternion, angu
 
 def cross(a: Array, b: Array) -> Array:
     """a x b of two vectors of three; numpy's own takes ten times longer."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def skew(a: Array) -> Array:
@@ -25,20 +28,26 @@ def skew(a: Array) -> Array:
 
 def _product(p: Array, q: Array) -> Array:
     """Hamilton product of two quaternions, scalar first."""
-    return np.concatenate([[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])])
+    return np.concatenate(
+        [[p[0] * q[0] - p[1:] @ q[1:]], p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])]
+    )
 
 
 _UNITS = np.eye(4)
 _CONJUGATE = np.diag([1.0, -1.0, -1.0, -1.0])
-# The attitude of q turns e_j to q e_j q*, and q' = 1/2 q (0, omega): both are sums over products of units.
-_TURN = np.array([[[_product(_product(p, e), c)[1:] for e in _UNITS[1:]] for c in _CONJUGATE] for p in _UNITS])  # k, l, j, i
+# The attitude of q turns e_j to q e_j q*, and q' = 1/2 q (0, omega): both are sums over products of
+# units.
+# k, l, j, i
+_TURN = np.array(
+    [[[_product(_product(p, e), c)[1:] for e in _UNITS[1:]] for c in _CONJUGATE] for p in _UNITS]
+)
 _TURN = np.swapaxes(_TURN, 2, 3).reshape(16, 9)
 _RATE = np.array([[0.5 * _product(p, e) for e in _UNITS[1:]] for p in _UNITS]).reshape(12, 4)
 
 
 class State(NamedTuple):
-    """All bodies, the ground last: positions and velocities (n + 1, 3) in ground axes of the moving frame, attitudes (n + 1, 3, 3),
-    angular rates (n + 1, 3) in body axes."""
+    """All bodies, the ground last: positions and velocities (n + 1, 3) in ground axes of the moving
+    frame, attitudes (n + 1, 3, 3), angular rates (n + 1, 3) in body axes."""
 
     x: Array
     v: Array
@@ -72,7 +81,9 @@ class Vehicle:
         level = np.cos(first["path_yaw"])
         path = np.array([np.cos(pitch) * level, np.sin(pitch) * level, -np.sin(first["path_yaw"])])
         self.velocity = first["speed"] * path  # of the frame
-        self.r0 = Rotation.from_euler("ZYX", [first["pitch"], first["yaw"], first["roll"]]).as_matrix()
+        self.r0 = Rotation.from_euler(
+            "ZYX", [first["pitch"], first["yaw"], first["roll"]]
+        ).as_matrix()
 
     def fault(self) -> str | None:
         """Why this is no vehicle, or None."""
@@ -95,7 +106,8 @@ class Vehicle:
         return (np.asarray(point, float) - origin) * (-1.0, 1.0, 1.0)
 
     def start(self, pivot: Array) -> Array:
-        """State vector at the start: every body turns with the vehicle about ``pivot``, a vector from the mass centre in body axes."""
+        """State vector at the start: every body turns with the vehicle about ``pivot``, a vector
+        from the mass centre in body axes."""
         y, omega = np.zeros((self.n, SIZE)), np.array(self.initial["omega"], float)
         for b, name in enumerate(self.names):
             offset = -self.arm(name, self.centre)

@@ -1,4 +1,5 @@
-"""What is watched over a whole flight: peaks of joint loads with their times, impulses, pin loads and jamming."""
+"""What is watched over a whole flight: peaks of joint loads with their times, impulses, pin loads
+and jamming."""
 
 import math
 from collections.abc import Callable
@@ -20,35 +21,50 @@ _QUADRATURE, _HALVINGS = (
     1e-11,
     20,
 )  # of an impulse so far, by which whole and halves may differ; most halvings
-_FLAT, _APART = 1e-11, 1e-6  # of a peak, by which two of its values may differ that count as one; s between them
-_ROUND_OFF = 1e-14  # of the largest load of a step, and of the vehicle's mass at 1 m/s2: what a load that is zero may show
+# of a peak, by which two of its values may differ that count as one; s between them
+_FLAT, _APART = 1e-11, 1e-6
+# of the largest load of a step, and of the vehicle's mass at 1 m/s2: what a load that is zero may
+# show
+_ROUND_OFF = 1e-14
 
 
 class Watch:
-    """Peaks and integrals of a flight, step by step. ``peaks``: value and time, by what it is of."""
+    """Peaks and integrals of a flight, step by step. ``peaks``: value and time, by what it is
+    of."""
 
     def __init__(self, motion: Motion, output: Table):
         self.motion, self.loads, self.guides = motion, list(output["loads"]), list(output["guide"])
         self.peaks: dict[Any, tuple[float, float]] = {}
-        self.integrals = dict.fromkeys([(name, what) for name in self.loads for what in ("force", "moment")], 0.0)
+        self.integrals = dict.fromkeys(
+            [(name, what) for name in self.loads for what in ("force", "moment")], 0.0
+        )
         self.in_guide = dict.fromkeys(self.guides, 0.0)
         self.noise = 0.0  # what a load that is zero showed in the last step that was watched
-        self.spans: dict[Any, tuple[float, float]] = {}  # earliest and latest time at which a peak was as good as reached
+        # earliest and latest time at which a peak was as good as reached
+        self.spans: dict[Any, tuple[float, float]] = {}
 
     def quantities(self) -> list[Any]:
         """What has a value as the joints hold now."""
         held, joints = self.motion.sequence.held, self.motion.joints
-        found: list[Any] = [(name, what) for name in self.loads if held[name] for what in ("force", "moment")]
+        found: list[Any] = [
+            (name, what) for name in self.loads if held[name] for what in ("force", "moment")
+        ]
         for name in self.guides:
             if slides(held[name]):
-                found += [(name, pin) for pin in range(joints[name].guide["pins"])] + [(name, "jam")]
+                found += [(name, pin) for pin in range(joints[name].guide["pins"])] + [
+                    (name, "jam")
+                ]
         return found
 
     def values(self, t: float, s: State, wanted: list[Any]) -> Array:
         """All quantities at a state, each such that its peak is its greatest value."""
         motion, found = self.motion, []
         wrenches = motion.wrenches(t, s)
-        pins = {name: contacts(motion.joints[name], s, *wrenches[name]) for name in self.guides if (name, "jam") in wanted}
+        pins = {
+            name: contacts(motion.joints[name], s, *wrenches[name])
+            for name in self.guides
+            if (name, "jam") in wanted
+        }
         for name, what in wanted:
             if what in ("force", "moment"):
                 found.append(float(np.linalg.norm(wrenches[name][0 if what == "force" else 1])))
@@ -75,18 +91,23 @@ class Watch:
         times = np.linspace(start, end, _SAMPLES + 1)
         table = np.array([all_at(float(t)) for t in times])
         noise = self.noise = _ROUND_OFF * (
-            float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) + float(self.motion.vehicle.mass.sum())
+            float(np.abs(table[np.isfinite(table)]).max(initial=0.0))
+            + float(self.motion.vehicle.mass.sum())
         )
         for i, what in enumerate(wanted):
             one = partial(_item, all_at, i)
             kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
                 self.integrals[what] += sum(
-                    _integral(one, *ends, self.integrals[what], noise * (end - start)) for ends in pairwise([start, *kinks, end])
+                    _integral(one, *ends, self.integrals[what], noise * (end - start))
+                    for ends in pairwise([start, *kinks, end])
                 )
 
-    def _extremes(self, what: Any, value: Callable[[float], float], times: Array, found: Array) -> list[float]:
-        """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a vector may have a kink."""
+    def _extremes(
+        self, what: Any, value: Callable[[float], float], times: Array, found: Array
+    ) -> list[float]:
+        """Keep the peaks of a quantity; returns the times of its lowest points, where the size of a
+        vector may have a kink."""
         kinks = []
         for i, t in enumerate(times):
             self._keep(what, float(found[i]), float(t))
@@ -102,8 +123,19 @@ class Watch:
                     options={"xatol": 1e-11},
                 ).x
                 self._keep(what, value(top), float(top))
-            elif found[i] == near.min() and 0 < i < len(times) - 1 and 2.0 * found[i] < near.max() and what in self.integrals:
-                kinks.append(float(minimize_scalar(value, bounds=(low, high), method="bounded", options={"xatol": 1e-13}).x))
+            elif (
+                found[i] == near.min()
+                and 0 < i < len(times) - 1
+                and 2.0 * found[i] < near.max()
+                and what in self.integrals
+            ):
+                kinks.append(
+                    float(
+                        minimize_scalar(
+                            value, bounds=(low, high), method="bounded", options={"xatol": 1e-13}
+                        ).x
+                    )
+                )
         return kinks
 
     def _best(self, what: Any) -> float:
@@ -120,7 +152,8 @@ class Watch:
             self.peaks[what] = value, t
 
     def flat(self) -> list[str]:
-        """Times of peaks that are nothing but round-off, or are reached at more than one: round-off decides which is told."""
+        """Times of peaks that are nothing but round-off, or are reached at more than one: round-off
+        decides which is told."""
         return [
             f"{name}_peak_{what}_time_s"
             for name in self.loads
@@ -130,8 +163,13 @@ class Watch:
         ]
 
     def reached(self) -> dict[str, tuple[float, float]]:
-        """Earliest and latest time at which every peak of a joint load was as good as reached, by the outcome that tells its time."""
-        return {f"{name}_peak_{what}_time_s": span for (name, what), span in self.spans.items() if what in ("force", "moment")}
+        """Earliest and latest time at which every peak of a joint load was as good as reached, by
+        the outcome that tells its time."""
+        return {
+            f"{name}_peak_{what}_time_s": span
+            for (name, what), span in self.spans.items()
+            if what in ("force", "moment")
+        }
 
     def report(self) -> dict[str, float]:
         """Outcomes under their public names."""
@@ -144,7 +182,9 @@ class Watch:
         for name in self.guides:
             out[f"{name}_time_in_guide_s"] = self.in_guide[name]
             for pin in range(self.motion.joints[name].guide["pins"]):
-                out[f"{name}_pin{pin + 1}_peak_load_N"] = self.peaks.get((name, pin), (math.nan, math.nan))[0]
+                out[f"{name}_pin{pin + 1}_peak_load_N"] = self.peaks.get(
+                    (name, pin), (math.nan, math.nan)
+                )[0]
             out[f"{name}_jam_friction"] = -self.peaks.get((name, "jam"), (math.nan, math.nan))[0]
         return out
 
@@ -162,8 +202,9 @@ def _integral(
     whole: float | None = None,
     depth: int = 0,
 ) -> float:
-    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size near zero are sharp.
-    What is ``noise`` in it, of a load that is zero but for round-off, is not refined."""
+    """Integral by Gauss-Legendre, halved until both halves agree with the whole: corners of a size
+    near zero are sharp. What is ``noise`` in it, of a load that is zero but for round-off, is not
+    refined."""
     middle = 0.5 * (low + high)
     whole = _gauss(value, low, high) if whole is None else whole
     halves = _gauss(value, low, middle), _gauss(value, middle, high)
@@ -175,4 +216,6 @@ def _integral(
 
 def _gauss(value: Callable[[float], float], low: float, high: float) -> float:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    return half * sum(float(w) * value(middle + half * float(x)) for x, w in zip(_NODES, _WEIGHTS, strict=True))
+    return half * sum(
+        float(w) * value(middle + half * float(x)) for x, w in zip(_NODES, _WEIGHTS, strict=True)
+    )

@@ -1,5 +1,7 @@
-"""Other people's engines fly our cases: Exudyn, heyoka and Pinocchio, each with its own equations of motion and joints.
+"""Other people's engines fly our cases: Exudyn, heyoka and Pinocchio, each with its own equations
+of motion and joints.
 
-Only the case, as plain numbers, goes in, and only the formulas of the loads are ours, written here a second time: nothing of
-`sepmc.physics` is imported. ``pip install 'sepmc[peers]'`` brings the engines; `compare` stands their flights beside ours.
+Only the case, as plain numbers, goes in, and only the formulas of the loads are ours, written here
+a second time: nothing of `sepmc.physics` is imported. ``pip install 'sepmc[peers]'`` brings the
+engines; `compare` stands their flights beside ours.
 """

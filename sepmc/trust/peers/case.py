@@ -1,4 +1,5 @@
-"""A case as the peers read it: bodies, joints and where everything is at t = 0, from the dict of `Case.to_dict`."""
+"""A case as the peers read it: bodies, joints and where everything is at t = 0, from the dict of
+`Case.to_dict`."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,9 @@ Array = np.ndarray
 
 def cross(a: Any, b: Any) -> Array:
     """a x b, of numbers or of expressions."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 @dataclass(frozen=True)
@@ -21,8 +24,8 @@ class Motion:
 
     Attributes
     ----------
-    x, v : ndarray, shape (3,)
-        Position (m) and velocity (m/s) of the mass centre, ground axes, in the frame that moves with the initial velocity.
+    x, v : ndarray, shape (3,) Position (m) and velocity (m/s) of the mass centre, ground axes, in
+        the frame that moves with the initial velocity.
     R : ndarray, shape (3, 3)
         Takes body components to ground components.
     w : ndarray, shape (3,)
@@ -44,7 +47,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Body:
-    """``data`` is its table of the case; ``inertia`` (kg m2) is about the mass centre, which lies at ``cg`` of the layout."""
+    """``data`` is its table of the case; ``inertia`` (kg m2) is about the mass centre, which lies
+    at ``cg`` of the layout."""
 
     name: str
     mass: float
@@ -59,9 +63,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint axes are the columns of ``axes``, fixed in the first body and, parallel while mated, in the second.
+    """Joint axes are the columns of ``axes``, fixed in the first body and, parallel while mated, in
+    the second.
 
-    ``held`` says for each kind of its own which of the six motions it holds: x y z, then about x y z.
+    ``held`` says for each kind of its own which of the six motions it holds: x y z, then about x y
+    z.
     """
 
     name: str
@@ -104,7 +110,9 @@ def attitude(pitch: float, yaw: float, roll: float) -> Array:
 def _body(name: str, data: dict[str, Any]) -> Body:
     xx, yy, zz = data["inertia"]
     xy, xz, yz = data.get("inertia_products", (0.0, 0.0, 0.0))
-    tensor = data.get("inertia_factor", 1.0) * np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])
+    tensor = data.get("inertia_factor", 1.0) * np.array(
+        [[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]]
+    )
     return Body(name, data["mass"], tensor, np.array(data["cg"], float), data)
 
 
@@ -123,12 +131,17 @@ class Case:
         self.environment: dict[str, Any] = data["environment"]
         self.bodies = {name: _body(name, table) for name, table in data["body"].items()}
         total = sum(b.mass for b in self.bodies.values())
-        centre = sum(b.mass * b.cg for b in self.bodies.values()) / total  # of the mated vehicle, layout
+        # of the mated vehicle, layout
+        centre = sum(b.mass * b.cg for b in self.bodies.values()) / total
         self.ground = Body(GROUND, math.inf, np.eye(3), np.asarray(centre), {})
-        self.joints = {name: self._joint(name, table) for name, table in data.get("joint", {}).items()}
+        self.joints = {
+            name: self._joint(name, table) for name, table in data.get("joint", {}).items()
+        }
         initial = data["initial"]
         theta, sigma = initial["pitch"] - initial["alpha"], initial.get("path_yaw", 0.0)
-        path = np.array([math.cos(theta) * math.cos(sigma), math.sin(theta) * math.cos(sigma), -math.sin(sigma)])
+        path = np.array(
+            [math.cos(theta) * math.cos(sigma), math.sin(theta) * math.cos(sigma), -math.sin(sigma)]
+        )
         self.altitude: float = initial["altitude"]
         self.velocity: Array = initial["speed"] * path  # of the moving frame
         self.R0 = attitude(initial["pitch"], initial.get("yaw", 0.0), initial.get("roll", 0.0))
@@ -136,8 +149,14 @@ class Case:
 
     def _refuse(self) -> None:
         """What no peer flies is told, not left out in silence."""
-        lost = [f"friction of {n}" for n, j in self.data.get("joint", {}).items() if (j.get("guide") or {}).get("friction")]
-        if self.environment.get("atmosphere") == "table" or (self.environment.get("wind") or {}).get("profile"):
+        lost = [
+            f"friction of {n}"
+            for n, j in self.data.get("joint", {}).items()
+            if (j.get("guide") or {}).get("friction")
+        ]
+        if self.environment.get("atmosphere") == "table" or (
+            self.environment.get("wind") or {}
+        ).get("profile"):
             lost.append("tables of air and wind")
         if lost:
             raise NotImplementedError(f"no peer flies: {', '.join(lost)}")
@@ -154,14 +173,19 @@ class Case:
         ey /= np.linalg.norm(ey)
         own = {}
         for kind, holds in (table.get("kind") or {}).items():
-            own[kind] = (*(a in holds.get("translations", ()) for a in "xyz"), *(a in holds.get("rotations", ()) for a in "xyz"))
+            own[kind] = (
+                *(a in holds.get("translations", ()) for a in "xyz"),
+                *(a in holds.get("rotations", ()) for a in "xyz"),
+            )
         far = table.get("second_point") or table["point"]
         arm_first, arm_second = self.body(first).arm(table["point"]), self.body(second).arm(far)
         length = float(np.linalg.norm(self.ground.arm(far) - self.ground.arm(table["point"])))
         apart = table.get("apart") or 1.0
         axes = np.column_stack([ex, ey, cross(ex, ey)])
         delay, fails = table.get("delay", 0.0), bool(table.get("fails", 0.0))
-        return Joint(name, first, second, axes, arm_first, arm_second, apart, delay, fails, own, length)
+        return Joint(
+            name, first, second, axes, arm_first, arm_second, apart, delay, fails, own, length
+        )
 
     def held(self, joint: str, kind: str) -> tuple[bool, ...]:
         """Which of the six motions a kind of this joint holds; of a rod one, along itself."""
@@ -169,8 +193,9 @@ class Case:
         return own[kind] if kind in own else KINDS[kind]
 
     def initial(self) -> dict[str, Motion]:
-        """Motion of every body and of the ground at t = 0: one rigid vehicle that turns about its mass centre, or, if a joint of
-        the first phase holds it to the ground, about the point of that joint."""
+        """Motion of every body and of the ground at t = 0: one rigid vehicle that turns about its
+        mass centre, or, if a joint of the first phase holds it to the ground, about the point of
+        that joint."""
         omega = np.array(self.data["initial"].get("omega", (0.0, 0.0, 0.0)), float)
         pivot = np.zeros(3)
         for name in self.data["phase"][0].get("joints", {}):
@@ -180,7 +205,9 @@ class Case:
         motions = {GROUND: Motion(np.zeros(3), np.zeros(3) - self.velocity, self.R0, np.zeros(3))}
         for name, body in self.bodies.items():
             place = self.ground.arm(body.cg)
-            motions[name] = Motion(self.R0 @ place, self.R0 @ cross(omega, place - pivot), self.R0, omega.copy())
+            motions[name] = Motion(
+                self.R0 @ place, self.R0 @ cross(omega, place - pivot), self.R0, omega.copy()
+            )
         return motions
 
     def ground_motion(self, t: Any) -> Motion:

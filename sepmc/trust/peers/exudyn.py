@@ -1,10 +1,12 @@
-"""A case flown by Exudyn: redundant coordinates, its rigid bodies and joints, its implicit integrator for index-3 systems.
+"""A case flown by Exudyn: redundant coordinates, its rigid bodies and joints, its implicit
+integrator for index-3 systems.
 
-J. Gerstmayr, "Exudyn - a C++-based Python package for flexible multibody systems", Multibody System Dynamics 60, 2024. Bodies are
-`ObjectRigidBody` on nodes with Euler parameters, joints `ObjectJointGeneric` (rods `ObjectConnectorDistance`), whose Lagrange
-multipliers are the joint forces. The integrator is the generalised-alpha method, of second order; three flights with steps h, h/2
-and h/4 between the same switches, each with its own release times, are extrapolated to h = 0 (Richardson), which leaves order four
-or better, and their spread tells how far to trust the result.
+J. Gerstmayr, "Exudyn - a C++-based Python package for flexible multibody systems", Multibody System
+Dynamics 60, 2024. Bodies are `ObjectRigidBody` on nodes with Euler parameters, joints
+`ObjectJointGeneric` (rods `ObjectConnectorDistance`), whose Lagrange multipliers are the joint
+forces. The integrator is the generalised-alpha method, of second order; three flights with steps h,
+h/2 and h/4 between the same switches, each with its own release times, are extrapolated to h = 0
+(Richardson), which leaves order four or better, and their spread tells how far to trust the result.
 """
 
 import math
@@ -25,7 +27,8 @@ from sepmc.trust.peers.schedule import fly as fly_through
 
 STEPS = 1000  # of the coarsest flight, over the whole time
 LEAST = 8  # of its steps between two switches: after each, the method takes some to reach its order
-TOLERANCES = (1e-12, 1e-10, 1e-8)  # of Newton; the next one where round-off keeps it from converging, as in very short steps
+# of Newton; the next one where round-off keeps it from converging, as in very short steps
+TOLERANCES = (1e-12, 1e-10, 1e-8)
 OUT = exu.OutputVariableType
 CURRENT = exu.ConfigurationType.Current
 
@@ -71,7 +74,9 @@ class Exudyn:
     def _add_body(self, name: str, motion: Motion) -> None:
         body, mbs = self.case.bodies[name], self.mbs
         made = mbs.CreateRigidBody(
-            inertia=exu.rigidBodyUtilities.RigidBodyInertia(mass=body.mass, inertiaTensor=body.inertia, com=[0.0, 0.0, 0.0]),
+            inertia=exu.rigidBodyUtilities.RigidBodyInertia(
+                mass=body.mass, inertiaTensor=body.inertia, com=[0.0, 0.0, 0.0]
+            ),
             referencePosition=motion.x,
             referenceRotationMatrix=motion.R,
             initialVelocity=motion.v,
@@ -80,28 +85,50 @@ class Exudyn:
             returnDict=True,
         )
         self.objects[name], self.nodes[name] = made["bodyNumber"], made["nodeNumber"]
-        marker = mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=made["bodyNumber"], localPosition=[0.0, 0.0, 0.0]))
-        mbs.AddLoad(items.LoadForceVector(markerNumber=marker, loadVectorUserFunction=lambda m, t, _, n=name: self._load(t, n, 0)))
+        marker = mbs.AddMarker(
+            items.MarkerBodyRigid(bodyNumber=made["bodyNumber"], localPosition=[0.0, 0.0, 0.0])
+        )
         mbs.AddLoad(
-            items.LoadTorqueVector(markerNumber=marker, bodyFixed=True, loadVectorUserFunction=lambda m, t, _, n=name: self._load(t, n, 1))
+            items.LoadForceVector(
+                markerNumber=marker,
+                loadVectorUserFunction=lambda m, t, _, n=name: self._load(t, n, 0),
+            )
+        )
+        mbs.AddLoad(
+            items.LoadTorqueVector(
+                markerNumber=marker,
+                bodyFixed=True,
+                loadVectorUserFunction=lambda m, t, _, n=name: self._load(t, n, 1),
+            )
         )
 
     def _add_joint(self, name: str) -> None:
         joint = self.case.joints[name]
         places = self._places(name, (0, 1, 2))
         bodies = [self.objects[body] for body in (joint.first, joint.second)]
-        markers = [self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=b, localHT=p)) for b, p in zip(bodies, places, strict=True)]
+        markers = [
+            self.mbs.AddMarker(items.MarkerBodyRigid(bodyNumber=b, localHT=p))
+            for b, p in zip(bodies, places, strict=True)
+        ]
         self.markers[name] = markers
         if any(p.get("joints", {}).get(name) == "rod" for p in self.case.data["phase"]):
-            self.rods[name] = self.mbs.AddObject(items.ObjectConnectorDistance(markerNumbers=markers, distance=joint.length))
+            self.rods[name] = self.mbs.AddObject(
+                items.ObjectConnectorDistance(markerNumbers=markers, distance=joint.length)
+            )
         else:
             self.joints[name] = self.mbs.AddObject(items.ObjectJointGeneric(markerNumbers=markers))
 
     def _places(self, name: str, order: tuple[int, int, int]) -> list[Array]:
-        """Joint frame in the first and in the second body; the ground has the axes of the moving frame."""
+        """Joint frame in the first and in the second body; the ground has the axes of the moving
+        frame."""
         joint, axes = self.case.joints[name], _ordered(self.case.joints[name].axes, order)
-        turns = [self.case.R0 if body == GROUND else np.eye(3) for body in (joint.first, joint.second)]
-        return [exu.HT(rotation=R @ axes, translation=R @ arm) for R, arm in zip(turns, (joint.arm_first, joint.arm_second), strict=True)]
+        turns = [
+            self.case.R0 if body == GROUND else np.eye(3) for body in (joint.first, joint.second)
+        ]
+        return [
+            exu.HT(rotation=R @ axes, translation=R @ arm)
+            for R, arm in zip(turns, (joint.arm_first, joint.arm_second), strict=True)
+        ]
 
     def _set_joint(self, name: str, item: Any) -> None:
         """Set a generic joint to the kind of the mode."""
@@ -114,13 +141,20 @@ class Exudyn:
             self.mbs.SetMarkerParameter(marker, "localHT", place)
 
     def _load(self, t: float, name: str, part: int) -> Array:
-        q = np.concatenate([self.mbs.systemData.GetODE2Coordinates(), self.mbs.systemData.GetODE2Coordinates_t(), [t]])
+        q = np.concatenate(
+            [
+                self.mbs.systemData.GetODE2Coordinates(),
+                self.mbs.systemData.GetODE2Coordinates_t(),
+                [t],
+            ]
+        )
         if self._known[0] is None or not np.array_equal(q, self._known[0]):
             self._known = (q, loads.body_loads(self.case, self.motions(t), t, self.mode))
         return self._known[1][name][part]
 
     def switch(self, mode: Mode) -> None:
-        """Set every joint to its kind, then let Exudyn find the accelerations and multipliers that go with the state."""
+        """Set every joint to its kind, then let Exudyn find the accelerations and multipliers that
+        go with the state."""
         self.mode, self._known = mode, (None, None)
         for name, item in self.joints.items():
             self._set_joint(name, item)
@@ -129,7 +163,8 @@ class Exudyn:
         self._settle()
 
     def _settle(self) -> None:
-        """Exudyn's initial accelerations and multipliers: those that go with positions and velocities as they are now."""
+        """Exudyn's initial accelerations and multipliers: those that go with positions and
+        velocities as they are now."""
         state = self.mbs.systemData.GetSystemState(configuration=CURRENT)
         self._start(state, self.t + 1e-3, 1)
         solver = exu.MainSolverImplicitSecondOrder()
@@ -150,14 +185,19 @@ class Exudyn:
             self._start(state, t_end, steps)
             self.settings.timeIntegration.newton.relativeTolerance = tolerance
             try:
-                self.mbs.SolveDynamic(self.settings, solverType=exu.DynamicSolverType.GeneralizedAlpha, showHints=False)
+                self.mbs.SolveDynamic(
+                    self.settings,
+                    solverType=exu.DynamicSolverType.GeneralizedAlpha,
+                    showHints=False,
+                )
             except exu.SolverError:
                 continue
             return
         raise RuntimeError(f"Exudyn: no convergence between {self.t} and {t_end} s")
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end`` in equal steps; if a guard is passed, again in as many to the root of the motion as integrated."""
+        """Fly to ``t_end`` in equal steps; if a guard is passed, again in as many to the root of
+        the motion as integrated."""
         start, state = self.t, self.mbs.systemData.GetSystemState(configuration=CURRENT)
         steps = max(LEAST, math.ceil((t_end - start) / self.coarse - 1e-9)) * self.refine
 
@@ -180,7 +220,10 @@ class Exudyn:
 
         fly_to(t_end)
         passed = [g for g in guards if value(g) >= 0.0]
-        roots = [(brentq(after, start, t_end, args=(g,), xtol=1e-14, rtol=1e-14), i) for i, g in enumerate(passed)]
+        roots = [
+            (brentq(after, start, t_end, args=(g,), xtol=1e-14, rtol=1e-14), i)
+            for i, g in enumerate(passed)
+        ]
         stop, first = min(roots, default=(t_end, -1))
         if passed:
             fly_to(stop)
@@ -192,7 +235,12 @@ class Exudyn:
         for name, node in self.nodes.items():
             tell = self.mbs.GetNodeOutput
             R = np.array(tell(node, OUT.RotationMatrix)).reshape(3, 3)
-            out[name] = Motion(tell(node, OUT.Position), tell(node, OUT.Velocity), R, tell(node, OUT.AngularVelocityLocal))
+            out[name] = Motion(
+                tell(node, OUT.Position),
+                tell(node, OUT.Velocity),
+                R,
+                tell(node, OUT.AngularVelocityLocal),
+            )
         return out
 
     def _read_joints(self) -> dict[str, Wrench]:
@@ -212,7 +260,9 @@ class Exudyn:
                 axes_b = a.R.T @ b.R @ axes
                 force = -axes @ self._tell(self.joints[name], OUT.ForceLocal)
                 multipliers = self._tell(self.joints[name], OUT.TorqueLocal)
-                for k, (of_second, of_first) in _rotation_rows(tuple(held[3 + n] for n in order)).items():
+                for k, (of_second, of_first) in _rotation_rows(
+                    tuple(held[3 + n] for n in order)
+                ).items():
                     moment -= multipliers[k] * cross(axes_b[:, of_second], axes[:, of_first])
             out[name] = (-force, -moment - cross(gap, force), force, moment)
         return out
@@ -227,8 +277,8 @@ class Exudyn:
 def _axes_of(held: tuple[bool, ...]) -> tuple[int, int, int]:
     """Which of our joint axes Exudyn is given as x, y, z.
 
-    Holding a single rotation, its joint keeps y of the first and z of the second body at right angles, ours two axes that depend
-    on the rotation (CONVENTIONS.md): those become its y and z.
+    Holding a single rotation, its joint keeps y of the first and z of the second body at right
+    angles, ours two axes that depend on the rotation (CONVENTIONS.md): those become its y and z.
     """
     if sum(held[3:]) != 1:
         return 0, 1, 2
@@ -243,7 +293,8 @@ def _ordered(axes: Array, order: tuple[int, int, int]) -> Array:
 
 
 def _rotation_rows(held: tuple[bool, ...]) -> dict[int, tuple[int, int]]:
-    """Rows of Exudyn's generic joint: multiplier -> the axes (of the second, of the first body) whose product it keeps at zero."""
+    """Rows of Exudyn's generic joint: multiplier -> the axes (of the second, of the first body)
+    whose product it keeps at zero."""
     if all(held):
         return {0: (1, 2), 1: (0, 2), 2: (1, 0)}
     if sum(held) == 2:
@@ -272,7 +323,11 @@ def _combine(levels: list[Any]) -> Any:
 
 
 def fly(
-    data: dict[str, Any], times: Sequence[float], step: float | None = None, levels: int = 3, spectral_radius: float = 0.9
+    data: dict[str, Any],
+    times: Sequence[float],
+    step: float | None = None,
+    levels: int = 3,
+    spectral_radius: float = 0.9,
 ) -> Extrapolated:
     """Fly a case.
 
@@ -282,11 +337,15 @@ def fly(
         `Case.to_dict` of a case: SI, radians.
     times : sequence of float
         When to tell, s, rising.
-    step : float
-        Longest step of the coarsest flight, s; each further one halves it. None: the 1000th part of the time flown.
+    step : float Longest step of the coarsest flight, s; each further one halves it. None: the
+        1000th part of the time flown.
     """
     case = Case(data)
     step = step or case.end_time / STEPS
-    flights = [fly_through(Exudyn(case, step, 2**k, spectral_radius), case, times) for k in range(levels)]
-    parts = {f.name: _combine([getattr(flight, f.name) for flight in flights]) for f in fields(Flight)}
+    flights = [
+        fly_through(Exudyn(case, step, 2**k, spectral_radius), case, times) for k in range(levels)
+    ]
+    parts = {
+        f.name: _combine([getattr(flight, f.name) for flight in flights]) for f in fields(Flight)
+    }
     return Extrapolated(Flight(**parts), flights)

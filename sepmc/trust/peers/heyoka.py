@@ -1,8 +1,9 @@
 """A case flown by heyoka: minimal coordinates, Taylor series to round-off, its own event detection.
 
-F. Biscani and D. Izzo, "Revisiting high-order Taylor methods for astrodynamics and celestial mechanics", MNRAS 504(2), 2021. The
-equations are Kane's (Kane and Levinson, "Dynamics: Theory and Applications", 1985, ch. 6), built here as expressions for any tree of
-bodies: no constraint is ever solved for. Bodies held by fixed joints are one body. Joint forces follow from Newton and Euler.
+F. Biscani and D. Izzo, "Revisiting high-order Taylor methods for astrodynamics and celestial
+mechanics", MNRAS 504(2), 2021. The equations are Kane's (Kane and Levinson, "Dynamics: Theory and
+Applications", 1985, ch. 6), built here as expressions for any tree of bodies: no constraint is ever
+solved for. Bodies held by fixed joints are one body. Joint forces follow from Newton and Euler.
 """
 
 import math
@@ -24,7 +25,8 @@ TOLERANCE = 1e-17  # of the Taylor integrator; below round-off, so that what is 
 
 @dataclass
 class Kinematics:
-    """Of a group of bodies: its motion, and its accelerations as V u' + A (ground axes) and W u' + B (body axes)."""
+    """Of a group of bodies: its motion, and its accelerations as V u' + A (ground axes) and W u' +
+    B (body axes)."""
 
     motion: Motion
     V: Array
@@ -47,7 +49,11 @@ def _either(name: str) -> Any:
     of_numbers, of_expressions = getattr(math, name), getattr(hy, name)
 
     def call(*args: Any) -> Any:
-        return of_expressions(*args) if any(isinstance(x, hy.expression) for x in args) else of_numbers(*(float(x) for x in args))
+        return (
+            of_expressions(*args)
+            if any(isinstance(x, hy.expression) for x in args)
+            else of_numbers(*(float(x) for x in args))
+        )
 
     return staticmethod(call)
 
@@ -69,7 +75,8 @@ class States:
         self.speed_at: list[int] = []
 
     def add(self, label: str, values: Array, speed: bool = False) -> Array:
-        """Variables of these values; derivatives are given later, those of speeds by the equations of motion."""
+        """Variables of these values; derivatives are given later, those of speeds by the equations
+        of motion."""
         made = [hy.make_vars(f"{label}_{i}") for i in range(np.size(values))]
         if speed:
             self.speed_at += range(len(self.variables), len(self.variables) + len(made))
@@ -104,7 +111,8 @@ class System:
         for at, value in zip(self.states.speed_at, self.accelerations, strict=True):
             self.states.derivatives[at] = value
         self.kin = kin
-        if not self.states.variables:  # everything stands still on the ground: a clock, so that there is something to integrate
+        # everything stands still on the ground: a clock, so that there is something to integrate
+        if not self.states.variables:
             self.states.derive(self.states.add("clock", np.zeros(1)), np.ones(1))
 
     def _declare(self, now: dict[str, Motion]) -> list[Any]:
@@ -113,25 +121,39 @@ class System:
         for i, (group, link) in enumerate(zip(self.groups, self.links, strict=True)):
             has: dict[str, Any] = {}
             lead = now[group.lead]
-            centre = Motion(lead.point(group.centre), lead.point_velocity(group.centre), lead.R, lead.w)
+            centre = Motion(
+                lead.point(group.centre), lead.point_velocity(group.centre), lead.R, lead.w
+            )
             if group.grounded:
                 out.append(has)
                 continue
             if link is None or link.turns or link.axes:
                 has["R"] = self.states.add(f"R{i}", lead.R)
             if link is None:
-                has["x"], has["v"] = self.states.add(f"x{i}", centre.x), self.states.add(f"v{i}", centre.v, speed=True)
+                has["x"], has["v"] = (
+                    self.states.add(f"x{i}", centre.x),
+                    self.states.add(f"v{i}", centre.v, speed=True),
+                )
                 has["w"] = self.states.add(f"w{i}", centre.w, speed=True)
             else:
                 a, b = now[link.parent], now[link.child]
                 gap = a.R.T @ (b.point(link.arm_child) - a.point(link.arm_parent))
                 if link.slides:
-                    rate = a.R.T @ (b.point_velocity(link.arm_child) - a.point_velocity(link.arm_parent)) - cross(a.w, gap)
+                    rate = a.R.T @ (
+                        b.point_velocity(link.arm_child) - a.point_velocity(link.arm_parent)
+                    ) - cross(a.w, gap)
                     E = np.array(link.slides)
-                    has["s"], has["ds"] = self.states.add(f"s{i}", E @ gap), self.states.add(f"ds{i}", E @ rate, speed=True)
+                    has["s"], has["ds"] = (
+                        self.states.add(f"s{i}", E @ gap),
+                        self.states.add(f"ds{i}", E @ rate, speed=True),
+                    )
                 if link.axes:
-                    turn, about = b.w - b.R.T @ a.R @ a.w, np.array([b.R.T @ a.R @ link.axes[0], *link.axes[1:]])
-                    has["q"] = self.states.add(f"q{i}", about @ turn, speed=True)  # the axes are at right angles
+                    turn, about = (
+                        b.w - b.R.T @ a.R @ a.w,
+                        np.array([b.R.T @ a.R @ link.axes[0], *link.axes[1:]]),
+                    )
+                    # the axes are at right angles
+                    has["q"] = self.states.add(f"q{i}", about @ turn, speed=True)
                 if link.turns:
                     has["w"] = self.states.add(f"w{i}", b.w, speed=True)
             out.append(has)
@@ -153,7 +175,15 @@ class System:
             if group.grounded:
                 ground = now[GROUND]
                 velocity = -self.case.velocity.astype(object)
-                out.append(Kinematics(Motion(ground.x.astype(object), velocity, ground.R.astype(object), still), none, still, none, still))
+                out.append(
+                    Kinematics(
+                        Motion(ground.x.astype(object), velocity, ground.R.astype(object), still),
+                        none,
+                        still,
+                        none,
+                        still,
+                    )
+                )
                 continue
             if link is None:
                 self.states.derive(own["x"], own["v"])
@@ -164,10 +194,13 @@ class System:
             out.append(self._child(out[link.parent_group], group, link, own, unit))
         return out
 
-    def _child(self, p: Kinematics, group: Group, link: Link, own: dict[str, Any], unit: Any) -> Kinematics:
+    def _child(
+        self, p: Kinematics, group: Group, link: Link, own: dict[str, Any], unit: Any
+    ) -> Kinematics:
         """A group that hangs on another by a joint."""
         R_p, w_p = p.motion.R, p.motion.w
-        s, ds, D = _zeros(3), _zeros(3), p.V * 0.0  # gap at the joint, its rate in the parent, and that by the speeds
+        # gap at the joint, its rate in the parent, and that by the speeds
+        s, ds, D = _zeros(3), _zeros(3), p.V * 0.0
         if "s" in own:
             E = np.array(link.slides).T
             s, ds, D = E @ own["s"], E @ own["ds"], E @ unit(own["ds"])[: len(own["ds"])]
@@ -188,12 +221,17 @@ class System:
         if "R" in own:
             self.states.derive(R, R @ _skew(w))
         # translation
-        r = link.from_parent + s  # from the parent's centre to the child's joint point, axes of the parent
+        # from the parent's centre to the child's joint point, axes of the parent
+        r = link.from_parent + s
         arm = link.to_child  # from the joint point to the child's centre, axes of the child
         x = p.motion.x + R_p @ r + R @ arm
         v = p.motion.v + R_p @ (cross(w_p, r) + ds) + R @ cross(w, arm)
         V = p.V + R_p @ (D - _columns(r, p.W)) - R @ _columns(arm, W)
-        A = p.A + R_p @ (cross(p.B, r) + cross(w_p, cross(w_p, r)) + 2.0 * cross(w_p, ds)) + R @ (cross(B, arm) + cross(w, cross(w, arm)))
+        A = (
+            p.A
+            + R_p @ (cross(p.B, r) + cross(w_p, cross(w_p, r)) + 2.0 * cross(w_p, ds))
+            + R @ (cross(B, arm) + cross(w, cross(w, arm)))
+        )
         return Kinematics(Motion(x, v, R, w), V, A, W, B)
 
     def _body_motions(self, kin: list[Kinematics], now: dict[str, Motion]) -> dict[str, Motion]:
@@ -201,12 +239,16 @@ class System:
         for group, k in zip(self.groups, kin, strict=True):
             for name, arm in group.arms.items():
                 if name != GROUND:
-                    out[name] = Motion(k.motion.point(arm), k.motion.point_velocity(arm), k.motion.R, k.motion.w)
+                    out[name] = Motion(
+                        k.motion.point(arm), k.motion.point_velocity(arm), k.motion.R, k.motion.w
+                    )
         return out
 
     def wrenches(self) -> dict[str, Wrench]:
         """Of every joint, as expressions."""
-        moving = body_accelerations(self.groups, [(k.V, k.A, k.W, k.B) for k in self.kin], self.accelerations, self.motions)
+        moving = body_accelerations(
+            self.groups, [(k.V, k.A, k.W, k.B) for k in self.kin], self.accelerations, self.motions
+        )
         external = loads.body_loads(self.case, self.motions, hy.time, self.mode, Functions)
         return newton_euler(self.case, self.mode, self.motions, moving, external)
 
@@ -223,7 +265,11 @@ class System:
                 force, moment = force + f, moment + m + cross(arm, k.motion.R.T @ f)
             w, inertia = k.motion.w, group.inertia
             mass = mass + group.mass * (k.V.T @ k.V) + k.W.T @ (inertia @ k.W)
-            rhs = rhs + k.V.T @ (force - group.mass * k.A) + k.W.T @ (moment - inertia @ k.B - cross(w, inertia @ w))
+            rhs = (
+                rhs
+                + k.V.T @ (force - group.mass * k.A)
+                + k.W.T @ (moment - inertia @ k.B - cross(w, inertia @ w))
+            )
         return mass, rhs
 
 
@@ -263,9 +309,17 @@ class Heyoka:
             for name in self.case.bodies:
                 m = self.system.motions[name]
                 flat += [*m.x, *m.v, *m.R.ravel(), *m.w]
-            self.tell = hy.cfunc(_expressions(flat), self.system.states.variables, compact_mode=True)
-            self.rates = hy.cfunc(_expressions([*self.system.accelerations, 0.0]), self.system.states.variables, compact_mode=True)
-            self.partials = hy.cfunc(_expressions(self._partials()), self.system.states.variables, compact_mode=True)
+            self.tell = hy.cfunc(
+                _expressions(flat), self.system.states.variables, compact_mode=True
+            )
+            self.rates = hy.cfunc(
+                _expressions([*self.system.accelerations, 0.0]),
+                self.system.states.variables,
+                compact_mode=True,
+            )
+            self.partials = hy.cfunc(
+                _expressions(self._partials()), self.system.states.variables, compact_mode=True
+            )
 
     def _partials(self) -> list[Any]:
         assert self.system is not None
@@ -278,12 +332,22 @@ class Heyoka:
             equations = [(v, _expression(s.derivatives[i])) for i, v in enumerate(s.variables)]
             events = [
                 hy.t_event(
-                    _expression(g.value(self.case, self.system.motions, hy.time, Functions, self.system.wrenches() if g.on_load else None)),
+                    _expression(
+                        g.value(
+                            self.case,
+                            self.system.motions,
+                            hy.time,
+                            Functions,
+                            self.system.wrenches() if g.on_load else None,
+                        )
+                    ),
                     direction=hy.event_direction.positive,
                 )
                 for g in guards
             ]
-            self.integrators[guards] = hy.taylor_adaptive(equations, self.y, t_events=events, tol=self.tolerance, compact_mode=True)
+            self.integrators[guards] = hy.taylor_adaptive(
+                equations, self.y, t_events=events, tol=self.tolerance, compact_mode=True
+            )
         return self.integrators[guards]
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
@@ -321,11 +385,20 @@ class Heyoka:
             partials.append((V, A[:, 0], W, B[:, 0]))
             at += 6 * size + 6
         moving = body_accelerations(self.system.groups, partials, speeds, motions)
-        return newton_euler(self.case, self.mode, motions, moving, loads.body_loads(self.case, motions, self.t, self.mode))
+        return newton_euler(
+            self.case,
+            self.mode,
+            motions,
+            moving,
+            loads.body_loads(self.case, motions, self.t, self.mode),
+        )
 
 
-def body_accelerations(groups: list[Group], partials: list[Any], rates: Any, motions: dict[str, Motion]) -> dict[str, tuple[Array, Array]]:
-    """Of every mass centre (m/s2, ground axes), and its angular one (rad/s2, body axes), from the rates of the speeds."""
+def body_accelerations(
+    groups: list[Group], partials: list[Any], rates: Any, motions: dict[str, Motion]
+) -> dict[str, tuple[Array, Array]]:
+    """Of every mass centre (m/s2, ground axes), and its angular one (rad/s2, body axes), from the
+    rates of the speeds."""
     out = {}
     for group, (V, A, W, B) in zip(groups, partials, strict=True):
         a, alpha = V @ rates + A, W @ rates + B
@@ -337,7 +410,12 @@ def body_accelerations(groups: list[Group], partials: list[Any], rates: Any, mot
 
 
 def _spans(size: int) -> list[tuple[int, int]]:
-    return [(0, 3 * size), (3 * size, 3 * size + 3), (3 * size + 3, 6 * size + 3), (6 * size + 3, 6 * size + 6)]
+    return [
+        (0, 3 * size),
+        (3 * size, 3 * size + 3),
+        (3 * size + 3, 6 * size + 3),
+        (6 * size + 3, 6 * size + 6),
+    ]
 
 
 def _expression(x: Any) -> Any:

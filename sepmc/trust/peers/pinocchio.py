@@ -1,9 +1,12 @@
-"""A case flown by Pinocchio: its articulated-body algorithm for the motion, its recursive Newton-Euler for the joint wrenches.
+"""A case flown by Pinocchio: its articulated-body algorithm for the motion, its recursive
+Newton-Euler for the joint wrenches.
 
-J. Carpentier et al., "The Pinocchio C++ library", IEEE/SICE International Symposium on System Integration, 2019. For the motion, bodies
-that fixed joints hold are one body, and what hangs on what is a tree of Pinocchio's joints (free flyer, prismatic, revolute,
-spherical). For the wrenches every joint is a free flyer that is made to move as the bodies do: what the algorithm then asks for as its
-effort is what the joint transmits. Pinocchio has no integrator of its own; scipy's DOP853 flies (v, omega) of every joint.
+J. Carpentier et al., "The Pinocchio C++ library", IEEE/SICE International Symposium on System
+Integration, 2019. For the motion, bodies that fixed joints hold are one body, and what hangs on
+what is a tree of Pinocchio's joints (free flyer, prismatic, revolute, spherical). For the wrenches
+every joint is a free flyer that is made to move as the bodies do: what the algorithm then asks for
+as its effort is what the joint transmits. Pinocchio has no integrator of its own; scipy's DOP853
+flies (v, omega) of every joint.
 """
 
 import math
@@ -27,21 +30,31 @@ TOLERANCE = 1e-13  # relative, of DOP853; the absolute one is a hundredth of it,
 def _quaternion_rate(quaternion: Array, w: Array) -> Array:
     """q' = 1/2 q (w, 0) of a quaternion (x, y, z, w); the last term pulls it to unit length."""
     x, y, z, s = quaternion
-    turned = [s * w[0] + y * w[2] - z * w[1], s * w[1] + z * w[0] - x * w[2], s * w[2] + x * w[1] - y * w[0], -(quaternion[:3] @ w)]
+    turned = [
+        s * w[0] + y * w[2] - z * w[1],
+        s * w[1] + z * w[0] - x * w[2],
+        s * w[2] + x * w[1] - y * w[0],
+        -(quaternion[:3] @ w),
+    ]
     return 0.5 * np.array(turned) + (1.0 - quaternion @ quaternion) * quaternion
 
 
 def _angles(turned: Array, axes: list[Array]) -> list[float]:
-    """Angles about one axis, or about two at right angles, one after the other, that make this rotation."""
+    """Angles about one axis, or about two at right angles, one after the other, that make this
+    rotation."""
     if len(axes) == 1:
         return [float(pin.log3(turned) @ axes[0])]
     a, b = axes
     first, second = turned @ b, turned.T @ a  # the first turns b, the second a
-    return [math.atan2(cross(a, b) @ first, b @ first), math.atan2(-(cross(b, a) @ second), a @ second)]
+    return [
+        math.atan2(cross(a, b) @ first, b @ first),
+        math.atan2(-(cross(b, a) @ second), a @ second),
+    ]
 
 
 class Tree:
-    """A Pinocchio model of one mode. Frames of the groups lie at their mass centres; a child's joint frame at its joint point."""
+    """A Pinocchio model of one mode. Frames of the groups lie at their mass centres; a child's
+    joint frame at its joint point."""
 
     def __init__(self, case: Case, mode: Mode):
         self.case = case
@@ -49,7 +62,8 @@ class Tree:
         self.model = pin.Model()
         self.model.gravity.setZero()
         self.ids: list[int] = []  # of the joint of each group
-        self.origin: list[Array] = []  # from the joint frame to the mass centre of the group, axes of the group
+        # from the joint frame to the mass centre of the group, axes of the group
+        self.origin: list[Array] = []
         for group, link in zip(self.groups, self.links, strict=True):
             self._add(group, link)
         self.data = self.model.createData()
@@ -73,10 +87,15 @@ class Tree:
             chain += [pin.JointModelSpherical()] if link.turns else []
             *before, kind = chain
             for k, step in enumerate(before):
-                parent, place = self.model.addJoint(parent, step, place, f"{group.lead} {k}"), pin.SE3.Identity()
+                parent, place = (
+                    self.model.addJoint(parent, step, place, f"{group.lead} {k}"),
+                    pin.SE3.Identity(),
+                )
             to = link.to_child
         index = self.model.addJoint(parent, kind, place, group.lead)
-        self.model.appendBodyToJoint(index, pin.Inertia(group.mass, to, group.inertia), pin.SE3.Identity())
+        self.model.appendBodyToJoint(
+            index, pin.Inertia(group.mass, to, group.inertia), pin.SE3.Identity()
+        )
         self.ids.append(index)
         self.origin.append(to)
 
@@ -89,17 +108,22 @@ class Tree:
             m = now[group.lead]
             if link is None:
                 joint = self.model.joints[index]
-                q[joint.idx_q : joint.idx_q + 7] = pin.SE3ToXYZQUAT(pin.SE3(m.R, m.point(group.centre)))
+                q[joint.idx_q : joint.idx_q + 7] = pin.SE3ToXYZQUAT(
+                    pin.SE3(m.R, m.point(group.centre))
+                )
                 v[joint.idx_v : joint.idx_v + 6] = [*(m.R.T @ m.point_velocity(group.centre)), *m.w]
                 continue
             a, b = now[link.parent], now[link.child]
             gap = a.R.T @ (b.point(link.arm_child) - a.point(link.arm_parent))
-            rate = a.R.T @ (b.point_velocity(link.arm_child) - a.point_velocity(link.arm_parent)) - cross(a.w, gap)
+            rate = a.R.T @ (
+                b.point_velocity(link.arm_child) - a.point_velocity(link.arm_parent)
+            ) - cross(a.w, gap)
             relative, turn = a.R.T @ b.R, b.w - b.R.T @ a.R @ a.w
             values = [np.array([gap @ e]) for e in link.slides]
             speeds = [np.array([rate @ e]) for e in link.slides]
             if link.axes:
-                about = [relative.T @ link.axes[0], *link.axes[1:]]  # axes of the child; at right angles if there are two
+                # axes of the child; at right angles if there are two
+                about = [relative.T @ link.axes[0], *link.axes[1:]]
                 values = [*values, *(np.array([x]) for x in _angles(relative, link.axes))]
                 speeds = [*speeds, *(np.array([turn @ e]) for e in about)]
             elif link.turns:
@@ -107,7 +131,10 @@ class Tree:
             first = index - len(values) + 1  # a link is a chain of joints, one after the other
             for k, (value, speed) in enumerate(zip(values, speeds, strict=True)):
                 joint = self.model.joints[first + k]
-                q[joint.idx_q : joint.idx_q + value.size], v[joint.idx_v : joint.idx_v + speed.size] = value, speed
+                (
+                    q[joint.idx_q : joint.idx_q + value.size],
+                    v[joint.idx_v : joint.idx_v + speed.size],
+                ) = value, speed
         return q, v
 
     def q_rate(self, q: Array, v: Array) -> Array:
@@ -131,16 +158,28 @@ class Tree:
         for group, index, to in zip(self.groups, self.ids, self.origin, strict=True):
             if group.grounded:
                 still = out[GROUND]
-                out |= {n: Motion(still.point(r), still.v, still.R, still.w) for n, r in group.arms.items() if n != GROUND}
+                out |= {
+                    n: Motion(still.point(r), still.v, still.R, still.w)
+                    for n, r in group.arms.items()
+                    if n != GROUND
+                }
             else:
                 place, speed = self.data.oMi[index], self.data.v[index]
                 R, w = place.rotation.copy(), speed.angular.copy()
                 for name, arm in group.arms.items():
                     r = to + arm
-                    out[name] = Motion(place.translation + R @ r, R @ (speed.linear + cross(w, r)), R, w)
+                    out[name] = Motion(
+                        place.translation + R @ r, R @ (speed.linear + cross(w, r)), R, w
+                    )
         return out
 
-    def accelerations(self, q: Array, v: Array, external: dict[str, tuple[Array, Array]], motions: dict[str, Motion]) -> Array:
+    def accelerations(
+        self,
+        q: Array,
+        v: Array,
+        external: dict[str, tuple[Array, Array]],
+        motions: dict[str, Motion],
+    ) -> Array:
         forces = pin.StdVec_Force()
         for _ in range(self.model.njoints):
             forces.append(pin.Force.Zero())
@@ -167,25 +206,39 @@ class Tree:
             linear = spatial.linear + cross(w, speed.linear)
             for name, arm in group.arms.items():
                 r = to + arm
-                out[name] = (place.rotation @ (linear + cross(alpha, r) + cross(w, cross(w, r))), alpha.copy())
+                out[name] = (
+                    place.rotation @ (linear + cross(alpha, r) + cross(w, cross(w, r))),
+                    alpha.copy(),
+                )
         return out
 
 
 def joint_wrenches(
-    case: Case, mode: Mode, now: dict[str, Motion], rates: dict[str, tuple[Array, Array]], external: dict[str, tuple[Array, Array]]
+    case: Case,
+    mode: Mode,
+    now: dict[str, Motion],
+    rates: dict[str, tuple[Array, Array]],
+    external: dict[str, tuple[Array, Array]],
 ) -> dict[str, Wrench]:
-    """Recursive Newton-Euler on a tree in which every joint that holds is a free flyer, told to move as it does."""
+    """Recursive Newton-Euler on a tree in which every joint that holds is a free flyer, told to
+    move as it does."""
     model = pin.Model()
     model.gravity.setZero()
     place: dict[str, int] = {GROUND: 0}
     q_parts, v_parts, a_parts, forces = [], [], [], pin.StdVec_Force()
     forces.append(pin.Force.Zero())
     active = [j for j in case.joints.values() if mode.kinds[j.name] != "free"]
-    above: dict[str, tuple[str, float]] = {}  # joint -> the body it carries, and +1 if that is its second body
+    # joint -> the body it carries, and +1 if that is its second body
+    above: dict[str, tuple[str, float]] = {}
     waiting = list(case.bodies)
     order: list[tuple[str, str]] = []
     while waiting:
-        found = [(n, j) for n in waiting for j in active if n in (j.first, j.second) and ({j.first, j.second} - {n}).pop() in place]
+        found = [
+            (n, j)
+            for n in waiting
+            for j in active
+            if n in (j.first, j.second) and ({j.first, j.second} - {n}).pop() in place
+        ]
         body, joint = found[0] if found else (waiting[0], None)
         waiting.remove(body)
         if joint is None:
@@ -194,9 +247,13 @@ def joint_wrenches(
             active.remove(joint)
             above[joint.name] = (body, 1.0 if body == joint.second else -1.0)
             order.append((joint.first if body == joint.second else joint.second, body))
-        place[body] = model.addJoint(place[order[-1][0]], pin.JointModelFreeFlyer(), pin.SE3.Identity(), body)
+        place[body] = model.addJoint(
+            place[order[-1][0]], pin.JointModelFreeFlyer(), pin.SE3.Identity(), body
+        )
         data = case.bodies[body]
-        model.appendBodyToJoint(place[body], pin.Inertia(data.mass, np.zeros(3), data.inertia), pin.SE3.Identity())
+        model.appendBodyToJoint(
+            place[body], pin.Inertia(data.mass, np.zeros(3), data.inertia), pin.SE3.Identity()
+        )
     still = (np.zeros(3), np.zeros(3))
     frame = Motion(np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3))  # the moving frame is the root
     for parent, body in order:
@@ -214,7 +271,14 @@ def joint_wrenches(
         a_parts.append(a.vector)
         forces.append(pin.Force(m.R.T @ external[body][0], external[body][1]))
     work = model.createData()
-    pin.rnea(model, work, np.concatenate(q_parts), np.concatenate(v_parts), np.concatenate(a_parts), forces)
+    pin.rnea(
+        model,
+        work,
+        np.concatenate(q_parts),
+        np.concatenate(v_parts),
+        np.concatenate(a_parts),
+        forces,
+    )
     out = {}
     for joint in case.joints.values():
         a, b = now[joint.first], now[joint.second]
@@ -237,7 +301,11 @@ class Pinocchio:
 
     def __init__(self, case: Case, tolerance: float = TOLERANCE):
         self.case, self.tolerance, self.t = case, tolerance, 0.0
-        self.now, self.mode, self.tree = case.initial(), Mode(), Tree(case, Mode(kinds={n: "free" for n in case.joints}))
+        self.now, self.mode, self.tree = (
+            case.initial(),
+            Mode(),
+            Tree(case, Mode(kinds={n: "free" for n in case.joints})),
+        )
         self.q, self.v = self.tree.state(self.now)
 
     def switch(self, mode: Mode) -> None:
@@ -248,7 +316,9 @@ class Pinocchio:
 
     def _acceleration(self, t: float, q: Array, v: Array) -> Array:
         motions = self.tree.motions(q, v, t)
-        return self.tree.accelerations(q, v, loads.body_loads(self.case, motions, t, self.mode), motions)
+        return self.tree.accelerations(
+            q, v, loads.body_loads(self.case, motions, t, self.mode), motions
+        )
 
     def _derivative(self, t: float, y: Array) -> Array:
         q, v = y[: self.q.size].copy(), y[self.q.size :].copy()
@@ -265,7 +335,14 @@ class Pinocchio:
         def flown(t: float) -> Array:
             if t == start or y0.size == 0:
                 return y0
-            s = solve_ivp(self._derivative, (start, t), y0, "DOP853", rtol=self.tolerance, atol=1e-2 * self.tolerance)
+            s = solve_ivp(
+                self._derivative,
+                (start, t),
+                y0,
+                "DOP853",
+                rtol=self.tolerance,
+                atol=1e-2 * self.tolerance,
+            )
             if not s.success:
                 raise RuntimeError(s.message)
             return s.y[:, -1]
@@ -274,12 +351,17 @@ class Pinocchio:
             y = flown(t) if y is None else y
             self.t, self.q, self.v = t, self._unit(y[:n]), y[n:]
             self.now = self.tree.motions(self.q, self.v, t)
-            return guard.value(self.case, self.now, t, wrenches=self.wrenches() if guard.on_load else None)
+            return guard.value(
+                self.case, self.now, t, wrenches=self.wrenches() if guard.on_load else None
+            )
 
         y, stop, crossed = flown(t_end), t_end, None
         passed = [g for g in guards if value(t_end, g, y) >= 0.0]
         if passed:
-            roots = [(brentq(value, start, t_end, args=(g,), xtol=1e-15, rtol=1e-15), i) for i, g in enumerate(passed)]
+            roots = [
+                (brentq(value, start, t_end, args=(g,), xtol=1e-15, rtol=1e-15), i)
+                for i, g in enumerate(passed)
+            ]
             stop, first = min(roots)
             y, crossed = flown(stop), passed[first]
         self.t, self.q, self.v = stop, self._unit(y[:n]), y[n:]
@@ -292,7 +374,13 @@ class Pinocchio:
     def wrenches(self) -> dict[str, Wrench]:
         external = loads.body_loads(self.case, self.now, self.t, self.mode)
         a = self.tree.accelerations(self.q, self.v, external, self.now)
-        return joint_wrenches(self.case, self.mode, self.now, self.tree.body_accelerations(self.q, self.v, a), external)
+        return joint_wrenches(
+            self.case,
+            self.mode,
+            self.now,
+            self.tree.body_accelerations(self.q, self.v, a),
+            external,
+        )
 
 
 def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> Flight:

@@ -1,4 +1,5 @@
-"""What happens when in a case: phases, releases, switches; and the flight through them, the same for every engine."""
+"""What happens when in a case: phases, releases, switches; and the flight through them, the same
+for every engine."""
 
 import math
 from abc import abstractmethod
@@ -13,9 +14,12 @@ from sepmc.trust.peers.case import GROUND, Array, Case, Motion
 from sepmc.trust.peers.loads import Mode
 
 INSTANT = 1e-12  # s: what happens closer together happens at once
-WATCHES = 50  # stops over a flight at which guards are looked at, so that none rises and falls unseen between two distant times
+# stops over a flight at which guards are looked at, so that none rises and falls unseen between two
+# distant times
+WATCHES = 50
 TOUCH = 1e-12  # of a limit, or of one: what comes that close to it has reached it
-Wrench = tuple[Array, Array, Array, Array]  # force, moment on the first body; force, moment on the second; axes of the first body
+# force, moment on the first body; force, moment on the second; axes of the first body
+Wrench = tuple[Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,14 @@ class Guard:
     def on_load(self) -> bool:
         return self.kind in ("force", "moment")
 
-    def value(self, case: Case, motions: dict[str, Motion], t: Any, fn: Any = math, wrenches: dict[str, "Wrench"] | None = None) -> Any:
+    def value(
+        self,
+        case: Case,
+        motions: dict[str, Motion],
+        t: Any,
+        fn: Any = math,
+        wrenches: dict[str, "Wrench"] | None = None,
+    ) -> Any:
         """At these motions; on a joint's force or moment, with these wrenches."""
         if self.on_load:
             assert wrenches is not None
@@ -89,7 +100,9 @@ def condition(case: Case, table: dict[str, Any]) -> Condition:
         here.guards.append(Guard("altitude", table["body"], table["altitude"]))
     for key in ("any", "all"):
         if table.get(key):
-            here.parts.append(Condition(parts=[condition(case, t) for t in table[key]], every=key == "all"))
+            here.parts.append(
+                Condition(parts=[condition(case, t) for t in table[key]], every=key == "all")
+            )
     return here
 
 
@@ -102,7 +115,8 @@ class Engine(Protocol):
 
     @abstractmethod
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
-        """Fly to ``t_end``, or exactly to where the first guard rises through zero. Returns where that is, and which."""
+        """Fly to ``t_end``, or exactly to where the first guard rises through zero. Returns where
+        that is, and which."""
 
     @abstractmethod
     def motions(self) -> dict[str, Motion]:
@@ -115,16 +129,17 @@ class Engine(Protocol):
 
 @dataclass
 class Flight:
-    """What an engine gives of a case; rows are the times asked for, less those after which the flight ended.
+    """What an engine gives of a case; rows are the times asked for, less those after which the
+    flight ended.
 
     Attributes
     ----------
     times : ndarray, shape (n,)
-    x, v, w : dict of ndarray, shape (n, 3), by body
-        Position and velocity in the frame that moves with the initial velocity, ground axes; body rates. SI.
+    x, v, w : dict of ndarray, shape (n, 3), by body Position and velocity in the frame that moves
+        with the initial velocity, ground axes; body rates. SI.
     R : dict of ndarray, shape (n, 3, 3)
-    wrench : dict of ndarray, shape (n, 4, 3), by joint
-        Force and moment on the first body, then on the second, each at its own copy of the joint point, axes of the first body.
+    wrench : dict of ndarray, shape (n, 4, 3), by joint Force and moment on the first body, then on
+        the second, each at its own copy of the joint point, axes of the first body.
     release : dict of float
         When each joint became free; NaN if never.
     at_release : dict of ndarray, shape (4, 3)
@@ -142,22 +157,34 @@ class Flight:
 
 
 def kinds_of(case: Case, phase: int) -> dict[str, str]:
-    return {name: case.data["phase"][phase].get("joints", {}).get(name, "free") for name in case.joints}
+    return {
+        name: case.data["phase"][phase].get("joints", {}).get(name, "free") for name in case.joints
+    }
 
 
-def mode_at(case: Case, t_mid: float, kinds: dict[str, str], gone: set[str], motions: dict[str, Motion]) -> Mode:
+def mode_at(
+    case: Case, t_mid: float, kinds: dict[str, str], gone: set[str], motions: dict[str, Motion]
+) -> Mode:
     """How everything is switched over the stretch around ``t_mid``."""
     motors = {m["name"]: loads.motor_piece(m, t_mid) for m in case.data.get("motor", ())}
     springs = {s["name"]: s["name"] not in gone for s in case.data.get("spring", ())}
-    constant = {c["name"]: c.get("start", 0.0) <= t_mid < c.get("end", math.inf) for c in case.data.get("load", ())}
+    constant = {
+        c["name"]: c.get("start", 0.0) <= t_mid < c.get("end", math.inf)
+        for c in case.data.get("load", ())
+    }
     layers = {}
     if case.environment.get("atmosphere", "us1976") != "none":
-        layers = {n: loads.layer_at(loads.height_of(case, motions[n], t_mid)) for n, b in case.bodies.items() if b.data.get("aerodynamics")}
+        layers = {
+            n: loads.layer_at(loads.height_of(case, motions[n], t_mid))
+            for n, b in case.bodies.items()
+            if b.data.get("aerodynamics")
+        }
     return Mode(dict(kinds), motors, springs, constant, layers)
 
 
 def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
-    """Fly a case with an engine that stands at its initial state, and note what it says at ``times`` (s, rising).
+    """Fly a case with an engine that stands at its initial state, and note what it says at
+    ``times`` (s, rising).
 
     At a time at which a joint lets go, what is noted is what was before.
     """
@@ -167,10 +194,17 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
     letting_go: list[tuple[float, str, str]] = []  # time, joint, kind it goes to
     release = {name: math.nan for name in case.joints}
     at_release = {name: np.full((4, 3), math.nan) for name in case.joints}
-    untils = [condition(case, p["until"]) if p.get("until") else Condition() for p in case.data["phase"]]
-    events = [(r["joint"], r.get("to", "free"), condition(case, r["when"])) for r in case.data.get("release", ())]
+    untils = [
+        condition(case, p["until"]) if p.get("until") else Condition() for p in case.data["phase"]
+    ]
+    events = [
+        (r["joint"], r.get("to", "free"), condition(case, r["when"]))
+        for r in case.data.get("release", ())
+    ]
     fixed = [s for m in case.data.get("motor", ()) for s in loads.motor_switches(m)]
-    fixed += [s for c in case.data.get("load", ()) for s in (c.get("start", 0.0), c.get("end", math.inf))]
+    fixed += [
+        s for c in case.data.get("load", ()) for s in (c.get("start", 0.0), c.get("end", math.inf))
+    ]
     for c in [*untils, *(e[2] for e in events)]:
         fixed += c.leaves()[0]
     watch = [case.end_time * k / WATCHES for k in range(WATCHES + 1)]
@@ -178,7 +212,8 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
     rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]] = []
     ask = list(times)
     fresh = False  # whether the mode must be set again
-    arrival: tuple[float, dict[str, Wrench]] = (-1.0, {})  # at an instant at which things happen: wrenches before any of them
+    # at an instant at which things happen: wrenches before any of them
+    arrival: tuple[float, dict[str, Wrench]] = (-1.0, {})
     engine.switch(_next_mode(case, t, stops, kinds, gone, engine.motions()))
     while True:
         while ask and t >= ask[0] - 1e-13:
@@ -213,7 +248,12 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
             if mode.springs[s["name"]] and s.get("stroke", math.inf) < math.inf:
                 guards.append(Guard("spring", s["name"], s["stroke"]))
         guards = [g for g in dict.fromkeys(guards) if g not in hit]
-        already = [g for g in guards if g.value(case, engine.motions(), t, wrenches=engine.wrenches()) >= -TOUCH * max(1.0, g.limit)]
+        already = [
+            g
+            for g in guards
+            if g.value(case, engine.motions(), t, wrenches=engine.wrenches())
+            >= -TOUCH * max(1.0, g.limit)
+        ]
         if already:
             hit.update(already)
             gone.update(g.name for g in already if g.kind == "spring")
@@ -228,13 +268,24 @@ def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
     return _collect(rows, release, at_release)
 
 
-def _next_mode(case: Case, t: float, stops: list[float], kinds: dict[str, str], gone: set[str], motions: dict[str, Motion]) -> Mode:
+def _next_mode(
+    case: Case,
+    t: float,
+    stops: list[float],
+    kinds: dict[str, str],
+    gone: set[str],
+    motions: dict[str, Motion],
+) -> Mode:
     after = [x for x in stops if x > t + INSTANT] or [case.end_time + 1.0]
     return mode_at(case, 0.5 * (t + after[0]), kinds, gone, motions)
 
 
 def _changes(
-    case: Case, old: dict[str, str], new: dict[str, str], t: float, later: list[tuple[float, str, str]]
+    case: Case,
+    old: dict[str, str],
+    new: dict[str, str],
+    t: float,
+    later: list[tuple[float, str, str]],
 ) -> list[tuple[float, str, str]]:
     """Joints that let go now; those with a delay go to ``later``, and those that fail nowhere."""
     now: list[tuple[float, str, str]] = []
@@ -247,7 +298,9 @@ def _changes(
 
 
 def _collect(
-    rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]], release: dict[str, float], at_release: dict[str, Array]
+    rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]],
+    release: dict[str, float],
+    at_release: dict[str, Array],
 ) -> Flight:
     bodies = [n for n in rows[0][1] if n != GROUND]
 
@@ -255,4 +308,13 @@ def _collect(
         return {n: np.array([getattr(row[1][n], part) for row in rows]) for n in bodies}
 
     wrench = {n: np.array([row[2][n] for row in rows]) for n in release}
-    return Flight(np.array([r[0] for r in rows]), column("x"), column("v"), column("R"), column("w"), wrench, release, at_release)
+    return Flight(
+        np.array([r[0] for r in rows]),
+        column("x"),
+        column("v"),
+        column("R"),
+        column("w"),
+        wrench,
+        release,
+        at_release,
+    )

@@ -1,4 +1,5 @@
-"""Bodies and joints as a tree: what moves as one, what hangs on what, and joint wrenches from Newton and Euler."""
+"""Bodies and joints as a tree: what moves as one, what hangs on what, and joint wrenches from
+Newton and Euler."""
 
 from dataclasses import dataclass
 
@@ -7,7 +8,8 @@ import numpy as np
 from sepmc.trust.peers.case import GROUND, Array, Case, Joint, Motion, cross
 from sepmc.trust.peers.schedule import Mode, Wrench
 
-HELD_APART = ((2, 1), (2, 0), (1, 0))  # a joint that holds one rotation, about x, y or z: axis of the first, axis of the second body
+# a joint that holds one rotation, about x, y or z: axis of the first, axis of the second body
+HELD_APART = ((2, 1), (2, 0), (1, 0))
 
 
 @dataclass
@@ -36,8 +38,9 @@ class Group:
 class Link:
     """A joint by which a group hangs on another; points and axes in the axes of their groups.
 
-    ``slides`` are the joint axes (unit vectors) along which the child moves, fixed in the parent. It turns about ``axes``, one after the
-    other: the first fixed in the parent, the second in the child; or, if ``turns``, as it likes.
+    ``slides`` are the joint axes (unit vectors) along which the child moves, fixed in the parent.
+    It turns about ``axes``, one after the other: the first fixed in the parent, the second in the
+    child; or, if ``turns``, as it likes.
     """
 
     joint: str
@@ -56,7 +59,14 @@ class Link:
 def _group(case: Case, names: list[str]) -> Group:
     """One body of several, as they lie while mated."""
     if GROUND in names:
-        return Group(GROUND, np.zeros(3), {n: case.ground.arm(case.body(n).cg) for n in names}, 0.0, np.zeros((3, 3)), True)
+        return Group(
+            GROUND,
+            np.zeros(3),
+            {n: case.ground.arm(case.body(n).cg) for n in names},
+            0.0,
+            np.zeros((3, 3)),
+            True,
+        )
     bodies = [case.bodies[n] for n in names]
     mass = sum(b.mass for b in bodies)
     centre = sum((b.mass * bodies[0].arm(b.cg) for b in bodies), np.zeros(3)) / mass
@@ -69,12 +79,15 @@ def _group(case: Case, names: list[str]) -> Group:
 
 
 def tree_of(case: Case, kinds: dict[str, str]) -> tuple[list[Group], list[Link | None]]:
-    """Groups, parents before children, and the joint by which each hangs (None: it is free, or the ground)."""
+    """Groups, parents before children, and the joint by which each hangs (None: it is free, or the
+    ground)."""
     names = [GROUND, *case.bodies]
     label = {n: n for n in names}
     for rigid in case.joints.values():
         if kinds[rigid.name] == "fixed":
-            old, new = sorted((label[rigid.first], label[rigid.second]), key=names.index, reverse=True)
+            old, new = sorted(
+                (label[rigid.first], label[rigid.second]), key=names.index, reverse=True
+            )
             label = {n: new if x == old else x for n, x in label.items()}
     groups: list[Group] = []
     links: list[Link | None] = []
@@ -86,7 +99,12 @@ def tree_of(case: Case, kinds: dict[str, str]) -> tuple[list[Group], list[Link |
     waiting = list(dict.fromkeys(label.values()))
     while waiting:
         # the ground first, then what hangs on something that is placed, then a new free group
-        hang = [(g, j) for g in waiting for j in moving if g in (label[j.first], label[j.second]) and _other(label, j, g) in seen]
+        hang = [
+            (g, j)
+            for g in waiting
+            for j in moving
+            if g in (label[j.first], label[j.second]) and _other(label, j, g) in seen
+        ]
         joint: Joint | None
         root, joint = hang[0] if hang else (waiting[0], None)
         waiting.remove(root)
@@ -96,11 +114,16 @@ def tree_of(case: Case, kinds: dict[str, str]) -> tuple[list[Group], list[Link |
             moving.remove(joint)
             forward = label[joint.second] == root
             parent, child = (joint.first, joint.second) if forward else (joint.second, joint.first)
-            above, below = (joint.arm_first, joint.arm_second) if forward else (joint.arm_second, joint.arm_first)
+            above, below = (
+                (joint.arm_first, joint.arm_second)
+                if forward
+                else (joint.arm_second, joint.arm_first)
+            )
             held = case.held(joint.name, kinds[joint.name])
             slides = [joint.axes[:, k] for k in range(3) if not held[k]]
             about = [joint.axes[:, k] for k in range(3) if not held[3 + k]]
-            if len(about) == 2:  # the axes of first and second body that stay at right angles, see CONVENTIONS.md
+            # the axes of first and second body that stay at right angles, see CONVENTIONS.md
+            if len(about) == 2:
                 of_first, of_second = HELD_APART[held[3:].index(True)]
                 about = [joint.axes[:, of_first], joint.axes[:, of_second]]
             if not forward and slides and about:
@@ -108,12 +131,26 @@ def tree_of(case: Case, kinds: dict[str, str]) -> tuple[list[Group], list[Link |
             place = seen[label[parent]]
             at = groups[place].arms[parent] + above
             to = -(group.arms[child] + below)
-            link = Link(joint.name, slides, about if len(about) < 3 else [], len(about) == 3, parent, child, place, above, below, at, to)
+            link = Link(
+                joint.name,
+                slides,
+                about if len(about) < 3 else [],
+                len(about) == 3,
+                parent,
+                child,
+                place,
+                above,
+                below,
+                at,
+                to,
+            )
         seen[root] = len(groups)
         groups.append(group)
         links.append(link)
     if moving:
-        raise NotImplementedError(f"joints close a loop, no tree: {', '.join(j.name for j in moving)}")
+        raise NotImplementedError(
+            f"joints close a loop, no tree: {', '.join(j.name for j in moving)}"
+        )
     return groups, links
 
 
@@ -131,7 +168,8 @@ def newton_euler(
 ) -> dict[str, Wrench]:
     """Wrench of every joint of a tree: what the bodies beyond it need besides their external loads.
 
-    ``accelerations`` holds of each body that of its mass centre (m/s2, ground axes) and its angular one (rad/s2, body axes).
+    ``accelerations`` holds of each body that of its mass centre (m/s2, ground axes) and its angular
+    one (rad/s2, body axes).
     """
     out = {}
     active = [j for j in case.joints.values() if mode.kinds[j.name] != "free"]
@@ -140,7 +178,11 @@ def newton_euler(
         at_a, at_b = a.point(joint.arm_first), b.point(joint.arm_second)
         force, moment = np.zeros(3), np.zeros(3)
         if joint in active:
-            beyond, sign, place = _beyond(joint.second, [j for j in active if j is not joint]), 1.0, at_b
+            beyond, sign, place = (
+                _beyond(joint.second, [j for j in active if j is not joint]),
+                1.0,
+                at_b,
+            )
             if GROUND in beyond:
                 beyond, sign = _beyond(joint.first, [j for j in active if j is not joint]), -1.0
             for name in beyond:

@@ -15,16 +15,36 @@ Tree = dict[str, Any]
 SPACE = {"atmosphere": "none", "gravity": "none"}
 
 
-def body(mass: float, inertia: list[float], cg: list[float], products: list[float] | None = None, **more: Any) -> Tree:
+def body(
+    mass: float,
+    inertia: list[float],
+    cg: list[float],
+    products: list[float] | None = None,
+    **more: Any,
+) -> Tree:
     """A body's table: kg, kg m2, layout point in m."""
-    return {"mass_kg": mass, "inertia_kg_m2": inertia, "inertia_products_kg_m2": products or [0.0, 0.0, 0.0], "cg_m": cg, **more}
+    return {
+        "mass_kg": mass,
+        "inertia_kg_m2": inertia,
+        "inertia_products_kg_m2": products or [0.0, 0.0, 0.0],
+        "cg_m": cg,
+        **more,
+    }
 
 
 def joint(first: str, second: str, point: list[float], **more: Any) -> Tree:
     return {"bodies": [first, second], "point_m": point, **more}
 
 
-def scene(bodies: Tree, joints: Tree, phases: list[Tree], end: float, step: float, omega: list[float] | None = None, **more: Any) -> Tree:
+def scene(
+    bodies: Tree,
+    joints: Tree,
+    phases: list[Tree],
+    end: float,
+    step: float,
+    omega: list[float] | None = None,
+    **more: Any,
+) -> Tree:
     """Bodies in empty space that start at rest or turning, rad/s; other tables as in a file."""
     tree: Tree = {
         "environment": dict(SPACE),
@@ -53,8 +73,11 @@ def make(tree: Tree) -> Campaign:
 
 
 def settled(tree: Tree) -> Tree:
-    """The same scene without a step that is given: it is flown in steps at which it has settled to an accuracy of 1e-9."""
-    return tree | {"solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}}
+    """The same scene without a step that is given: it is flown in steps at which it has settled to
+    an accuracy of 1e-9."""
+    return tree | {
+        "solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}
+    }
 
 
 def fly(tree: Tree, rows: int = 20) -> Flight:
@@ -69,32 +92,74 @@ AFT = body(1.0, [1.0, 2.0, 2.2], [3.0, -0.04, 0.03], [0.2, -0.1, 0.15])
 OMEGA = [0.9, -0.5, 0.7]
 
 
-def pair(kind: str, end: float = 2.0, step: float = 0.02, fore: Tree = FORE, aft: Tree = AFT, **more: Any) -> Tree:
+def pair(
+    kind: str, end: float = 2.0, step: float = 0.02, fore: Tree = FORE, aft: Tree = AFT, **more: Any
+) -> Tree:
     """Two bodies turning in empty space, held by one joint between them."""
     given = {"omega": OMEGA, **more}
-    return scene({"fore": fore, "aft": aft}, {"link": joint("fore", "aft", [2.0, 0.1, 0.0])}, held(link=kind), end, step, **given)
+    return scene(
+        {"fore": fore, "aft": aft},
+        {"link": joint("fore", "aft", [2.0, 0.1, 0.0])},
+        held(link=kind),
+        end,
+        step,
+        **given,
+    )
 
 
-def pushed(stroke: float, kind: str = "slider", end: float = 1.0, step: float = 0.05, spring: Tree | None = None, **until: Any) -> Tree:
-    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: 2 m/s2 between them. The slider ends at a stroke, m."""
-    push = {"name": "push", "bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0], "axis": [-1.0, 0.0, 0.0], "force_N": 1.5}
-    bodies = {"fore": body(3.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0]), "aft": body(1.0, [1.0, 2.0, 2.0], [3.0, 0.0, 0.0])}
+def pushed(
+    stroke: float,
+    kind: str = "slider",
+    end: float = 1.0,
+    step: float = 0.05,
+    spring: Tree | None = None,
+    **until: Any,
+) -> Tree:
+    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: 2 m/s2 between them. The
+    slider ends at a stroke, m."""
+    push = {
+        "name": "push",
+        "bodies": ["fore", "aft"],
+        "point_m": [2.0, 0.0, 0.0],
+        "axis": [-1.0, 0.0, 0.0],
+        "force_N": 1.5,
+    }
+    bodies = {
+        "fore": body(3.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0]),
+        "aft": body(1.0, [1.0, 2.0, 2.0], [3.0, 0.0, 0.0]),
+    }
     end_of = {"joint": "link", "stroke_m": stroke, **until}
-    phases: list[Tree] = [{"name": "guided", "joints": {"link": kind}, "until": end_of}, {"name": "free"}]
-    return scene(bodies, {"link": joint("fore", "aft", [2.0, 0.0, 0.0])}, phases, end, step, spring=[push | (spring or {})])
+    phases: list[Tree] = [
+        {"name": "guided", "joints": {"link": kind}, "until": end_of},
+        {"name": "free"},
+    ]
+    return scene(
+        bodies,
+        {"link": joint("fore", "aft", [2.0, 0.0, 0.0])},
+        phases,
+        end,
+        step,
+        spring=[push | (spring or {})],
+    )
 
 
 class Composite:
-    """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed form."""
+    """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed
+    form."""
 
     def __init__(self, found: Flight, second: str, point: list[float]):
         scene_, self.found, self.second = found.scene, found, second
         names = list(scene_.body)
-        places, masses = [-arm(scene_, b, point) for b in names], [scene_.body[b].mass for b in names]
+        places, masses = (
+            [-arm(scene_, b, point) for b in names],
+            [scene_.body[b].mass for b in names],
+        )
         tensors = [tensor(scene_, b) for b in names]
         whole, k = ref.composite(masses, tensors, places), names.index(second)
         self.rate, self.attitude = ref.asymmetric_top(found.t, whole.inertia, scene_.initial.omega)
-        self.force, self.moment = ref.weld_wrench(whole, masses[k], tensors[k], places[k], np.zeros(3), self.rate)
+        self.force, self.moment = ref.weld_wrench(
+            whole, masses[k], tensors[k], places[k], np.zeros(3), self.rate
+        )
 
     def rate_error(self, name: str | None = None) -> float:
         return relative(self.found.body(name or self.second).w, self.rate)
@@ -106,4 +171,6 @@ class Composite:
         return relative(self.found.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
 
     def moment_error(self, joint_name: str = "link") -> float:
-        return relative(self.found.columns(f"{joint_name}_moment_on_{self.second}_*_N_m"), self.moment)
+        return relative(
+            self.found.columns(f"{joint_name}_moment_on_{self.second}_*_N_m"), self.moment
+        )
