@@ -52,12 +52,14 @@ def statistics(
 
     Parameters
     ----------
-    cases : DataFrame or other mapping of name to column, shape (n_cases,) Columns ``case``
-        (number), ``status`` (string) and the outcomes, each in the unit its name ends with.
+    cases : DataFrame or other mapping of name to column, shape (n_cases,)
+        Columns ``case`` (number), ``status`` (string) and the outcomes, each in the unit its name
+        ends with.
     outcomes : sequence of str
         Columns to describe.
-    reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional Figures to compare
-        with, in the outcome's unit; any of the four, or the outcome itself, may be absent.
+    reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
+        Figures to compare with, in the outcome's unit; any of the four, or the outcome itself, may
+        be absent.
 
     Returns
     -------
@@ -71,9 +73,10 @@ def statistics(
         reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
 
     Notes
-    ----- Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so
-    se(s) = sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform
-    data. Checked against repeated sampling in the tests.
+    -----
+    Var(s^2) = (mu4 - (n - 3) / (n - 1) sigma^4) / n for any law with a fourth moment, so se(s) =
+    sqrt(Var(s^2)) / (2 s). The Gaussian s / sqrt(2 n) would be 58 % too large for uniform data.
+    Checked against repeated sampling in the tests.
     """
     missing = [name for name in outcomes if name not in cases]
     if missing:
@@ -264,9 +267,9 @@ def audit(
 
     Returns
     -------
-    table : DataFrame, one row for each of ``columns`` that the case table has worst (the largest
-        value; of smallest_pivot the smallest), case (the first that has it), bound (NaN: none),
-        beyond (number of ok cases whose value is above it or NaN).
+    table : DataFrame, one row for each of ``columns`` that the case table has
+        worst (the largest value; of smallest_pivot the smallest), case (the first that has it),
+        bound (NaN: none), beyond (number of ok cases whose value is above it or NaN).
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
@@ -306,8 +309,9 @@ def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:
 
     Parameters
     ----------
-    histories : DataFrame, long form Columns ``case``, ``time_s`` and ``column``: one row per case
-        and time. Rows of failed cases are the caller's to leave out.
+    histories : DataFrame, long form
+        Columns ``case``, ``time_s`` and ``column``: one row per case and time. Rows of failed cases
+        are the caller's to leave out.
     column : str
         The quantity. NaN is left out of its time.
 

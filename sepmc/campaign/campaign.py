@@ -157,8 +157,9 @@ class Campaign(Definition):
 
         Returns
         -------
-        history : DataFrame time_s, phase, then the columns of `sepmc.schema.history_columns`.
-            ``attrs`` holds ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
+        history : DataFrame
+            time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds
+            ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
             `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it, else
             the last change), its ``status``, whether its kernel was ``compiled``, and ``notes``,
             sentences on what deserves a look.
@@ -231,13 +232,16 @@ class Campaign(Definition):
             Instead of those of the file.
         threads : int, optional
             All cores if None. The result does not depend on it.
-        out : path, optional Run folder to write, whose rows are then read from there when asked
-            for; None keeps everything in memory.
-        overwrite, resume : bool What to do with an existing ``out``: replace the run in it, or fly
-            only its missing cases.
-        stats_only : bool Keep statistics, histograms, audit and counts only, in memory that does
-            not grow with the cases: no rows, no histories, nothing to resume. Percentiles are exact
-            up to 65,536 cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
+        out : path, optional
+            Run folder to write, whose rows are then read from there when asked for; None keeps
+            everything in memory.
+        overwrite, resume : bool
+            What to do with an existing ``out``: replace the run in it, or fly only its missing
+            cases.
+        stats_only : bool
+            Keep statistics, histograms, audit and counts only, in memory that does not grow with
+            the cases: no rows, no histories, nothing to resume. Percentiles are exact up to 65,536
+            cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
             Told what begins, and that kernels must be compiled if so.
@@ -250,7 +254,8 @@ class Campaign(Definition):
             If cases, seed or threads are out of range, or ``resume`` meets ``stats_only``.
 
         Notes
-        ----- Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
+        -----
+        Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
         ``resume=True`` goes on from there.
         """
         settings = self.scene.run

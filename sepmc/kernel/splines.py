@@ -30,9 +30,10 @@ def pack(
         smooth if held constant beyond)
 
     Returns
-    ------- ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1
-    breaks and 16 q numbers of the basis; the coefficients, the functions side by side. The
-    functions are twice continuously differentiable in every coordinate.
+    -------
+    ndarray, shape (size,): number of functions; for each of three axes its spans q, q + 1 breaks
+    and 16 q numbers of the basis; the coefficients, the functions side by side. The functions are
+    twice continuously differentiable in every coordinate.
     """
     coefficients = np.asarray(values, float)
     assert len(axes) <= AXES

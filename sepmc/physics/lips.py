@@ -25,8 +25,9 @@ _NARROWINGS = 45  # of golden section: to 1e-10 rad, of which the square counts
 def lip_gap(lip, part):
     """Distance of a circle from a solid part, and the nearest points of circle and part.
 
-    lip : (centre, normal, radius); part : (start, axis, length, r0, r1) 0 where some of the circle
-    is within the solid. Checked against a scan of the circle, and by hand.
+    lip : (centre, normal, radius); part : (start, axis, length, r0, r1)
+    0 where some of the circle is within the solid. Checked against a scan of the circle, and by
+    hand.
     """
     keep_apart()
     centre, normal, radius = lip

@@ -33,12 +33,12 @@ _ROUNDS = 150
 def gap(a, b):
     """Distance between two parts, and the nearest points of each.
 
-    a, b : parts (start, axis, length, r0, r1) Returns m and two points: 0 if the parts overlap (the
-    two points are then one within both, to round-off), NaN if a number is NaN. Where many points
-    are equally near (faces, parallel sides) one of them is returned. Accurate to 1e-12 of itself;
-    for parts of metres that all but touch to 1e-9 m (999 of 1000 random pairs; worst of 400,000
-    seen: 1.3e-6 m). Checked against closed forms, planes that separate the parts, and minimisation
-    over both.
+    a, b : parts (start, axis, length, r0, r1)
+    Returns m and two points: 0 if the parts overlap (the two points are then one within both, to
+    round-off), NaN if a number is NaN. Where many points are equally near (faces, parallel sides)
+    one of them is returned. Accurate to 1e-12 of itself; for parts of metres that all but touch to
+    1e-9 m (999 of 1000 random pairs; worst of 400,000 seen: 1.3e-6 m). Checked against closed
+    forms, planes that separate the parts, and minimisation over both.
     """
     keep_apart()
     x, y = a[0], b[0]  # nearest points so far

@@ -81,8 +81,9 @@ def campaign_figures(
     ----------
     cases : DataFrame, shape (n_cases, ...)
         Columns ``case``, ``status`` and the outcomes. Only cases whose status is ``ok`` are drawn.
-    histories : DataFrame or None Long form: ``case``, ``time_s`` and ``separation_speed_m_s`` and /
-        or ``separation_distance_mm``. None: no bands.
+    histories : DataFrame or None
+        Long form: ``case``, ``time_s`` and ``separation_speed_m_s`` and / or
+        ``separation_distance_mm``. None: no bands.
     folder : Path
         Where the files go; made if it is not there.
     units : mapping of column to unit
@@ -91,8 +92,9 @@ def campaign_figures(
         Marked in the histograms.
     labels : mapping of column to words, optional
         For the axes; by default the column's name without its unit.
-    outcomes : sequence of str, optional Columns to draw; by default those of ``reference`` or,
-        without one, of ``units``. One without a finite value is left out.
+    outcomes : sequence of str, optional
+        Columns to draw; by default those of ``reference`` or, without one, of ``units``. One
+        without a finite value is left out.
     source : str
         What the reference is called in legends, e.g. ``"Table 3"``.
 
@@ -176,12 +178,12 @@ def run_figures(
 
     Parameters
     ----------
-    history : DataFrame, shape (n_rows, ...) ``time_s``, ``phase``, and what there is of: per body
-        ``b`` ``{b}_omega_{x,y,z}_deg_s``, ``{b}_{alpha,roll,yaw,pitch}_deg``,
-        ``{b}_axial_acceleration_m_s2``; per joint ``j`` and body ``{j}_force_on_{b}_{x,y,z}_N``,
-        ``{j}_moment_on_{b}_{x,y,z}_N_m``; ``separation_speed_m_s``, ``separation_distance_mm``. At
-        a phase boundary two rows share a time (the end of one phase, the start of the next), so
-        that a step is drawn as a step.
+    history : DataFrame, shape (n_rows, ...)
+        ``time_s``, ``phase``, and what there is of: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
+        ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
+        body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
+        ``separation_speed_m_s``, ``separation_distance_mm``. At a phase boundary two rows share a
+        time (the end of one phase, the start of the next), so that a step is drawn as a step.
     folder : Path
         Where the files go; made if it is not there.
     bodies, joints : sequence of str

@@ -358,7 +358,8 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
 
     Parameters
     ----------
-    case : dict Nested like the campaign file, in SI and radians, keys without unit suffix, as
+    case : dict
+        Nested like the campaign file, in SI and radians, keys without unit suffix, as
         `sepmc.campaign.definition.Case.to_dict` gives it. ``until.time`` is counted from the start;
         ``stroke`` is the separation distance along the joint's x axis, which counts from the start.
         ``initial.path_reference`` (rad), if given, adds ``*_alpha_ref_deg`` = pitch -

@@ -106,12 +106,12 @@ def asymmetric_top(
     omega : (n, 3) rates in body axes; attitude : (n, 3, 3) body to ground
 
     Notes
-    ----- Landau and Lifshitz, Mechanics, section 37: in principal axes with I3 > I2 > I1 and L^2 >
-    2 E I2, w1 = a cn, w2 = b sn, w3 = c dn of tau = rate t + tau0; for L^2 < 2 E I2 the roles of 1
-    and 3 change. The body turns about the fixed L at L/I3 + L (1/I1 - 1/I3) / (1 - n sn^2), n = -I3
-    (I2 - I1) / (I1 (I3 - I2)), whose integral is Legendre's of the third kind. Differences such as
-    2 E I3 - L^2 are formed without cancellation. Checked against DOP853 in
-    tests/test_references.py.
+    -----
+    Landau and Lifshitz, Mechanics, section 37: in principal axes with I3 > I2 > I1 and L^2 > 2 E
+    I2, w1 = a cn, w2 = b sn, w3 = c dn of tau = rate t + tau0; for L^2 < 2 E I2 the roles of 1 and
+    3 change. The body turns about the fixed L at L/I3 + L (1/I1 - 1/I3) / (1 - n sn^2), n = -I3 (I2
+    - I1) / (I1 (I3 - I2)), whose integral is Legendre's of the third kind. Differences such as 2 E
+    I3 - L^2 are formed without cancellation. Checked against DOP853 in tests/test_references.py.
     """
     times, start = (
         np.atleast_1d(np.asarray(t, float)),
@@ -267,8 +267,9 @@ def spring_extension(
         below critical
 
     Notes
-    ----- The response of an oscillator to a step, as in any text on vibrations; for stiffness =
-    damping = 0, force t^2 / (2 m).
+    -----
+    The response of an oscillator to a step, as in any text on vibrations; for stiffness = damping =
+    0, force t^2 / (2 m).
     """
     t = np.asarray(t, float)
     if stiffness == 0.0 and damping == 0.0:
@@ -318,8 +319,9 @@ def thrust_gap(t: ArrayLike, acceleration: float, build_up: float = 0.0) -> tupl
     build_up : s; the thrust is F (1 - exp(-t / build_up))
 
     Notes
-    ----- With s = t / build_up: gap = a build_up^2 (s^2 / 2 - s + 1 - e^-s), rate = a build_up (s -
-    1 + e^-s); a t^2 / 2 and a t without.
+    -----
+    With s = t / build_up: gap = a build_up^2 (s^2 / 2 - s + 1 - e^-s), rate = a build_up (s - 1 +
+    e^-s); a t^2 / 2 and a t without.
     """
     t = np.asarray(t, float)
     if build_up == 0.0:
@@ -358,7 +360,8 @@ def pendulum(
     angle, rate : at t = 0, from the rest position, within half a turn
 
     Notes
-    ----- With k^2 = sin^2(angle / 2) + (rate / (2 frequency))^2 at the start: sin(angle / 2) = k
+    -----
+    With k^2 = sin^2(angle / 2) + (rate / (2 frequency))^2 at the start: sin(angle / 2) = k
     sn(frequency t + u0, k^2) for k < 1, angle / 2 = am(k frequency t + u0, 1 / k^2) for k >= 1.
     Whittaker, Analytical Dynamics, section 44.
     """
@@ -393,8 +396,9 @@ def hinge_wrench(
     rate, rate_rate : about the hinge, rad/s and rad/s2; weight : force of gravity in body axes, N
 
     Notes
-    ----- F = m a - weight; M = J w' + w x J w - arm x weight with J about the hinge. Products of
-    inertia load the hinge across its axis.
+    -----
+    F = m a - weight; M = J w' + w x J w - arm x weight with J about the hinge. Products of inertia
+    load the hinge across its axis.
     """
     r, g, z = np.asarray(arm, float), np.asarray(weight, float), np.array([0.0, 0.0, 1.0])
     about = np.asarray(inertia, float) + mass * (r @ r * np.eye(3) - np.outer(r, r))
@@ -426,9 +430,10 @@ def heavy_top(
     precession : rate of the axis about the upward vertical at t = 0, rad/s
 
     Notes
-    ----- Lagrange's case; u = cos(tilt) follows u'^2 = f(u), a cubic with f(u0) = 0 at the start,
-    so that its other roots come from a quadratic; u = u1 + (u2 - u1) sn^2. Whittaker, Analytical
-    Dynamics, section 71.
+    -----
+    Lagrange's case; u = cos(tilt) follows u'^2 = f(u), a cubic with f(u0) = 0 at the start, so that
+    its other roots come from a quadratic; u = u1 + (u2 - u1) sn^2. Whittaker, Analytical Dynamics,
+    section 71.
     """
     u0, other, rate, m1 = _nutation(axial, transverse, torque, tilt, spin, precession)
     angle = jacobi_amplitude(rate * np.asarray(t, float), m1)
@@ -536,11 +541,12 @@ def tip_off(
         the end of the rail, m
 
     Notes
-    ----- The rail pushes across itself only. So along it the mass centre moves as thrown, speed t -
-    g sin(elevation) t^2 / 2, and across it energy is kept: (J + m c^2) w^2 / 2 = -m g
-    cos(elevation) h, with h = ahead sin(a) + above (cos(a) - 1) the rise of the mass centre and c =
-    dh/da. The rate is a function of the angle, in closed form; the time is a quadrature over the
-    angle a = -q^2, whose integrand is smooth.
+    -----
+    The rail pushes across itself only. So along it the mass centre moves as thrown, speed t - g
+    sin(elevation) t^2 / 2, and across it energy is kept: (J + m c^2) w^2 / 2 = -m g cos(elevation)
+    h, with h = ahead sin(a) + above (cos(a) - 1) the rise of the mass centre and c = dh/da. The
+    rate is a function of the angle, in closed form; the time is a quadrature over the angle a =
+    -q^2, whose integrand is smooth.
     """
     pull = mass * gravity * math.cos(elevation)
 

@@ -47,8 +47,9 @@ def worst(
 
     Parameters
     ----------
-    outcomes, reference : mapping of ndarray Outcome column to values; the reference has as many
-        cases or more, and tells what is compared.
+    outcomes, reference : mapping of ndarray
+        Outcome column to values; the reference has as many cases or more, and tells what is
+        compared.
     sigma : mapping of float
         Scatter of each outcome over the campaign.
     """

@@ -48,7 +48,8 @@ def race(
         Told what begins, and which engines are left out.
     cases : dict of int, optional
         Cases by engine, instead of those of `CASES`; an engine with none is left out.
-    repeats : int Flights of which the median time is taken; one if the cases are few and the time
+    repeats : int
+        Flights of which the median time is taken; one if the cases are few and the time
         extrapolated.
 
     Raises

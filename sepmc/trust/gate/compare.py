@@ -49,11 +49,12 @@ Fly = Callable[..., Any]
 class Verdict:
     """What became of one scene.
 
-    ``rows`` counts rows by verdict: same; told (wrong, and an audit column says so); tie (the case
-    itself does not say); refused by the engine; and the faults silent, wrong (not ok, and other
-    outcomes), status; door counts doors that differ, see `sepmc.trust.gate.doors`. ``said`` has a
-    line for each fault, ``crash`` the last line of a traceback, ``not_flown`` why there is nothing
-    to compare.
+    ``rows`` counts rows by verdict: same; told (wrong, and an audit column says
+    so); tie (the case itself does not say); refused by the engine; and the faults silent, wrong
+    (not ok, and other outcomes), status; door counts doors that differ, see
+    `sepmc.trust.gate.doors`.
+    ``said`` has a line for each fault, ``crash`` the last line of a traceback, ``not_flown`` why
+    there is nothing to compare.
     """
 
     name: str

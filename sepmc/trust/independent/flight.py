@@ -332,7 +332,8 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
 
     Parameters
     ----------
-    case : mapping Nested like the campaign file, in SI and radians, keys without unit suffix, as
+    case : mapping
+        Nested like the campaign file, in SI and radians, keys without unit suffix, as
         `sepmc.campaign.Case.to_dict` gives it; what is absent or None has its default.
     rtol : float
         Relative tolerance of DOP853; the absolute one is a hundredth of it in SI units.

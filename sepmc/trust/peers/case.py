@@ -24,8 +24,9 @@ class Motion:
 
     Attributes
     ----------
-    x, v : ndarray, shape (3,) Position (m) and velocity (m/s) of the mass centre, ground axes, in
-        the frame that moves with the initial velocity.
+    x, v : ndarray, shape (3,)
+        Position (m) and velocity (m/s) of the mass centre, ground axes, in the frame that moves
+        with the initial velocity.
     R : ndarray, shape (3, 3)
         Takes body components to ground components.
     w : ndarray, shape (3,)

@@ -337,8 +337,9 @@ def fly(
         `Case.to_dict` of a case: SI, radians.
     times : sequence of float
         When to tell, s, rising.
-    step : float Longest step of the coarsest flight, s; each further one halves it. None: the
-        1000th part of the time flown.
+    step : float
+        Longest step of the coarsest flight, s; each further one halves it. None: the 1000th part of
+        the time flown.
     """
     case = Case(data)
     step = step or case.end_time / STEPS

@@ -135,11 +135,13 @@ class Flight:
     Attributes
     ----------
     times : ndarray, shape (n,)
-    x, v, w : dict of ndarray, shape (n, 3), by body Position and velocity in the frame that moves
-        with the initial velocity, ground axes; body rates. SI.
+    x, v, w : dict of ndarray, shape (n, 3), by body
+        Position and velocity in the frame that moves with the initial velocity, ground axes; body
+        rates. SI.
     R : dict of ndarray, shape (n, 3, 3)
-    wrench : dict of ndarray, shape (n, 4, 3), by joint Force and moment on the first body, then on
-        the second, each at its own copy of the joint point, axes of the first body.
+    wrench : dict of ndarray, shape (n, 4, 3), by joint
+        Force and moment on the first body, then on the second, each at its own copy of the joint
+        point, axes of the first body.
     release : dict of float
         When each joint became free; NaN if never.
     at_release : dict of ndarray, shape (4, 3)

@@ -137,8 +137,9 @@ def _bounds() -> dict[str, Bound]:
 
     none: round-off of the accelerations, 100 eps, summed twice, is how far joints drift, and the
     joint force works over that. projection: a correction once a step leaves no more than 1e-12,
-    either way. baumgarte: what it pulls with is of the size of the error of the inner stages; only
-    the audit bounds it.
+    either way.
+    baumgarte: what it pulls with is of the size of the error of the inner stages; only the audit
+    bounds it.
     """
     return {
         "none": Bound(100.0 * EPS * STEP**2 * STEPS**1.5, "100 eps x h^2 N^1.5 (drift)"),
