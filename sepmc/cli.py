@@ -5,25 +5,31 @@ Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line 
 """
 
 import gc
-import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from sepmc import __version__
+from sepmc.cli_output import (
+    counted,
+    draw_figures,
+    manifest_with_rows,
+    plain_errors,
+    progress_bar,
+    single_error_text,
+    speaker,
+    summary_of,
+    tell_results,
+    timing_line,
+)
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from sepmc.analysis.rows import Rows
-    from sepmc.analysis.stream import Stream
-    from sepmc.campaign.campaign import Campaign, Result
+    from sepmc.campaign.campaign import Campaign
 
 _SETTINGS = click.option(
     "--set",
@@ -103,8 +109,8 @@ def campaign(
     no histories/: for millions of cases. Percentiles are then those of a fine grid of bins, exact
     up to 65,536 cases and within 0.41 % of sigma beyond.
     """
-    say = _speaker(quiet)
-    with _plain_errors(quiet):
+    say = speaker(quiet)
+    with plain_errors(quiet):
         if (resume or overwrite) and out is None:
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
@@ -123,7 +129,7 @@ def campaign(
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
         n = cases or loaded.scene.run.cases
-        with _progress(n, quiet) as progress:
+        with progress_bar(n, quiet) as progress:
             try:
                 ways = {"overwrite": overwrite, "resume": resume, "stats_only": stats_only}
                 result = loaded.run(
@@ -141,8 +147,8 @@ def campaign(
                 sys.exit(130)
         for note in result.notes + [found.sentence for found in redundancies(loaded.scene)]:
             click.echo(f"warning: {note}", err=True)
-        say(_timing_line(result))
-        flown, trusted = _report(folder, loaded, result.kept.summary, say, plots=not no_plots)
+        say(timing_line(result))
+        flown, trusted = tell_results(folder, loaded, result.kept.summary, say, plots=not no_plots)
     if not flown:
         click.echo("error: no case was flown to the end; see the column status", err=True)
         sys.exit(1)
@@ -189,8 +195,8 @@ def run(
 ) -> None:
     """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays
     one of its cases."""
-    say = _speaker(quiet)
-    with _plain_errors(quiet):
+    say = speaker(quiet)
+    with plain_errors(quiet):
         loaded = _load(file, settings)
         from sepmc import schema
         from sepmc.campaign import store
@@ -237,7 +243,7 @@ def run(
         for note in history.attrs["notes"]:
             click.echo(f"warning: {note}", err=True)
         if history.attrs["errors"]:
-            say(_single_error_text(history.attrs["errors"], loaded))
+            say(single_error_text(history.attrs["errors"], loaded))
         how = "compiled" if history.attrs["compiled"] else "in plain Python"
         say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
         if not no_plots:
@@ -251,14 +257,14 @@ def run(
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 def stats(folder: Path) -> None:
     """Compute and print the statistics of RUN again, from its files alone."""
-    with _plain_errors(False):
+    with plain_errors(False):
         from sepmc.campaign import store
 
         if store.read_history(folder) is not None:
             raise store.StoreError(f"{folder}: is a single run, which has no statistics")
-        manifest = _with_rows(folder)
+        manifest = manifest_with_rows(folder)
         loaded = _load(str(folder), (), warn=False)
-        summary = _summary(folder, loaded)
+        summary = summary_of(folder, loaded)
         if not manifest.get("complete", True):
             held = sum(summary.counts.values())
             click.echo(
@@ -267,7 +273,7 @@ def stats(folder: Path) -> None:
             )
         for note in manifest.get("notes", ()):
             click.echo(f"warning: {note}", err=True)
-        flown, trusted = _report(folder, loaded, summary, click.echo, plots=False)
+        flown, trusted = tell_results(folder, loaded, summary, click.echo, plots=False)
     sys.exit(1 if not flown else 0 if trusted else 3)
 
 
@@ -275,7 +281,7 @@ def stats(folder: Path) -> None:
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 def plot(folder: Path) -> None:
     """Draw the figures of RUN again, from its files alone."""
-    with _plain_errors(False):
+    with plain_errors(False):
         from sepmc.campaign import store
         from sepmc.report.figures import run_figures
 
@@ -284,9 +290,9 @@ def plot(folder: Path) -> None:
             manifest = store.read_manifest(folder)
             written = run_figures(history, folder, manifest["bodies"], manifest["joints"])
         else:
-            _with_rows(folder)
+            manifest_with_rows(folder)
             loaded = _load(str(folder), (), warn=False)
-            written = _figures(folder, loaded, _summary(folder, loaded))
+            written = draw_figures(folder, loaded, summary_of(folder, loaded))
         for path in written:
             click.echo(path)
 
@@ -300,7 +306,7 @@ def plot(folder: Path) -> None:
 def check(file: str, settings: tuple[str, ...], code: bool) -> None:
     """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
     out. Flies nothing."""
-    with _plain_errors(False):
+    with plain_errors(False):
         loaded = _load(file, settings)
         from sepmc.campaign import cases, pilot
         from sepmc.kernel.emit import features
@@ -372,8 +378,8 @@ def compile_(
 ) -> None:
     """Compile the kernel that flies campaigns of FILE into the cache, so that the first one starts
     at once. Flies nothing."""
-    say = _speaker(quiet)
-    with _plain_errors(quiet):
+    say = speaker(quiet)
+    with plain_errors(quiet):
         loaded = _load(file, settings)
         from sepmc.campaign import pilot
         from sepmc.engine.door import load_kernel
@@ -431,10 +437,10 @@ def verify(
     if count is not None:
         from sepmc.trust.gate import drive
 
-        found = drive.gate(count, seed, compiled, _speaker(quiet))
+        found = drive.gate(count, seed, compiled, speaker(quiet))
         click.echo(drive.table(found))
         sys.exit(1 if any(map(drive.fails, found)) else 0)
-    with _plain_errors(quiet):
+    with plain_errors(quiet):
         from sepmc.trust import verify as suite
 
         passed = all(
@@ -443,7 +449,7 @@ def verify(
         if peers:
             from sepmc.trust.peers import compare
 
-            text, agreed = compare.report(_speaker(quiet))
+            text, agreed = compare.report(speaker(quiet))
             click.echo("\n" + text)
             passed = passed and agreed
     sys.exit(0 if passed else 1)
@@ -455,7 +461,7 @@ def verify(
 def stress(brief: bool, quiet: bool) -> None:
     """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is
     silently wrong."""
-    with _plain_errors(quiet):
+    with plain_errors(quiet):
         from sepmc.trust import stress as suite
 
         lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet, here=("hour",))
@@ -512,7 +518,7 @@ def bench(
     Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with
     bench.json and figures, into a folder.
     """
-    with _plain_errors(quiet):
+    with plain_errors(quiet):
         if overwrite and out is None:
             raise click.UsageError("--overwrite needs --out, the folder meant")
         loaded = _load(file, settings)
@@ -523,7 +529,7 @@ def bench(
         measure(
             loaded,
             folder,
-            _speaker(quiet),
+            speaker(quiet),
             cases=cases,
             repeats=repeats,
             threads=threads,
@@ -531,7 +537,7 @@ def bench(
             peers=peers,
             overwrite=overwrite,
         )
-        _speaker(quiet)(f"wrote {folder}")
+        speaker(quiet)(f"wrote {folder}")
 
 
 def _flown(
@@ -547,28 +553,11 @@ def _flown(
     from sepmc.trust.groups import side_by_side
 
     names = list(names)
-    with _counted(len(names), quiet) as progress:
+    with counted(len(names), quiet) as progress:
         groups = side_by_side(fly, names, here, progress)
     lines = [line for group in groups.values() for line in group]
     click.echo(suite.brief(groups) if brief else suite.table(lines))
     return lines
-
-
-@contextmanager
-def _counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
-    """A bar over named checks on a terminal, nothing elsewhere."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, leave=False) as bar:
-
-        def progress(name: str) -> None:
-            bar.set_description(name)
-            bar.update()
-
-        yield progress
 
 
 @main.command(name="list")
@@ -608,281 +597,6 @@ def _load(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign"
     for warning in caught if warn else ():
         click.echo(f"warning: {warning.message}", err=True)
     return loaded
-
-
-@contextmanager
-def _plain_errors(quiet: bool) -> Iterator[None]:
-    """Bad input and unusable folders end with their sentence and exit code 2, without a
-    traceback."""
-    from sepmc.scene.messages import InputError, SceneError
-
-    try:
-        yield
-    except InputError as error:
-        for line in error.problems if isinstance(error, SceneError) else [error]:
-            click.echo(f"error: {line}", err=True)
-        sys.exit(2)
-    except Exception as error:
-        # by name: `sepmc.campaign.store` takes a while to import
-        if type(error).__name__ == "StoreError":
-            click.echo(f"error: {error}", err=True)
-            sys.exit(2)
-        raise
-
-
-def _speaker(quiet: bool) -> Callable[[str], None]:
-    return (lambda text: None) if quiet else click.echo
-
-
-@contextmanager
-def _progress(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
-    """A bar on a terminal, plain lines every few seconds elsewhere: cases, rate, time left,
-    failures."""
-    if quiet:
-        yield None
-        return
-    if sys.stderr.isatty():
-        from tqdm import tqdm
-
-        with tqdm(total=total, unit=" cases", dynamic_ncols=True) as bar:
-
-            def on_terminal(done: int, left: int, failures: int) -> None:
-                if done == 0:
-                    bar.reset(total=left)
-                    return
-                bar.set_postfix(failures=failures, refresh=False)
-                bar.update(done - bar.n)
-
-            yield on_terminal
-        return
-    started = last = 0.0
-
-    def in_lines(done: int, left: int, failures: int) -> None:
-        nonlocal started, last
-        now = time.perf_counter()
-        if done == 0:  # told once before the first chunk, so that compiling does not count
-            started = last = now
-            return
-        if now - last < 5.0 and done < left:
-            return
-        last = now
-        rate = done / max(now - started, 1e-9)
-        click.echo(
-            f"{done}/{left} cases, {rate:.0f} cases/s, {(left - done) / rate:.0f} s left, "
-            f"{failures} failures",
-            err=True,
-        )
-
-    yield in_lines
-
-
-def _timing_line(result: "Result") -> str:
-    flown = sum(result.status_counts.values())
-    return f"{flown} cases: " + ", ".join(
-        f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items()
-    )
-
-
-def _with_rows(folder: Path) -> dict[str, Any]:
-    """The manifest of a run that holds case rows."""
-    from sepmc.campaign import store
-
-    manifest = store.read_manifest(folder)
-    if manifest.get("stats_only"):
-        raise store.StoreError(
-            f"{folder}: holds statistics only and no cases; what there is stands in "
-            "statistics.csv and statistics.json"
-        )
-    return manifest
-
-
-def _summary(folder: Path, loaded: "Campaign") -> "Rows | Stream":
-    """Statistics of a run folder, from its case rows."""
-    from sepmc.analysis.rows import summarise
-    from sepmc.campaign import store
-
-    return summarise(store.CaseColumns(folder), *loaded.summarised)
-
-
-def _report(
-    folder: Path,
-    loaded: "Campaign",
-    summary: "Rows | Stream",
-    say: Callable[[str], None],
-    plots: bool,
-) -> tuple[int, bool]:
-    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases
-    flown to the end, and whether their audit passes."""
-    from sepmc.analysis.statistics import audit_text, summary_text
-    from sepmc.campaign import store
-    from sepmc.schema import Status
-
-    units = {c.name: c.unit for c in loaded.outcome_columns}
-    table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
-    accuracy = store.read_manifest(folder).get("accuracy") or {}
-    if "errors" in accuracy:
-        table["error"] = [
-            _number(accuracy["errors"].get(str(name), math.nan)) for name in table.index
-        ]
-    store.write_statistics(folder, table, counts, units, audited, summary.failed)
-    source = loaded.file.reference.source if loaded.file.reference else "reference"
-    say(summary_text(table, counts, units, source))
-    sentences = {status.label: status.sentence for status in Status}
-    for label, count in counts.items():
-        if label != Status.OK.label and count:
-            first = ", ".join(map(str, summary.failed[label]))
-            say(
-                f"{count} cases {label}: {sentences.get(label, '')} (case "
-                f"{first}{', ...' if count > len(summary.failed[label]) else ''})"
-            )
-    total, ok = sum(counts.values()), counts.get(Status.OK.label, 0)
-    if 0 < ok < 0.9 * total:
-        click.echo(
-            f"warning: {total - ok} of {total} cases are left out: these statistics are of the "
-            "others",
-            err=True,
-        )
-    say(audit_text(audited))
-    if "errors" in accuracy:
-        say(
-            _accuracy_text(
-                accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
-            )
-        )
-    if plots:
-        _figures(folder, loaded, summary, table)
-    say(f"wrote {folder}")
-    return ok, not (audited["beyond"] > 0).any()
-
-
-def _error(number: float | None) -> str:
-    """An error of the manifest as text."""
-    return f"{_number(number):.1e}"
-
-
-def _number(error: float | None) -> float:
-    """An error of the manifest as a number: what is null there is infinite."""
-    return math.inf if error is None else error
-
-
-def _single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:
-    """How exact one case is, in a sentence."""
-    from sepmc.campaign.accuracy import decisive
-
-    columns, step = loaded.outcome_columns, loaded.scene.solver.step
-    settled = {
-        c.name: errors[c.name]
-        for c, decides in zip(columns, decisive(columns), strict=True)
-        if decides
-    }
-    worst = max(settled, key=lambda name: settled[name])
-    how = (
-        f", asked {loaded.scene.solver.accuracy:g}"
-        if step is None
-        else f": twice the change at half the step of {step:g} s"
-    )
-    return f"numerical error at most {settled[worst]:.1e} ({worst}) of size{how}"
-
-
-def _accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
-    """How a campaign was flown and how exact that was, in a sentence."""
-    steps = ", ".join(
-        f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False)
-    )
-    how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
-    how = (
-        f"{accuracy['method']}, {how}"
-        if accuracy["formulation"] == "reduced"
-        else f"full system, {accuracy['method']}, {how}"
-    )
-    if not accuracy["cases"]:
-        return f"numerical error not known, no trial case came to its end; {how}"
-    said = (
-        f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) "
-        "of size or sigma"
-    )
-    asked = (
-        f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET")
-        if "asked" in accuracy
-        else ""
-    )
-    place = accuracy.get("worst_place")
-    history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
-    places = (
-        f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})"
-        if place
-        else ""
-    )
-    finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
-    others = f", {finer} cases flown again at finer steps of their own" if finer else ""
-    others += f", {spare} cases by a second kernel" if spare else ""
-    trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
-    return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
-
-
-# cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit
-# into memory
-_BANDED = 20_000
-
-
-def _figures(
-    folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None
-) -> list[Path]:
-    from sepmc.campaign import store
-    from sepmc.report.figures import band_figures, histogram_figures
-
-    units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
-    source = loaded.file.reference.source if loaded.file.reference else "reference"
-    table = summary.statistics() if table is None else table
-    written = []
-    histories = store.read_histories(folder, _BANDED)
-    if histories is not None:
-        frame = store.read_cases(folder, _BANDED, ["case", "status"])
-        written = band_figures(
-            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units
-        )
-    varied = [
-        name
-        for name, low, high in zip(table.index, table["min"], table["max"], strict=True)
-        if _varies(low, high)
-    ]
-    # yes or no has no density
-    varied = [name for name in varied if not name.endswith("_recontact")]
-    outcomes = (
-        [name for name in loaded.reference if name in units]
-        if loaded.reference
-        else sorted(varied, key=_interest)
-    )
-    return written + histogram_figures(
-        {name: summary.histogram(name) for name in outcomes},
-        folder,
-        units,
-        loaded.reference,
-        source=source,
-    )
-
-
-_INTERESTING = (
-    "clearance_mm",
-    "tip_off",
-    "separation_distance",
-    "separation_speed",
-    "release_time",
-    "peak_force_N",
-    "jam_friction",
-)
-
-
-def _varies(low: float, high: float) -> bool:
-    """Whether an outcome differs between cases by more than round-off."""
-    return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
-
-
-def _interest(outcome: str) -> int:
-    """Rank of an outcome among the figures: what separations are judged by comes first."""
-    return next(
-        (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
-    )
 
 
 if __name__ == "__main__":
