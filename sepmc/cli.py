@@ -310,7 +310,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         loaded = _load(file, settings)
         from sepmc.campaign import cases, pilot
         from sepmc.kernel.emit import features
-        from sepmc.kernel.shape import make_shape
+        from sepmc.kernel.structure import make_shape
 
         if code:
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
@@ -383,7 +383,7 @@ def compile_(
         loaded = _load(file, settings)
         from sepmc.campaign import pilot
         from sepmc.engine.door import load_kernel
-        from sepmc.kernel.shape import make_shape
+        from sepmc.kernel.structure import make_shape
         from sepmc.routines.layout import USUAL
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flights
 
 from sepmc.campaign import pilot
-from sepmc.kernel.shape import make_shape
+from sepmc.kernel.structure import make_shape
 from sepmc.routines.layout import ANY_ORDER
 from sepmc.schema import Status
 

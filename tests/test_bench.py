@@ -19,7 +19,7 @@ from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.store import StoreError
-from sepmc.kernel.shape import make_shape
+from sepmc.kernel.structure import make_shape
 
 
 def call(*arguments):

@@ -23,7 +23,7 @@ from sepmc.engine.blocks import max_threads
 from sepmc.engine.door import fly_cases, interpreted, load_kernel
 from sepmc.kernel.methods import METHODS, method
 from sepmc.kernel.pieces import split
-from sepmc.kernel.shape import make_shape
+from sepmc.kernel.structure import make_shape
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign

@@ -29,7 +29,7 @@ from sepmc.engine import cache, interpreted
 from sepmc.engine.door import fly_cases
 from sepmc.kernel.methods import method
 from sepmc.kernel.pieces import split
-from sepmc.kernel.shape import make_shape
+from sepmc.kernel.structure import make_shape
 from sepmc.routines.lanes import LANES
 from sepmc.scene.read import parse_campaign
 

@@ -28,7 +28,7 @@ from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly
 from sepmc.campaign.settle import Fly, longest_step, settle
 from sepmc.engine.door import Block, fly_cases, load_kernel
 from sepmc.engine.written import Kernel
-from sepmc.kernel import shape
+from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
 from sepmc.routines.layout import FINER_STEPS, USUAL
 from sepmc.scene.dispersion import Dispersion
@@ -60,7 +60,7 @@ def kernel_text(
     """The kernel written for a campaign, as a Python module; one that takes more ``care``, if that
     is asked for."""
     return emit(
-        shape.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_shape(campaign.plan, campaign.dispersed, care),
         method or campaign.scene.solver.method,
         history,
     )
@@ -68,7 +68,7 @@ def kernel_text(
 
 def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
-    found = shape.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
     return [
         found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
         for stage in found.stages
@@ -77,7 +77,7 @@ def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
 
 def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = shape.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
     numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 
@@ -275,7 +275,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
     if usual is None:
         return None
     longest = longest_step(
-        campaign.scene, campaign.file.dispersions, shape.brief_transient(campaign.scene)
+        campaign.scene, campaign.file.dispersions, structure.brief_transient(campaign.scene)
     )
     least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
     columns = campaign.outcome_columns

@@ -13,7 +13,8 @@ from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel
 from sepmc.kernel.emit import emit
 from sepmc.kernel.plan import Plan, make_plan
-from sepmc.kernel.shape import Shape, brief_transient, make_shape
+from sepmc.kernel.shape import Shape
+from sepmc.kernel.structure import brief_transient, make_shape
 from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status

@@ -19,7 +19,7 @@ from sepmc.campaign.flight import Flight, usual_lengths
 from sepmc.campaign.settle import longest_step
 from sepmc.engine.door import fly_cases, interpreted, load_kernel
 from sepmc.kernel.methods import method
-from sepmc.kernel.shape import brief_transient
+from sepmc.kernel.structure import brief_transient
 from sepmc.schema import Status
 
 _MOST_STEPS = 64  # of a phase

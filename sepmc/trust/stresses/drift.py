@@ -11,7 +11,7 @@ import numpy as np
 from sepmc.engine.door import fly_everything, load_kernel
 from sepmc.kernel.emit import emit
 from sepmc.kernel.plan import make_plan
-from sepmc.kernel.shape import make_shape
+from sepmc.kernel.structure import make_shape
 from sepmc.routines.layout import FULL_HISTORY
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.trust.flights import Flight, tensor, to_ground

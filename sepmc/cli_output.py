@@ -1,0 +1,313 @@
+"""What the command line tells: results as text and figures, progress, errors in a sentence.
+
+Nothing heavy is imported until it is needed.
+"""
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sepmc.analysis.rows import Rows
+    from sepmc.analysis.stream import Stream
+    from sepmc.campaign.campaign import Campaign, Result
+
+
+@contextmanager
+def plain_errors(quiet: bool) -> Iterator[None]:
+    """Bad input and unusable folders end with their sentence and exit code 2, without a
+    traceback."""
+    from sepmc.scene.messages import InputError, SceneError
+
+    try:
+        yield
+    except InputError as error:
+        for line in error.problems if isinstance(error, SceneError) else [error]:
+            click.echo(f"error: {line}", err=True)
+        sys.exit(2)
+    except Exception as error:
+        # by name: `sepmc.campaign.store` takes a while to import
+        if type(error).__name__ == "StoreError":
+            click.echo(f"error: {error}", err=True)
+            sys.exit(2)
+        raise
+
+
+def speaker(quiet: bool) -> Callable[[str], None]:
+    return (lambda text: None) if quiet else click.echo
+
+
+@contextmanager
+def progress_bar(total: int, quiet: bool) -> Iterator[Callable[[int, int, int], None] | None]:
+    """A bar on a terminal, plain lines every few seconds elsewhere: cases, rate, time left,
+    failures."""
+    if quiet:
+        yield None
+        return
+    if sys.stderr.isatty():
+        from tqdm import tqdm
+
+        with tqdm(total=total, unit=" cases", dynamic_ncols=True) as bar:
+
+            def on_terminal(done: int, left: int, failures: int) -> None:
+                if done == 0:
+                    bar.reset(total=left)
+                    return
+                bar.set_postfix(failures=failures, refresh=False)
+                bar.update(done - bar.n)
+
+            yield on_terminal
+        return
+    started = last = 0.0
+
+    def in_lines(done: int, left: int, failures: int) -> None:
+        nonlocal started, last
+        now = time.perf_counter()
+        if done == 0:  # told once before the first chunk, so that compiling does not count
+            started = last = now
+            return
+        if now - last < 5.0 and done < left:
+            return
+        last = now
+        rate = done / max(now - started, 1e-9)
+        click.echo(
+            f"{done}/{left} cases, {rate:.0f} cases/s, {(left - done) / rate:.0f} s left, "
+            f"{failures} failures",
+            err=True,
+        )
+
+    yield in_lines
+
+
+@contextmanager
+def counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
+    """A bar over named checks on a terminal, nothing elsewhere."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, leave=False) as bar:
+
+        def progress(name: str) -> None:
+            bar.set_description(name)
+            bar.update()
+
+        yield progress
+
+
+def timing_line(result: "Result") -> str:
+    flown = sum(result.status_counts.values())
+    return f"{flown} cases: " + ", ".join(
+        f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items()
+    )
+
+
+def manifest_with_rows(folder: Path) -> dict[str, Any]:
+    """The manifest of a run that holds case rows."""
+    from sepmc.campaign import store
+
+    manifest = store.read_manifest(folder)
+    if manifest.get("stats_only"):
+        raise store.StoreError(
+            f"{folder}: holds statistics only and no cases; what there is stands in "
+            "statistics.csv and statistics.json"
+        )
+    return manifest
+
+
+def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
+    """Statistics of a run folder, from its case rows."""
+    from sepmc.analysis.rows import summarise
+    from sepmc.campaign import store
+
+    return summarise(store.CaseColumns(folder), *loaded.summarised)
+
+
+def tell_results(
+    folder: Path,
+    loaded: "Campaign",
+    summary: "Rows | Stream",
+    say: Callable[[str], None],
+    plots: bool,
+) -> tuple[int, bool]:
+    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases
+    flown to the end, and whether their audit passes."""
+    from sepmc.analysis.statistics import audit_text, summary_text
+    from sepmc.campaign import store
+    from sepmc.schema import Status
+
+    units = {c.name: c.unit for c in loaded.outcome_columns}
+    table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
+    accuracy = store.read_manifest(folder).get("accuracy") or {}
+    if "errors" in accuracy:
+        table["error"] = [
+            _number(accuracy["errors"].get(str(name), math.nan)) for name in table.index
+        ]
+    store.write_statistics(folder, table, counts, units, audited, summary.failed)
+    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    say(summary_text(table, counts, units, source))
+    sentences = {status.label: status.sentence for status in Status}
+    for label, count in counts.items():
+        if label != Status.OK.label and count:
+            first = ", ".join(map(str, summary.failed[label]))
+            say(
+                f"{count} cases {label}: {sentences.get(label, '')} (case "
+                f"{first}{', ...' if count > len(summary.failed[label]) else ''})"
+            )
+    total, ok = sum(counts.values()), counts.get(Status.OK.label, 0)
+    if 0 < ok < 0.9 * total:
+        click.echo(
+            f"warning: {total - ok} of {total} cases are left out: these statistics are of the "
+            "others",
+            err=True,
+        )
+    say(audit_text(audited))
+    if "errors" in accuracy:
+        say(
+            accuracy_text(
+                accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
+            )
+        )
+    if plots:
+        draw_figures(folder, loaded, summary, table)
+    say(f"wrote {folder}")
+    return ok, not (audited["beyond"] > 0).any()
+
+
+def _error(number: float | None) -> str:
+    """An error of the manifest as text."""
+    return f"{_number(number):.1e}"
+
+
+def _number(error: float | None) -> float:
+    """An error of the manifest as a number: what is null there is infinite."""
+    return math.inf if error is None else error
+
+
+def single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:
+    """How exact one case is, in a sentence."""
+    from sepmc.campaign.accuracy import decisive
+
+    columns, step = loaded.outcome_columns, loaded.scene.solver.step
+    settled = {
+        c.name: errors[c.name]
+        for c, decides in zip(columns, decisive(columns), strict=True)
+        if decides
+    }
+    worst = max(settled, key=lambda name: settled[name])
+    how = (
+        f", asked {loaded.scene.solver.accuracy:g}"
+        if step is None
+        else f": twice the change at half the step of {step:g} s"
+    )
+    return f"numerical error at most {settled[worst]:.1e} ({worst}) of size{how}"
+
+
+def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
+    """How a campaign was flown and how exact that was, in a sentence."""
+    steps = ", ".join(
+        f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False)
+    )
+    how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
+    how = (
+        f"{accuracy['method']}, {how}"
+        if accuracy["formulation"] == "reduced"
+        else f"full system, {accuracy['method']}, {how}"
+    )
+    if not accuracy["cases"]:
+        return f"numerical error not known, no trial case came to its end; {how}"
+    said = (
+        f"numerical error at most {_error(accuracy['achieved'])} ({accuracy['worst_outcome']}) "
+        "of size or sigma"
+    )
+    asked = (
+        f", asked {accuracy['asked']:g}" + ("" if accuracy.get("met", True) else ": NOT MET")
+        if "asked" in accuracy
+        else ""
+    )
+    place = accuracy.get("worst_place")
+    history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
+    places = (
+        f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})"
+        if place
+        else ""
+    )
+    finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
+    others = f", {finer} cases flown again at finer steps of their own" if finer else ""
+    others += f", {spare} cases by a second kernel" if spare else ""
+    trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
+    return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
+
+
+# cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit
+# into memory
+_BANDED = 20_000
+
+
+def draw_figures(
+    folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None
+) -> list[Path]:
+    from sepmc.campaign import store
+    from sepmc.report.figures import band_figures, histogram_figures
+
+    units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
+    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    table = summary.statistics() if table is None else table
+    written = []
+    histories = store.read_histories(folder, _BANDED)
+    if histories is not None:
+        frame = store.read_cases(folder, _BANDED, ["case", "status"])
+        written = band_figures(
+            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units
+        )
+    varied = [
+        name
+        for name, low, high in zip(table.index, table["min"], table["max"], strict=True)
+        if _varies(low, high)
+    ]
+    # yes or no has no density
+    varied = [name for name in varied if not name.endswith("_recontact")]
+    outcomes = (
+        [name for name in loaded.reference if name in units]
+        if loaded.reference
+        else sorted(varied, key=_interest)
+    )
+    return written + histogram_figures(
+        {name: summary.histogram(name) for name in outcomes},
+        folder,
+        units,
+        loaded.reference,
+        source=source,
+    )
+
+
+_INTERESTING = (
+    "clearance_mm",
+    "tip_off",
+    "separation_distance",
+    "separation_speed",
+    "release_time",
+    "peak_force_N",
+    "jam_friction",
+)
+
+
+def _varies(low: float, high: float) -> bool:
+    """Whether an outcome differs between cases by more than round-off."""
+    return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
+
+
+def _interest(outcome: str) -> int:
+    """Rank of an outcome among the figures: what separations are judged by comes first."""
+    return next(
+        (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
+    )
