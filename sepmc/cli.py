@@ -1,7 +1,8 @@
 """The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
 
 Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input
-(nothing was flown), 3 flown but the audit failed, 130 interrupted.
+(nothing was flown), 3 flown but the audit failed or the accuracy asked was not met, 130
+interrupted.
 """
 
 import gc
@@ -59,8 +60,8 @@ def main() -> None:
 
     FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit
     codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input,
-    3 flown but the audit failed, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled
-    kernels.
+    3 flown but the audit failed or the accuracy asked was not met, 130 interrupted.
+    SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
     # imports leave 160,000 objects that stay: to look for garbage among them took a sixth of a
     # short command
@@ -158,6 +159,9 @@ def campaign(
             "statistics.json",
             err=True,
         )
+        sys.exit(3)
+    if result.accuracy and loaded.scene.solver.step is None and not result.accuracy.met:
+        click.echo("error: the accuracy asked was not met; see the warning above", err=True)
         sys.exit(3)
 
 

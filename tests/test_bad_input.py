@@ -85,6 +85,11 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     ),
     ('name = "free"', 'name = "guided"', ["phase.guided", "used twice"]),
     (
+        "speed_m_s = 6800",
+        "speed_mm_s = 6800",
+        ["initial.speed_mm_s", "'mm_s' is not a unit of speed", "allowed: speed_m_s, speed_km_s"],
+    ),
+    (
         '{ pins = "slider" }',
         '{ pin = "slider" }',
         ["phase.guided.joints = 'pin'", "did you mean 'pins'"],

@@ -461,9 +461,9 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     assert pilot.relative_error(one, two, [c.unit for c in columns], scale).max() <= 1e-7
 
 
-def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
+def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_path):
     """No number of steps below the most allowed meets the goal: as many as bring the cases to what
-    the reference settles to, and said."""
+    the reference settles to, and said, on the command line by its exit code too."""
     monkeypatch.setattr(search, "_MOST_STEPS", 16)
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
@@ -476,6 +476,12 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch):
     name, error = result.accuracy.worst
     for part in ("accuracy 1e-12", f"{error:.1e}", name, "solver.accuracy"):
         assert part in note
+    arguments = ["campaign", "table2.toml", "--cases", "20", "--no-plots", "--out", tmp_path / "a"]
+    for path, value in settings.items():
+        arguments += ["--set", f"{path}={value}"]
+    found = CliRunner().invoke(cli.main, list(map(str, arguments)), catch_exceptions=False)
+    assert found.exit_code == 3
+    assert "the accuracy asked was not met" in found.stderr
 
 
 @pytest.mark.parametrize(("corners", "sample"), [(0, 0), (1, 1), (3, 4)])

@@ -374,3 +374,5 @@ def test_audit():
     assert "AUDIT FAILED: 2 cases have gap > 1e-09" in audit_text(table)
     passed = audit(cases[:1], {"gap": 1e-9}, ["gap"])
     assert audit_text(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"
+    passed.loc["attitude_singular"] = [1.0, 7, np.nan, 0]
+    assert "may have jumped (case 7)" in audit_text(passed)

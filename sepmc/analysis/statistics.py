@@ -301,7 +301,15 @@ def audit_text(table: pd.DataFrame) -> str:
         return "\n".join(lines)
     bounded = table[table["bound"].notna()]
     worst = ", ".join(f"{name} {row['worst']:.1e}" for name, row in bounded.iterrows())
-    return fill(f"audit passed; worst of all ok cases: {worst}", WIDTH)
+    said = fill(f"audit passed; worst of all ok cases: {worst}", WIDTH)
+    if "attitude_singular" in table.index and table["worst"]["attitude_singular"] > 0.0:
+        case = table["case"]["attitude_singular"]
+        said += "\n" + fill(
+            f"roll and pitch of some cases may have jumped (case {case:.0f}): see the column "
+            "attitude_singular",
+            WIDTH,
+        )
+    return said
 
 
 def percentile_curves(histories: pd.DataFrame, column: str) -> pd.DataFrame:

@@ -5,6 +5,8 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 how a campaign is flown.
 """
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 
@@ -48,6 +50,7 @@ _WORST = 24
 # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
 # times as large
 _ALIKE = 1.25
+_EVERY_S = 10.0  # between two words on how many trial cases were flown
 _UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
 # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few
 # errors add up
@@ -166,7 +169,7 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
         left, stages = spares(campaign, history, care), stage_names(campaign, care)
-        found = _choose_steps(campaign, kernel, stages)
+        found = _choose_steps(campaign, kernel, stages, _counted(announce))
         if found is not None:
             return _finished(campaign, replace(found, spares=left), history)
         wanted = _more_care(campaign, kernel, left)
@@ -263,7 +266,24 @@ def _tell_trials(announce: Say | None) -> None:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Flight | None:
+def _counted(announce: Say | None) -> Callable[[int], None]:
+    """What is told of every so many flights of trial cases: now and then, how many there were."""
+    begun = last = time.perf_counter()
+    total = 0
+
+    def count(flights: int) -> None:
+        nonlocal total, last
+        total, now = total + flights, time.perf_counter()
+        if announce and now - last > _EVERY_S:
+            last = now
+            announce(f"{total} flights of trial cases in {now - begun:.0f} s ...")
+
+    return count
+
+
+def _choose_steps(
+    campaign: Definition, kernel: Kernel, stages: list[str], tell: Callable[[int], None]
+) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
     is given; None if none are found."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
@@ -285,6 +305,7 @@ def _choose_steps(campaign: Definition, kernel: Kernel, stages: list[str]) -> Fl
 
     def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         block, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        tell(len(draws))
         return block.outcomes[:, : len(units)], _verdict(block, given)
 
     spread, some = (

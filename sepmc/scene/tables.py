@@ -139,6 +139,15 @@ def _unknown_key(key: str, fields: dict[str, Field]) -> tuple[str, str]:
     stem, unit = split_unit(key)
     field = fields.get(stem) or fields.get(key)
     if field is None:
+        named = [f for name, f in fields.items() if f.units and key.startswith(f"{name}_")]
+        if named:
+            meant = max(named, key=lambda f: len(f.name))
+            ending = key[len(meant.name) + 1 :]
+            near = difflib.get_close_matches(key, meant.keys, n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            units = ", ".join(meant.keys)
+            said = f"{ending!r} is not a unit of {meant.quantity.kind}; {hint}allowed: {units}"
+            return meant.name, f"unknown key; {said}"
         # the nearest name that has this unit, so that following the hint does not change the
         # value's meaning
         same_unit = {f"{name}_{unit}": name for name, f in fields.items() if unit in f.units}
