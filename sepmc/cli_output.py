@@ -42,6 +42,7 @@ def plain_errors(quiet: bool) -> Iterator[None]:
 
 
 def speaker(quiet: bool) -> Callable[[str], None]:
+    """A function that prints a line, or does nothing if ``quiet``."""
     return (lambda text: None) if quiet else click.echo
 
 
@@ -105,6 +106,7 @@ def counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
 
 
 def timing_line(result: "Result") -> str:
+    """How many cases were flown, and the seconds of each stage, as a line of text."""
     flown = sum(result.status_counts.values())
     return f"{flown} cases: " + ", ".join(
         f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items()
@@ -256,6 +258,8 @@ _BANDED = 20_000
 def draw_figures(
     folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None
 ) -> list[Path]:
+    """Draw bands of stored histories and histograms of outcomes into a run folder; returns their
+    paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 

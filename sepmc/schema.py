@@ -29,10 +29,12 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
+        """What the ``status`` column holds: the name in lower case, with hyphens."""
         return self.name.lower().replace("_", "-")
 
     @property
     def sentence(self) -> str:
+        """How the case ended, for a person to read."""
         return _SENTENCES[self]
 
 

@@ -52,6 +52,7 @@ class Flops:
 
     @property
     def total(self) -> float:
+        """Flops of a case: all evaluations and the sums of stages."""
         return self.rates + self.sums
 
     @property

@@ -34,10 +34,12 @@ class Reference:
 
     @property
     def floor(self) -> float:
+        """Error below which an error says nothing."""
         return max(self.change, self.difference)
 
     @property
     def sentence(self) -> str:
+        """How the reference was flown and how far it is to be trusted, as a line of text."""
         return (
             f"reference: {self.how}, {len(self.sound)} cases; halving its resolution changes "
             f"{self.change:.1e}; the {self.other}, "

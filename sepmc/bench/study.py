@@ -51,14 +51,17 @@ class Study:
 
     @property
     def cases(self) -> int:
+        """Number of cases."""
         return len(self.draws)
 
     @property
     def method(self) -> str:
+        """Name of the scene's Runge-Kutta method."""
         return self.campaign.scene.solver.method
 
     @property
     def formulation(self) -> str:
+        """Formulation of the equations, as the scene has it."""
         return self.campaign.scene.solver.formulation
 
     def part(self, formulation: str) -> int:
@@ -83,10 +86,12 @@ class Study:
 
     @cached_property
     def units(self) -> list[str]:
+        """Units of the outcomes, in the order of their columns."""
         return [c.unit for c in self.campaign.outcome_columns]
 
     @cached_property
     def names(self) -> list[str]:
+        """Names of the outcomes, in the order of their columns."""
         return [c.name for c in self.campaign.outcome_columns]
 
     def with_settings(self, settings: dict[str, Any]) -> Campaign:
@@ -134,10 +139,12 @@ class Way:
 
     @property
     def method(self) -> str:
+        """Name of the Runge-Kutta method."""
         return self.campaign.scene.solver.method
 
     @property
     def formulation(self) -> str:
+        """Formulation of the equations."""
         return self.campaign.scene.solver.formulation
 
     @property
@@ -154,6 +161,7 @@ class Way:
         return int(self.flight.steps.sum()) * len(make_method(self.method).b)
 
     def fly(self, draws: np.ndarray) -> Block:
+        """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
         return fly(self.campaign, self.flight, draws[: self.cases])
 
 

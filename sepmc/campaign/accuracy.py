@@ -165,6 +165,7 @@ class Achieved:
 
     @property
     def met(self) -> bool:
+        """Whether the worst error is at most the accuracy asked; never without trial cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "Achieved":

@@ -118,10 +118,12 @@ class Result:
 
     @property
     def units(self) -> dict[str, str]:
+        """Unit of each column of the case table."""
         return {column.name: column.unit for column in self.campaign.columns}
 
     @property
     def status_counts(self) -> dict[str, int]:
+        """Number of cases by status, of those that occur."""
         return {label: count for label, count in self.kept.summary.counts.items() if count}
 
     def _rows(self) -> Mapping[str, np.ndarray]:

@@ -58,10 +58,12 @@ class Definition:
 
     @property
     def name(self) -> str:
+        """Name of the campaign."""
         return self.file.name
 
     @property
     def scene(self) -> Scene:
+        """The scene of the file."""
         return self.file.scene
 
     @cached_property
@@ -100,6 +102,7 @@ class Definition:
 
     @cached_property
     def input_columns(self) -> list[Column]:
+        """Columns of the dispersed parameters, each in the unit of the file."""
         return [
             Column(d.parameter.column, unit_text(d.parameter.unit), d.sentence)
             for d in self.file.dispersions
@@ -107,6 +110,7 @@ class Definition:
 
     @cached_property
     def outcome_columns(self) -> list[Column]:
+        """Columns of the outcomes."""
         return schema.outcome_columns(self.plan.contents)
 
     @cached_property
@@ -139,6 +143,7 @@ class Definition:
 
     @cached_property
     def factors(self) -> np.ndarray:
+        """Factors (d,) that take draws in the units of the file to SI."""
         return np.array([d.parameter.factor for d in self.file.dispersions])
 
     def in_si(self, drawn: np.ndarray) -> np.ndarray:

@@ -141,6 +141,8 @@ class Search:
         return errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0)
 
     def error(self, steps: np.ndarray) -> float:
+        """Largest error with some steps, of the outcomes that decide; infinite if too many cases
+        are lost."""
         return float(self._errors(steps)[self.decides].max(initial=0.0))
 
     def _alone(self, steps: np.ndarray) -> np.ndarray:

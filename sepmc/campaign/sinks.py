@@ -41,9 +41,11 @@ class Sink(Protocol):
     """Takes pieces that follow each other without a gap, one list after the other, from one
     thread."""
 
-    def take(self, pieces: list[Piece]) -> None: ...
+    def take(self, pieces: list[Piece]) -> None:
+        """Take the pieces that come next."""
 
-    def kept(self) -> Kept: ...
+    def kept(self) -> Kept:
+        """What is left of all that was taken."""
 
 
 @dataclass
@@ -56,6 +58,7 @@ class InMemory:
     histories: list[dict[str, np.ndarray]] = field(default_factory=list)
 
     def take(self, pieces: list[Piece]) -> None:
+        """Keep the rows of the pieces, and their histories if there are any."""
         self.parts.append(
             _table(self.campaign, pieces)
             | {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
@@ -64,6 +67,7 @@ class InMemory:
             self.histories.append(_histories(pieces, self.separation))
 
     def kept(self) -> Kept:
+        """Statistics, rows and histories."""
         rows = _join(self.parts)
         return Kept(
             Rows(rows, *self.campaign.summarised),
@@ -82,6 +86,7 @@ class InFolder:
     seed: int
 
     def take(self, pieces: list[Piece]) -> None:
+        """Write a part of histories, if there are any, and then one of cases."""
         campaign, first = self.campaign, pieces[0].first
         about = {
             "campaign": campaign.name,
@@ -105,6 +110,7 @@ class InFolder:
         )
 
     def kept(self) -> Kept:
+        """Statistics of the folder's cases, and their columns."""
         columns = store.CaseColumns(self.folder)
         return Kept(summarise(columns, *self.campaign.summarised), columns)
 
@@ -117,12 +123,14 @@ class InStatistics:
         self.stream = Stream(*campaign.summarised)
 
     def take(self, pieces: list[Piece]) -> None:
+        """Add the cases of the pieces to the statistics."""
         first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
         self.stream.add(
             np.arange(first, first + count), _codes(pieces), _results(self.campaign, pieces)
         )
 
     def kept(self) -> Kept:
+        """The statistics alone."""
         return Kept(self.stream)
 
 

@@ -52,6 +52,7 @@ class Compiler:
             done()
 
     def end(self) -> None:
+        """Kill the process and close its pipes."""
         self.process.kill()
         with contextlib.suppress(OSError):
             self.process.communicate()  # closes its pipes

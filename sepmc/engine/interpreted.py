@@ -33,6 +33,7 @@ class Numbers(list[Any]):
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Shape, as an array of one axis has it."""
         return (len(self),)
 
 
@@ -110,10 +111,12 @@ class _Divisions(ast.NodeTransformer):
         self.count = 0
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        """A division or a power made safe, its operands first; other operations as they are."""
         self.generic_visit(node)
         return self._safe(node, node.left, node.op, node.right)
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
+        """``a /= b`` and ``a **= b`` as assignments of what is safe; others as they are."""
         self.generic_visit(node)
         left = ast.parse(ast.unparse(node.target), mode="eval").body
         safe = self._safe(node, left, node.op, node.value)
@@ -153,10 +156,12 @@ class _Loader(importlib.machinery.SourceFileLoader):
     """A module of formulas with divisions made safe; none of that is kept on disk."""
 
     def get_code(self, fullname: str) -> Any:
+        """Code of the module, compiled from its text."""
         path = self.get_filename(fullname)
         return _compiled(self.get_data(path).decode(), path)
 
     def exec_module(self, module: ModuleType) -> None:
+        """Run the module with ``_over`` and ``_power`` among its names."""
         vars(module).update(_over=_over, _power=_power)
         super().exec_module(module)
 
@@ -165,6 +170,7 @@ class _Finder(importlib.abc.MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Any, target: Any = None
     ) -> importlib.machinery.ModuleSpec | None:
+        """Where a module is that is imported a second time, with its loader; None for any other."""
         if not _is_ours(fullname):
             return None
         spec = importlib.machinery.PathFinder.find_spec(fullname, path, target)

@@ -30,9 +30,11 @@ class Case:
         return at.HEAD + at.BODY_SIZE * self.shape.bodies.index(body)
 
     def mass(self, body: str) -> Value:
+        """Mass of a body, kg."""
         return self.number(self.body(body) + at.MASS)
 
     def inverse_mass(self, body: str) -> Value:
+        """One over the mass of a body, 1/kg."""
         return (1.0 / self.mass(body)).called("inverse_mass")
 
     def centre_of_mass(self, body: str) -> Any:
@@ -57,6 +59,7 @@ class Case:
         return found.called("inertia")
 
     def inverse_inertia(self, group: tuple[str, ...]) -> Value:
+        """Inverse of the inertia tensor of bodies that turn as one, 1/(kg m2)."""
         return vec3.symmetric_inverse(self.group_inertia(group)).called("inverse_inertia")
 
     @property

@@ -96,6 +96,7 @@ scalar: Any = Formulas(
 
 
 def square_root(x: Any) -> Any:
+    """Square root of a number, recorded as ``math.sqrt``."""
     return getattr(scalar, "math.sqrt")(x)
 
 

@@ -47,6 +47,7 @@ class State:
 
     @property
     def time(self) -> Value:
+        """Time of the state, s."""
         return self.scope.load("CLOCK" if self.slab == "S" else "T")
 
     def place(self, body: str) -> Any:
@@ -70,6 +71,7 @@ class State:
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Value:
+        """Attitude quaternion of the group that a body leads."""
         return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")
 
     def rate(self, leader: str) -> Value:

@@ -79,6 +79,7 @@ class Motion:
 
     @property
     def rows(self) -> list[JointRow]:
+        """Rows of the joints; none if there is no system of them."""
         return self.system.rows if self.system else []
 
 

@@ -26,11 +26,13 @@ class Pool:
         self.numbers: list[float] = []
 
     def add(self, run) -> int:
+        """Append a run of numbers; returns where it starts."""
         start = len(self.numbers)
         self.numbers += [float(x) for x in run]
         return start
 
     def array(self) -> np.ndarray:
+        """All numbers, one run after the other, (n,)."""
         return np.array(self.numbers, dtype=float)
 
 

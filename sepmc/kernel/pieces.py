@@ -48,6 +48,7 @@ class _Module:
         self.places = {name: place for place, name in enumerate(self.codes)}
 
     def source(self, node: ast.stmt) -> list[str]:
+        """Lines of a statement, its decorators among them."""
         first = min([node.lineno, *(d.lineno for d in getattr(node, "decorator_list", []))])
         return self.lines[first - 1 : node.end_lineno]
 

@@ -231,10 +231,12 @@ class Shape:
 
     @property
     def scene(self) -> Scene:
+        """The scene of the plan."""
         return self.plan.scene
 
     @property
     def bodies(self) -> list[str]:
+        """Names of the bodies, in the order of the plan."""
         return self.plan.bodies
 
     def may(self, path: str, nominally: bool) -> bool:

@@ -7,26 +7,31 @@ from sepmc.jit import formula
 
 @formula
 def add(a, b):
+    """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @formula
 def sub(a, b):
+    """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @formula
 def scale(s, a):
+    """s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 
 @formula
 def dot(a, b):
+    """Scalar product of a and b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @formula
 def cross(a, b):
+    """Vector product a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
@@ -66,6 +71,7 @@ def unrotate(m, a):
 
 @formula
 def add_matrices(a, b):
+    """a + b of two matrices."""
     return (
         a[0] + b[0],
         a[1] + b[1],

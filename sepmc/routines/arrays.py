@@ -36,26 +36,31 @@ Arrays = Any
 
 @formula
 def vector(a, k):
+    """Array k as floats of one axis."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def indices(a, k):
+    """Array k as integers of one axis."""
     return carray(_integers(a[4 * k]), (a[4 * k + 1],))
 
 
 @formula
 def table(a, k):
+    """Array k as floats of two axes."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2]))
 
 
 @formula
 def block(a, k):
+    """Array k as floats of three axes."""
     return carray(_floats(a[4 * k]), (a[4 * k + 1], a[4 * k + 2], a[4 * k + 3]))
 
 
 @formula
 def record(a, k):
+    """First record of array k, of type ``STRUCTURE``."""
     return carray(_records(a[4 * k]), (1,))[0]
 
 

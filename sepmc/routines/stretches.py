@@ -16,6 +16,7 @@ def motor_params(i, m):
 
 @formula
 def load_params(i, m):
+    """Where the parameters of load i start in ``w``."""
     return m.scene.loads_p + at.LOAD_SIZE * i
 
 
@@ -27,6 +28,7 @@ def motor_work(i, m):
 
 @formula
 def load_work(i, m):
+    """Where what load i does in a stretch stands in ``w``."""
     return m.scene.loads_w + at.LOAD_WORK * i
 
 

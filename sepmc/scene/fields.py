@@ -28,6 +28,7 @@ class Field:
 
     @property
     def units(self) -> dict[str, float]:
+        """Units of its quantity, with the factor of each to SI; none if it has no units."""
         return UNITS.get(self.quantity.kind, {})
 
     @property
@@ -48,10 +49,12 @@ class Field:
 
     @property
     def table_of_tables(self) -> type[msgspec.Struct] | None:
+        """The table that each entry is, if the field is tables by name."""
         return self._container(dict)
 
     @property
     def array_of_tables(self) -> type[msgspec.Struct] | None:
+        """The table that each entry is, if the field is an array of tables."""
         return self._container(tuple)
 
     def _container(self, origin: type) -> type[msgspec.Struct] | None:

@@ -24,15 +24,19 @@ class Problems(list[str]):
     """Collects problems while a file is read."""
 
     def add(self, place: str, allowed: str, value: object = None) -> None:
+        """Note a problem: ``place = value: allowed``, or ``place: allowed`` without a value."""
         shown = "" if value is None else f" = {shorten(value)}"
         self.append(f"{place}{shown}: {allowed}")
 
     def raise_if_any(self, source: str) -> None:
+        """Raise SceneError with all problems, each after the name of the source, if there are
+        any."""
         if self:
             raise SceneError([f"{source}: {line}" for line in self])
 
 
 def shorten(value: object, limit: int = 60) -> str:
+    """A value as text, cut to ``limit`` characters."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 

@@ -29,6 +29,7 @@ class Redundancy:
 
     @property
     def sentence(self) -> str:
+        """What is redundant, and what joint forces then are, in words."""
         return (
             f"phase {self.phase}: {self.redundant} of {self.rows} constraint rows are redundant, "
             f"among {', '.join(self.joints)}: the "

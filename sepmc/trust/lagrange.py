@@ -254,6 +254,7 @@ class _Flight:
         self.kind, self.t, self.t_mid = "", 0.0, 0.0
 
     def motion(self, y: Array) -> Motion:
+        """Motion of the joined pair from the state vector (36,)."""
         return Motion(
             y[:3],
             y[3:6],
@@ -285,6 +286,7 @@ class _Flight:
         ]
 
     def accelerate(self, t: float, y: Array) -> Found:
+        """Accelerations and the reaction of the joined pair at time t, s."""
         return accelerate(self.pair, self.kinds[self.kind], self.motion(y), self.loads(t, y))
 
     def reaction(self) -> tuple[Array, Array]:
@@ -293,6 +295,7 @@ class _Flight:
         return r.T @ found.force, r.T @ found.moment
 
     def derivative(self, t: float, y: Array) -> Array:
+        """Rate of the state vector (36,) at time t, s, of the joined pair or of two free bodies."""
         loads = self.loads(t, y)
         out: list[Array] = []
         if self.kind == "free":
@@ -315,6 +318,8 @@ class _Flight:
         return np.concatenate([*out, (m.r_b @ skew(m.w_b)).ravel(), found.w_b_rate])
 
     def integrate(self, t_end: float, event: Any = None) -> tuple[float, Array]:
+        """Time, s, and state at the end of a stretch by DOP853: at t_end (s), or at a terminal
+        event."""
         found = solve_ivp(
             self.derivative,
             (self.t, t_end),

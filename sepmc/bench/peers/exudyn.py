@@ -23,6 +23,7 @@ class Flight:
         self.data = [campaign.case(i).to_dict() for i in range(inputs.count)]
 
     def fly(self) -> list[Flown]:
+        """Every case."""
         return [
             exudyn.fly(data, [self.inputs.end], self.step, self.levels).flight for data in self.data
         ]

@@ -34,41 +34,51 @@ class Equations:
         return hy.par[len(self.parameters) - 1]
 
     def pars(self, values: Array) -> list[Any]:
+        """Parameters with a value per case, one for each component of values (n, k)."""
         return [self.par(v) for v in np.moveaxis(values, -1, 0)]
 
     @property
     def system(self) -> list[tuple[Any, Any]]:
+        """Pairs of variable and rate, in order, as heyoka takes them."""
         return [(hy.expression(name), rate) for name, rate in self.rates.items()]
 
     def vector(self, name: str) -> list[Any]:
+        """The variables x, y and z of a vector, by its name."""
         return [hy.expression(f"{name}{a}") for a in "xyz"]
 
     def derive(self, name: str, rates: Any) -> None:
+        """Give the x, y and z variables of a vector their rates."""
         for a, rate in zip("xyz", rates, strict=True):
             self.rates[f"{name}{a}"] = rate
 
 
 def times(a: Any, b: Any) -> Any:
+    """Cross product a x b."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def dot(a: Any, b: Any) -> Any:
+    """Scalar product of two vectors."""
     return hy.sum([x * y for x, y in zip(a, b, strict=True)])
 
 
 def plus(*parts: Any) -> Any:
+    """Sum of vectors."""
     return [hy.sum(list(terms)) for terms in zip(*parts, strict=True)]
 
 
 def scaled(factor: Any, a: Any) -> Any:
+    """A vector times a factor."""
     return [factor * x for x in a]
 
 
 def scaled_each(factors: Any, a: Any) -> Any:
+    """A vector, each component times a factor of its own."""
     return [f * x for f, x in zip(factors, a, strict=True)]
 
 
 def minus(a: Any) -> Any:
+    """The opposite of a vector."""
     return scaled(-1.0, a)
 
 
@@ -139,6 +149,7 @@ def kinematics(eq: Equations, tag: str, D: Any, w: Any, acceleration: Any) -> No
 
 
 def thrust_level(eq: Equations) -> Any:
+    """Share L of the full thrust, a variable; its rate, (1 - L) over the build-up time, is set."""
     level = hy.expression("L")
     eq.rates["L"] = 1.0 / eq.inputs.build_up + (-1.0 / eq.inputs.build_up) * level
     return level

@@ -55,6 +55,7 @@ class BodyRows:
     thrust: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     def coefficients(self) -> Array:
+        """The polynomials as an array (6, 11), 0 for terms that are not there."""
         return np.array([[self.polynomials[c].get(t, 0.0) for t in TERMS] for c in COEFFICIENTS])
 
 
@@ -91,6 +92,7 @@ class Inputs:
 
     @property
     def bodies(self) -> tuple[BodyRows, BodyRows]:
+        """Both bodies, ``first`` before ``second``."""
         return self.first, self.second
 
 
@@ -121,6 +123,7 @@ class _Values:
         )
 
     def vector(self, path: str, parts: str = "xyz") -> Array:
+        """Values of the parts of a path, (n, 3) for x, y, z."""
         return np.stack([self(f"{path}.{p}") for p in parts], axis=-1)
 
 

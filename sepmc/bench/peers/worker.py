@@ -67,6 +67,7 @@ class Workers:
         return self._answers()
 
     def close(self) -> None:
+        """Close the pipes, wait until the processes have ended and remove their cache folder."""
         for process in self.processes:
             for pipe in (process.stdin, process.stdout):
                 if pipe:

@@ -70,12 +70,15 @@ class Verdict:
 
     @property
     def fails(self) -> bool:
+        """Whether judging crashed or a fault was found."""
         return bool(self.crash) or any(self.rows.get(key) for key in FAULTS)
 
     def count(self, verdict: str) -> None:
+        """Count one more row of a verdict."""
         self.rows[verdict] = self.rows.get(verdict, 0) + 1
 
     def to_dict(self) -> dict[str, Any]:
+        """All fields by name."""
         return asdict(self)
 
 

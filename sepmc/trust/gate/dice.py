@@ -20,9 +20,11 @@ class Dice:
         self.random = np.random.default_rng([20190, seed, stream] if stream else [20190, seed])
 
     def chance(self, probability: float) -> bool:
+        """True with a probability from 0 to 1."""
         return bool(self.random.random() < probability)
 
     def between(self, low: float, high: float) -> float:
+        """A number from low to high."""
         return rounded(self.random.uniform(low, high))
 
     def about(self, size: float) -> float:
@@ -34,6 +36,7 @@ class Dice:
         return rounded(float(np.exp(self.random.uniform(np.log(low), np.log(high)))))
 
     def vector(self, size: float, count: int = 3) -> list[float]:
+        """So many numbers from -size to size."""
         return [self.about(size) for _ in range(count)]
 
     def direction(self) -> list[float]:
@@ -44,6 +47,7 @@ class Dice:
         ]
 
     def pick(self, items: Sequence[T]) -> T:
+        """One of the items, all equally likely."""
         return items[int(self.random.integers(len(items)))]
 
     def weighted(self, weights: Mapping[T, float]) -> T:

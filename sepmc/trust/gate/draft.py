@@ -27,9 +27,11 @@ class Draft:
 
     @property
     def bodies(self) -> list[str]:
+        """Names of the bodies so far."""
         return list(self.tree["body"])
 
     def mass(self, body: str) -> float:
+        """Mass of a body, kg; infinite for the ground."""
         return float(self.tree["body"][body]["mass_kg"]) if body != GROUND else float("inf")
 
     def reduced(self, bodies: list[str]) -> float:

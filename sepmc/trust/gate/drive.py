@@ -57,6 +57,7 @@ def gate(
 
 
 def fails(verdict: Found) -> bool:
+    """Whether judging a scene crashed or found a fault."""
     return bool(verdict["crash"]) or any(verdict["rows"].get(fault) for fault in FAULTS)
 
 

@@ -51,6 +51,8 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
+    """Judge jobs, a line of standard input each, and answer on standard output until there are no
+    more."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what anything prints is not an answer
     for line in sys.stdin:

@@ -64,6 +64,7 @@ class Worker:
             os.killpg(self.process.pid, signal.SIGKILL)
 
     def close(self) -> None:
+        """End the process and close its pipes."""
         self.kill()
         self.process.communicate()  # closes its pipes
 

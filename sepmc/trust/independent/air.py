@@ -58,6 +58,7 @@ class Tabled:
         self.curve = CubicSpline(table["altitude"], np.transpose([np.log(table["density"]), sound]))
 
     def at(self, height: float, _layer: int) -> tuple[float, float]:
+        """Density, kg/m3, and speed of sound, m/s, at a height, m; 1 m/s if the table has none."""
         logarithm, sound = self.curve(height)
         return math.exp(logarithm), sound
 
@@ -79,6 +80,7 @@ class Wind:
             )
 
     def at(self, height: float) -> Array:
+        """Velocity of the air at a height (m), m/s, ground axes."""
         return (
             self.steady
             if self.curve is None
@@ -108,6 +110,7 @@ class Increments:
         self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
 
     def at(self, distance: float) -> Array:
+        """Increments (6,) at a separation distance, m."""
         return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
 
 
@@ -134,6 +137,7 @@ class Coefficients:
             ]
 
     def at(self, mach: float, alpha: float, beta: float) -> Array:
+        """Coefficients (6,) at a Mach number and angles alpha and beta, rad."""
         found = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
         if self.grid is None:
             return np.array(found)

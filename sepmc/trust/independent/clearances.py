@@ -34,6 +34,7 @@ class Clearances:
         self.steps: list[Step] = []
 
     def step(self, dense: Callable[[float], Array], start: float, end: float) -> None:
+        """Keep the motion of a step between two times, s, if clearances are asked for."""
         if self.asked and end > start:
             self.steps.append(Step(start, end, dense))
 

@@ -24,10 +24,12 @@ class Leaf:
 
     @property
     def on_time(self) -> bool:
+        """Whether the time itself is compared, with a given one or a burn-out."""
         return self.what in ("time", "burn_out")
 
     @property
     def on_load(self) -> bool:
+        """Whether a joint's force or moment is compared."""
         return self.what in ("force", "moment")
 
 
@@ -42,6 +44,7 @@ class Event:
     time: float = math.inf
 
     def satisfied(self) -> bool:
+        """Whether the leaves met so far satisfy the condition; never if there is none."""
         return self.tree is not None and _satisfied(self.tree)
 
 

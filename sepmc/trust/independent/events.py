@@ -61,6 +61,7 @@ class Sequence:
             leaf.side = -1.0 if height(str(leaf.which)) > leaf.threshold else 1.0
 
     def begin(self, height: Callable[[str], float]) -> None:
+        """Set the sides of heights waited for at the start; ``height`` tells that of a body, m."""
         self.set_sides(height, [self.phases[0], *self.releases])
 
     def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:

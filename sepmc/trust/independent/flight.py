@@ -81,6 +81,7 @@ class Flight:
         self.steps, self.drift, self.step = 0, 0.0, math.nan
 
     def state(self, t: float, y: Array) -> State:
+        """State of all bodies at time t, s, from the state vector."""
         return self.vehicle.state(t, y)
 
     def watched(self) -> list[Watched]:

@@ -110,6 +110,7 @@ class Spring:
         return e, float(d @ e) - self.start, float(rate @ e + d @ turning), d
 
     def extension(self, s: State) -> float:
+        """Extension from the start, m."""
         return self.line(s)[1]
 
     def push(self, s: State, force: Array, moment: Array) -> None:
@@ -161,6 +162,7 @@ class Constant:
     arm: Array
 
     def acts(self, middle: float) -> bool:
+        """Whether the load acts over the stretch around a time, s."""
         return self.table["start"] <= middle < self.table["end"]
 
     def wrench(self, s: State) -> tuple[Array, Array]:

@@ -66,6 +66,7 @@ class Motion:
         return *rows.accelerate(self.free(s, force, moment)), rows, rubbing or {}
 
     def derivative(self, t: float, y: Array) -> Array:
+        """Rate of the state vector y at time t, s."""
         s = self.vehicle.state(t, y)
         return self.vehicle.derivative(y, s, self.at(t, s)[0])
 

@@ -43,6 +43,7 @@ class Motion:
         return self.x + self.R @ arm
 
     def point_velocity(self, arm: Array) -> Array:
+        """Velocity of a point given from the mass centre in body axes."""
         return self.v + self.R @ cross(self.w, arm)
 
 
@@ -163,6 +164,7 @@ class Case:
             raise NotImplementedError(f"no peer flies: {', '.join(lost)}")
 
     def body(self, name: str) -> Body:
+        """A body by its name, or the ground."""
         return self.ground if name == GROUND else self.bodies[name]
 
     def _joint(self, name: str, table: dict[str, Any]) -> Joint:

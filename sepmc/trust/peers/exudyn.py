@@ -231,6 +231,7 @@ class Exudyn:
         return stop, passed[first] if passed else None
 
     def motions(self, t: float | None = None) -> dict[str, Motion]:
+        """Every body, and the ground, now; the ground at ``t``, s, if that is given."""
         out = {GROUND: self.case.ground_motion(self.t if t is None else t)}
         for name, node in self.nodes.items():
             tell = self.mbs.GetNodeOutput
@@ -271,6 +272,7 @@ class Exudyn:
         return self.mbs.GetObjectOutput(item, what)
 
     def wrenches(self) -> dict[str, Wrench]:
+        """Of every joint, each body's at its own copy of the joint point."""
         return self._multipliers
 
 

@@ -86,6 +86,7 @@ class States:
         return np.array(made, dtype=object).reshape(np.shape(values))
 
     def derive(self, variables: Array, rates: Any) -> None:
+        """Give variables their rates."""
         place = {str(v): i for i, v in enumerate(self.variables)}
         for variable, rate in zip(np.ravel(variables), np.ravel(rates), strict=True):
             self.derivatives[place[str(variable)]] = rate
@@ -300,6 +301,7 @@ class Heyoka:
         self.system: System | None = None
 
     def switch(self, mode: Mode) -> None:
+        """From now on fly in this mode; its equations are made if it is another one."""
         if mode.key() != self.key:
             self.key, self.mode = mode.key(), mode
             self.system = System(self.case, mode, self.now)
@@ -351,6 +353,8 @@ class Heyoka:
         return self.integrators[guards]
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
+        """Fly to ``t_end`` (s) or to the first guard, by heyoka's own event detection; where, and
+        which."""
         ta = self._integrator(tuple(guards))
         ta.time, ta.state[:] = self.t, self.y
         if guards:
@@ -366,6 +370,7 @@ class Heyoka:
         return self.t, guards[index]
 
     def motions(self) -> dict[str, Motion]:
+        """Every body, and the ground, now."""
         out = {GROUND: self.case.ground_motion(self.t)}
         if self.system is None:
             return self.case.initial()

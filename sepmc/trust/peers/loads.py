@@ -220,10 +220,12 @@ def line_of_thrust(body: Body, motor: dict[str, Any]) -> tuple[Array, Array]:
 
 
 def ignition(motor: dict[str, Any]) -> float:
+    """When a motor ignites, s, its delay included."""
     return motor.get("ignition", 0.0) + motor.get("delay", 0.0)
 
 
 def burn_out(motor: dict[str, Any]) -> float:
+    """When a motor burns out, s; infinite if it has no burn time."""
     return ignition(motor) + motor.get("burn", math.inf)
 
 

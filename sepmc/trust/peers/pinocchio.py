@@ -138,6 +138,7 @@ class Tree:
         return q, v
 
     def q_rate(self, q: Array, v: Array) -> Array:
+        """Rate of the coordinates q (nq,) at the speeds v (nv,)."""
         out = np.zeros_like(q)
         for joint in list(self.model.joints)[1:]:
             iq, iv = joint.idx_q, joint.idx_v
@@ -180,6 +181,8 @@ class Tree:
         external: dict[str, tuple[Array, Array]],
         motions: dict[str, Motion],
     ) -> Array:
+        """Rates (nv,) of the speeds v by the articulated-body algorithm, under external loads:
+        force in ground axes, moment about the mass centre in body axes."""
         forces = pin.StdVec_Force()
         for _ in range(self.model.njoints):
             forces.append(pin.Force.Zero())
@@ -309,6 +312,7 @@ class Pinocchio:
         self.q, self.v = self.tree.state(self.now)
 
     def switch(self, mode: Mode) -> None:
+        """From now on fly in this mode; a new tree if joints are of other kinds in it."""
         if mode.kinds != self.mode.kinds:
             self.tree = Tree(self.case, mode)
             self.q, self.v = self.tree.state(self.now)
@@ -330,6 +334,8 @@ class Pinocchio:
         return pin.normalize(self.tree.model, q)
 
     def advance(self, t_end: float, guards: list[Guard]) -> tuple[float, Guard | None]:
+        """Fly to ``t_end`` (s), or to where the first guard rises through zero; where that is, and
+        which."""
         start, y0, n = self.t, np.concatenate([self.q, self.v]), self.q.size
 
         def flown(t: float) -> Array:
@@ -369,9 +375,11 @@ class Pinocchio:
         return stop, crossed
 
     def motions(self) -> dict[str, Motion]:
+        """Every body, and the ground, now."""
         return self.now
 
     def wrenches(self) -> dict[str, Wrench]:
+        """Of every joint now, each body's at its own copy of the joint point."""
         external = loads.body_loads(self.case, self.now, self.t, self.mode)
         a = self.tree.accelerations(self.q, self.v, external, self.now)
         return joint_wrenches(

@@ -32,6 +32,7 @@ class Guard:
 
     @property
     def on_load(self) -> bool:
+        """Whether the quantity is a joint's force or moment."""
         return self.kind in ("force", "moment")
 
     def value(
@@ -73,11 +74,13 @@ class Condition:
     every: bool = False  # all of the parts, rather than any of them
 
     def met(self, t: float, hit: set[Guard]) -> bool:
+        """Whether it is met at time t, s, after the guards in ``hit`` were reached."""
         own = any(t >= x - 1e-12 for x in self.times) or any(g in hit for g in self.guards)
         parts = [p.met(t, hit) for p in self.parts]
         return own or (bool(parts) and (all(parts) if self.every else any(parts)))
 
     def leaves(self) -> tuple[list[float], list[Guard]]:
+        """Times, s, and guards of it and of all its parts."""
         times, guards = list(self.times), list(self.guards)
         for part in self.parts:
             more = part.leaves()
@@ -159,6 +162,7 @@ class Flight:
 
 
 def kinds_of(case: Case, phase: int) -> dict[str, str]:
+    """Kind of each joint in a phase; free if the phase does not name it."""
     return {
         name: case.data["phase"][phase].get("joints", {}).get(name, "free") for name in case.joints
     }

@@ -33,6 +33,7 @@ def body(
 
 
 def joint(first: str, second: str, point: list[float], **more: Any) -> Tree:
+    """A joint's table: bodies, layout point in m."""
     return {"bodies": [first, second], "point_m": point, **more}
 
 
@@ -69,6 +70,7 @@ def held(**kinds: str) -> list[Tree]:
 
 
 def make(tree: Tree) -> Campaign:
+    """A campaign of a tree, which stays as it is."""
     return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
 
 
@@ -162,15 +164,19 @@ class Composite:
         )
 
     def rate_error(self, name: str | None = None) -> float:
+        """Relative error of a body's angular rates; of the second body if none is named."""
         return relative(self.found.body(name or self.second).w, self.rate)
 
     def attitude_error(self, name: str | None = None) -> float:
+        """Relative error of a body's attitude matrices; of the second body if none is named."""
         return relative(self.found.body(name or self.second).r, self.attitude)
 
     def force_error(self, joint_name: str = "link") -> float:
+        """Relative error of the force of a joint on the second body."""
         return relative(self.found.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
 
     def moment_error(self, joint_name: str = "link") -> float:
+        """Relative error of the moment of a joint on the second body."""
         return relative(
             self.found.columns(f"{joint_name}_moment_on_{self.second}_*_N_m"), self.moment
         )
