@@ -43,19 +43,19 @@ def off(flight, ours):
     ],
 )
 def test_heyoka(campaign, ours, arguments, bound):
-    flight = pytest.importorskip("sepmc.bench.peers.heyoka", exc_type=ImportError).Flight
+    flight = pytest.importorskip("sepmc.bench.peers.heyoka", exc_type=ImportError).HeyokaFlight
     assert off(flight(read(campaign, CASES), *arguments), ours)[0] < bound
 
 
 def test_mujoco_is_of_fourth_order(campaign, ours):
-    flight = pytest.importorskip("sepmc.bench.peers.mujoco", exc_type=ImportError).Flight
+    flight = pytest.importorskip("sepmc.bench.peers.mujoco", exc_type=ImportError).MujocoFlight
     coarse, fine = (off(flight(read(campaign, CASES), step, 1), ours)[0] for step in (0.05, 0.025))
     assert coarse < 1e-3
     assert 10.0 < coarse / fine < 24.0
 
 
 def test_exudyn(campaign, ours):
-    flight = pytest.importorskip("sepmc.bench.peers.exudyn", exc_type=ImportError).Flight
+    flight = pytest.importorskip("sepmc.bench.peers.exudyn", exc_type=ImportError).ExudynFlight
     assert off(flight(campaign, read(campaign, 1), 0.005, 1), ours)[0] < 1e-4
 
 

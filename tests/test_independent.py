@@ -16,7 +16,7 @@ from sepmc.trust import lagrange
 from sepmc.trust.independent import fly
 from sepmc.trust.independent.constraints import Constraints
 from sepmc.trust.independent.events import is_less
-from sepmc.trust.independent.flight import Flight
+from sepmc.trust.independent.flight import IndependentFlight
 from sepmc.trust.independent.joints import rows_of
 from sepmc.trust.independent.roots import first_root
 
@@ -353,7 +353,7 @@ def _flight(scene):
     table = read(msgspec.to_builtins(scene))
     vehicle = Vehicle(table)
     vehicle.prepare()
-    return Flight(table, vehicle, 1e-12)
+    return IndependentFlight(table, vehicle, 1e-12)
 
 
 _ANY = tomllib.loads("""

@@ -66,7 +66,7 @@ def fly_single(
     plan, care = make_plan(scene), USUAL
     while True:
         shape = make_shape(plan, care=care)
-        flight = _Flight(shape, plan, columns, every_s, announce)
+        flight = _SingleFlight(shape, plan, columns, every_s, announce)
         try:
             return flight.fly()
         except _LostError as lost:
@@ -91,7 +91,7 @@ def invalid(scene: Scene, columns: int) -> Single:
     )
 
 
-class _Flight:
+class _SingleFlight:
     """Flights of a case by the kernel of a shape, in as many steps as it takes."""
 
     def __init__(

@@ -39,7 +39,7 @@ def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
     )
 
 
-class Flight:
+class NominalFlight:
     """The nominal case of a campaign: its history, a row every ``every`` seconds, its outcomes and
     its status."""
 

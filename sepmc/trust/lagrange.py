@@ -201,7 +201,7 @@ def newton_euler(
     return force / mass, np.linalg.solve(inertia, moment - np.cross(w, inertia @ w))
 
 
-class _Flight:
+class _LagrangeFlight:
     """State and equations of one flight. The free bodies are flown as (x, v, R, w) each, x and v
     relative to the moving origin."""
 
@@ -385,7 +385,7 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
     ValueError
         If the case has what these formulations do not know: springs, tables, other conditions.
     """
-    flight, end = _Flight(case, rtol), case["run"]["end_time"]
+    flight, end = _LagrangeFlight(case, rtol), case["run"]["end_time"]
     release, force, moment = np.nan, np.full(3, np.nan), np.full(3, np.nan)
     switches = sorted(
         t for b in (flight.A, flight.B) for m in b.motors for t in (m["ignition"], m["burnout"])
@@ -424,7 +424,7 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-13) -> dict[str, Any]:
     }
 
 
-def _outcomes(flight: _Flight, path_reference: float | None) -> dict[str, Any]:
+def _outcomes(flight: _LagrangeFlight, path_reference: float | None) -> dict[str, Any]:
     """Angles and rates of both bodies, and the separation, under their public names."""
     out: dict[str, Any] = {}
     states = flight.bodies(flight.y)

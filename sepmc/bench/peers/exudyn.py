@@ -9,10 +9,10 @@ from sepmc.bench.peers.inputs import Inputs
 from sepmc.bench.peers.outcomes import Final, outcomes
 from sepmc.bench.peers.vectors import Array
 from sepmc.trust.peers import exudyn
-from sepmc.trust.peers.schedule import Flight as Flown
+from sepmc.trust.peers.schedule import PeerFlight
 
 
-class Flight:
+class ExudynFlight:
     """Some cases with a step, s, extrapolated from ``levels`` flights, each with half the step of
     the one before."""
 
@@ -22,13 +22,13 @@ class Flight:
         self.inputs, self.step, self.levels = inputs, step, levels
         self.data = [campaign.case(i).to_dict() for i in range(inputs.count)]
 
-    def fly(self) -> list[Flown]:
+    def fly(self) -> list[PeerFlight]:
         """Every case."""
         return [
             exudyn.fly(data, [self.inputs.end], self.step, self.levels).flight for data in self.data
         ]
 
-    def outcomes(self, flown: list[Flown]) -> dict[str, Array]:
+    def outcomes(self, flown: list[PeerFlight]) -> dict[str, Array]:
         """Outcome columns of a flight; not timed."""
         first, second = (
             Final(

@@ -79,7 +79,7 @@ def _phase(eq: Equations, tolerance: float, huge: bool, events: list[Any]) -> Ph
     return Phase(list(eq.rates), one, by_batch(np.array(eq.parameters)), spent)
 
 
-class Flight:
+class HeyokaFlight:
     """All cases of some inputs, to be flown as often as one likes.
 
     Parameters
@@ -130,7 +130,7 @@ class Flight:
         self.compile_s = sum(p.compile_s for p in self.phases) + time.perf_counter() - began
         self.typical = 0.0  # s: a guess how long the guided phase lasts
         if steps[1] > 1 and not self.adaptive:
-            pilot = Flight(inputs.part(0, BATCH), None, (8, 12, 8))
+            pilot = HeyokaFlight(inputs.part(0, BATCH), None, (8, 12, 8))
             self.typical = float(np.mean(pilot.fly()[1] - pilot.inputs.unlock))
 
     def fly(self) -> tuple[Array, Array]:

@@ -28,7 +28,7 @@ ROUNDS = 12
 ROOT = 1e-13  # s
 
 
-class Flight:
+class MujocoFlight:
     """All cases of some inputs with a time step, s, to be flown as often as one likes."""
 
     def __init__(self, inputs: Inputs, step: float, threads: int):

@@ -12,7 +12,7 @@ from sepmc.scene.read import parse_campaign
 from sepmc.trust.independent import Flown, fly
 
 
-class Flight:
+class ScipyFlight:
     """Some cases at a tolerance, relative."""
 
     compile_s = 0.0

@@ -103,7 +103,7 @@ def _heyoka(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
         yield _apart(
             "heyoka batch 8",
             setting,
-            "sepmc.bench.peers.heyoka:Flight",
+            "sepmc.bench.peers.heyoka:HeyokaFlight",
             shares,
             inputs,
             threads,
@@ -119,7 +119,7 @@ def _scipy(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entr
         yield _apart(
             "scipy DOP853",
             f"rtol {tolerance:.0e}",
-            "sepmc.bench.peers.plain:Flight",
+            "sepmc.bench.peers.plain:ScipyFlight",
             share,
             inputs,
             threads,
@@ -140,7 +140,7 @@ def _apart(
 ) -> Entry:
     """An engine in processes of its own, one for each share of the cases. The few cases of plain
     Python are flown in one."""
-    plain = factory.endswith("plain:Flight")
+    plain = factory.endswith("plain:ScipyFlight")
     environment = {"NUMBA_DISABLE_JIT": "1"} if plain else {}
     with Workers(factory, shares, environment) as workers:
         if not plain:
@@ -164,10 +164,10 @@ def _apart(
 
 
 def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entry]:
-    from sepmc.bench.peers.mujoco import Flight  # noqa: PLC0415
+    from sepmc.bench.peers.mujoco import MujocoFlight  # noqa: PLC0415
 
     for step in STEPS:
-        flight = Flight(inputs, step, threads)
+        flight = MujocoFlight(inputs, step, threads)
         spent, flown = _timed(flight, repeats)
         note = "batch of a model a phase, loads as a compiled callback"
         table = flight.outcomes(flown)
@@ -186,10 +186,10 @@ def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
 
 
 def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Entry]:
-    from sepmc.bench.peers.exudyn import Flight  # noqa: PLC0415
+    from sepmc.bench.peers.exudyn import ExudynFlight  # noqa: PLC0415
 
     for step, levels in EXUDYN:
-        flight = Flight(campaign, inputs, step, levels)
+        flight = ExudynFlight(campaign, inputs, step, levels)
         spent, flown = _timed(flight, 1)
         setting = f"step {step:g} s" + (f", {levels} levels" if levels > 1 else "")
         seconds, table = spent / inputs.count / threads, flight.outcomes(flown)

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.integrate import simpson
 
 from sepmc.trust.checks.kinds import KINDS, flight_of
-from sepmc.trust.flights import Array, Flight, arm, campaign, tensor, to_ground
+from sepmc.trust.flights import Array, NominalFlight, arm, campaign, tensor, to_ground
 from sepmc.trust.line import Line, worst
 
 ROUND_OFF = 1e-11  # relative to the largest of the terms that cancel
@@ -34,7 +34,7 @@ def no_work() -> list[Line]:
     return lines
 
 
-def _ends(found: Flight) -> tuple:
+def _ends(found: NominalFlight) -> tuple:
     joint = found.scene.joint["link"]
     return joint.point, joint.second_point or joint.point
 
@@ -42,7 +42,7 @@ def _ends(found: Flight) -> tuple:
 class _Sums:
     """Momentum, angular momentum about the origin and kinetic energy of all bodies over time."""
 
-    def __init__(self, found: Flight):
+    def __init__(self, found: NominalFlight):
         self.momentum, self.spin, self.energy = (
             np.zeros((len(found.t), 3)),
             np.zeros((len(found.t), 3)),
@@ -56,7 +56,7 @@ class _Sums:
             self.energy += 0.5 * body.mass * np.sum(v * v, axis=1) + 0.5 * np.sum(w * own, axis=1)
 
 
-def _gained(found: Flight, rate: Array) -> Array:
+def _gained(found: NominalFlight, rate: Array) -> Array:
     """Integral of a rate over the flight: Simpson's rule on each phase, whose rows are 1 ms
     apart."""
     return sum(
@@ -65,7 +65,7 @@ def _gained(found: Flight, rate: Array) -> Array:
     )
 
 
-def _thrust(found: Flight) -> tuple[Array, Array, Array]:
+def _thrust(found: NominalFlight) -> tuple[Array, Array, Array]:
     """Force, moment about the origin and power of all motors, ground axes. The thrust is
     constant."""
     force, moment, power = (
@@ -91,7 +91,7 @@ def _thrust(found: Flight) -> tuple[Array, Array, Array]:
     return force, moment, power
 
 
-def _springs(found: Flight) -> tuple[Array, Array]:
+def _springs(found: NominalFlight) -> tuple[Array, Array]:
     """Energy stored in all springs since the start, and the power of their dampers."""
     stored, lost = np.zeros(len(found.t)), np.zeros(len(found.t))
     for spring in found.scene.spring:
@@ -134,7 +134,7 @@ def balance() -> list[Line]:
             {"spring.pusher.damping_N_s_per_m": 3.0, "spring.strap.damping_N_s_per_m": 2.0},
         ),
     ):
-        found = Flight(campaign("chain", settings), 0.001)
+        found = NominalFlight(campaign("chain", settings), 0.001)
         sums, (force, moment, power), (stored, lost) = _Sums(found), _thrust(found), _springs(found)
         momentum, spin, energy = (
             sums.momentum[0] + _gained(found, force),

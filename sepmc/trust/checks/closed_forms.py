@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight, arm, campaign, tensor
+from sepmc.trust.flights import NominalFlight, arm, campaign, tensor
 from sepmc.trust.line import Line, worst
 
 LBF, FT = 4.4482216152605, 0.3048
@@ -28,7 +28,7 @@ def free_body() -> list[Line]:
         if rates is None:
             axes = np.linalg.eigh(inertia)[1]
             rates = (1.8 * axes[:, 1] + 1e-3 * axes[:, 0]).tolist()
-        found = Flight(flown.with_settings({"initial.omega_rad_s": rates}), 0.05)
+        found = NominalFlight(flown.with_settings({"initial.omega_rad_s": rates}), 0.05)
         w, r = ref.asymmetric_top(found.t, inertia, rates)
         stone, case = found.body("stone"), f"free body {name}"
         lines += [
@@ -38,7 +38,7 @@ def free_body() -> list[Line]:
     return lines
 
 
-def _welded(found: Flight, joint: str, case: str) -> list[Line]:
+def _welded(found: NominalFlight, joint: str, case: str) -> list[Line]:
     """Rates, attitude and the joint's wrench of two welded bodies against those of the
     composite."""
     scene = found.scene
@@ -70,13 +70,13 @@ def _welded(found: Flight, joint: str, case: str) -> list[Line]:
 
 def welded() -> list[Line]:
     """Two lopsided bodies in a fixed joint are one rigid body."""
-    return _welded(Flight(campaign("welded"), 0.05), "weld", "welded pair")
+    return _welded(NominalFlight(campaign("welded"), 0.05), "weld", "welded pair")
 
 
 def nasa_boxes() -> list[Line]:
     """NASA/TP-2016-219326 test case 1: the closed form, and the digits of an independent solution
     with 24 unknowns (half a last unit)."""
-    case, found = "NASA boxes", Flight(campaign("nasa_boxes"), 0.05)
+    case, found = "NASA boxes", NominalFlight(campaign("nasa_boxes"), 0.05)
     lines = _welded(found, "face", case)
     for axis, value, digits in zip(
         "xyz", (0.43643767, 1.04653498, -0.07596399), found.body("B").w[-1], strict=True
@@ -109,11 +109,11 @@ def pushed_apart() -> list[Line]:
             {"spring.push.stroke_m": 0.15, "spring.push.stiffness_N_per_m": 0.0},
         ),
     ):
-        lines += _pushed(Flight(campaign("pushed_apart", settings)), case)
+        lines += _pushed(NominalFlight(campaign("pushed_apart", settings)), case)
     return lines
 
 
-def _pushed(found: Flight, case: str) -> list[Line]:
+def _pushed(found: NominalFlight, case: str) -> list[Line]:
     """Extension of the spring and speeds of the bodies."""
     spring, mass = found.scene.spring[0], [found.scene.body[b].mass for b in ("fore", "aft")]
     law = ref.reduced_mass(*mass), spring.force, spring.stiffness
@@ -149,7 +149,7 @@ def thrust_slider() -> list[Line]:
         ("thrust with build-up", {f"{motor}.build_up_s": 0.1 for motor in motors}),
         ("thrust with tail-off", ending),
     ):
-        found = Flight(campaign("thrust_slider", settings))
+        found = NominalFlight(campaign("thrust_slider", settings))
         motor = found.scene.motor[0]
         apart = sum(m.thrust / found.scene.body[m.body].mass for m in found.scene.motor)  # m/s2
         if motor.tail_off:
@@ -172,7 +172,7 @@ def thrust_slider() -> list[Line]:
 def rail() -> list[Line]:
     """Tip-off: a rocket turns about its rear shoe on gravity from where the front one has left the
     rail until the rear one does."""
-    found, case = Flight(campaign("rail")), "tip-off from a rail"
+    found, case = NominalFlight(campaign("rail")), "tip-off from a rail"
     scene = found.scene
     body, motor, g, elevation = (
         scene.body["rocket"],

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight, arm, campaign, tensor, to_ground
+from sepmc.trust.flights import NominalFlight, arm, campaign, tensor, to_ground
 from sepmc.trust.line import Line, worst
 
 
@@ -15,7 +15,7 @@ def pendulum() -> list[Line]:
     of the hinge."""
     lines = []
     for case, rate in (("physical pendulum", 0.0), ("pendulum over the top", 9.0)):
-        found = Flight(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
+        found = NominalFlight(campaign("pendulum", {"initial.omega_rad_s": [0.0, 0.0, rate]}))
         scene, bob = found.scene, found.body("bob")
         mass, g, inertia = (
             scene.body["bob"].mass,
@@ -49,7 +49,7 @@ def pendulum() -> list[Line]:
         if rate == 0.0:
             period = ref.pendulum_period(frequency, start)
             last = float(
-                Flight(campaign("pendulum", {"run.end_time_s": period}), period)
+                NominalFlight(campaign("pendulum", {"run.end_time_s": period}), period)
                 .body("bob")
                 .w[-1, 2]
             )
@@ -59,7 +59,7 @@ def pendulum() -> list[Line]:
     return lines
 
 
-def _turned(pitch: float, spin: float, precession: float) -> Flight:
+def _turned(pitch: float, spin: float, precession: float) -> NominalFlight:
     """The top set out with this pitch (rad), rate about its axis and rate of the axis about the
     upward vertical (rad/s).
 
@@ -67,7 +67,7 @@ def _turned(pitch: float, spin: float, precession: float) -> Flight:
     in body axes.
     """
     rates = [-spin, precession * math.cos(pitch), 0.0]
-    return Flight(
+    return NominalFlight(
         campaign("top", {"initial.pitch_deg": math.degrees(pitch), "initial.omega_rad_s": rates})
     )
 
@@ -120,7 +120,7 @@ def rod_pendulum() -> list[Line]:
     )
     # from hanging, backward
     frequency, start = math.sqrt(g / length), 0.5 * math.pi - scene.initial.pitch
-    case, found = "rod pendulum", Flight(campaign("rod_pendulum"))
+    case, found = "rod pendulum", NominalFlight(campaign("rod_pendulum"))
     angle, rate = ref.pendulum(found.t, frequency, start)
     place = length * np.stack([-np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1)
     moved = found.body("bob").x
@@ -140,7 +140,7 @@ def rod_pendulum() -> list[Line]:
     pitch = math.radians(50.0)
     around = ref.conical_rate(length, g, 0.5 * math.pi - pitch)
     rates = np.array([math.sin(pitch), math.cos(pitch), 0.0]) * around
-    found = Flight(
+    found = NominalFlight(
         campaign("rod_pendulum", {"initial.pitch_deg": 50.0, "initial.omega_rad_s": rates.tolist()})
     )
     azimuth, bob = around * found.t, found.body("bob")
@@ -160,7 +160,7 @@ def rod_pendulum() -> list[Line]:
 def hooke() -> list[Line]:
     """A universal joint between two shafts in bearings, a closed loop through the ground: attitude
     and rate of the driven shaft, and the energy of both, from the angle of the driving one."""
-    case, bend, found = "Hooke's joint", math.radians(40.0), Flight(campaign("hooke"))
+    case, bend, found = "Hooke's joint", math.radians(40.0), NominalFlight(campaign("hooke"))
     driving, driven = found.body("driving"), found.body("driven")
     angle = np.radians(found.history["driving_roll_deg"].to_numpy())
     shaft = np.array([math.cos(bend), math.sin(bend), 0.0])

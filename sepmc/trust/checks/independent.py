@@ -11,7 +11,7 @@ from sepmc.campaign.accuracy import errors
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.engine.door import interpreted
 from sepmc.trust import independent
-from sepmc.trust.flights import SCENES, SIZES, Flight, campaign
+from sepmc.trust.flights import SCENES, SIZES, NominalFlight, campaign
 from sepmc.trust.line import CLOSE, Line
 
 # Cases of the shipped campaigns; the independent flight of a case of srb or hyper-x takes seconds.
@@ -59,7 +59,7 @@ def scenes() -> list[Line]:
         size = dict(SIZES)
         for column, value in known.items():
             size[units[column]] = max(size[units[column]], abs(value))
-        found = Flight(flown, flown.scene.run.end_time)
+        found = NominalFlight(flown, flown.scene.run.end_time)
         off = {
             c: abs(_difference(units[c], found.outcomes[c], value)) / size[units[c]]
             for c, value in known.items()

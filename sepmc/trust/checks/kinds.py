@@ -9,7 +9,7 @@ import numpy as np
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.trust import lagrange
-from sepmc.trust.flights import SIZES, Flight, campaign
+from sepmc.trust.flights import SIZES, NominalFlight, campaign
 from sepmc.trust.line import CLOSE, Line
 
 # Kinds of one's own: joint axes along which, and about which, they hold.
@@ -38,9 +38,9 @@ def _campaign(kind: str, more: dict[str, Any] | None = None) -> Campaign:
 
 
 @cache
-def flight_of(kind: str) -> Flight:
+def flight_of(kind: str) -> NominalFlight:
     """That campaign's nominal case, flown once."""
-    return Flight(_campaign(kind), 0.05)
+    return NominalFlight(_campaign(kind), 0.05)
 
 
 def furthest(
@@ -58,7 +58,7 @@ def furthest(
     return Line(case, f"difference, {name}", 0.0, difference[name], CLOSE)
 
 
-def sizes(found: Flight) -> dict[str, float]:
+def sizes(found: NominalFlight) -> dict[str, float]:
     """What counts as large, for every column of a flight of two_bodies.toml."""
     units = found.history.attrs["units"]
     wrench = max(
@@ -76,7 +76,7 @@ def full_against_reduced() -> list[Line]:
     lines = []
     for kind in KINDS:
         reduced, full = (
-            Flight(_campaign(kind, {"solver": {"step_s": 0.05, "formulation": way}}), 0.05)
+            NominalFlight(_campaign(kind, {"solver": {"step_s": 0.05, "formulation": way}}), 0.05)
             for way in ("reduced", "full")
         )
         expected = {

@@ -6,7 +6,7 @@ import numpy as np
 
 from sepmc.trust import lagrange
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight, campaign, tensor
+from sepmc.trust.flights import NominalFlight, campaign, tensor
 from sepmc.trust.line import Line
 
 # By method: its order, how far below it a fitted slope may lie, the longest step (s) of the smooth
@@ -55,11 +55,13 @@ def orders() -> list[Line]:
     )
 
     def of_smooth(settings: dict) -> float:
-        stone = Flight(smooth.with_settings(settings), smooth.scene.run.end_time).body("stone")
+        stone = NominalFlight(smooth.with_settings(settings), smooth.scene.run.end_time).body(
+            "stone"
+        )
         return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
 
     def of_event(settings: dict) -> float:
-        found = Flight(event.with_settings(settings), event.scene.run.end_time).outcomes
+        found = NominalFlight(event.with_settings(settings), event.scene.run.end_time).outcomes
         return float(max(abs(found[name] - expected[name]) / abs(expected[name]) for name in names))
 
     lines = []

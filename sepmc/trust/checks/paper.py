@@ -9,7 +9,7 @@ import numpy as np
 from sepmc.campaign.campaign import load
 from sepmc.trust import lagrange
 from sepmc.trust.checks.kinds import furthest
-from sepmc.trust.flights import Flight, run_plainly
+from sepmc.trust.flights import NominalFlight, run_plainly
 from sepmc.trust.line import Line
 
 FINE: dict[str, Any] = {"solver.step_s": 0.01, "run.history_step_s": 0.0}
@@ -46,7 +46,7 @@ def phases() -> list[Line]:
     for phase, formulation, settings in PHASES:
         flown = load("table2.toml", FINE | settings)
         found, expected, case = (
-            Flight(flown),
+            NominalFlight(flown),
             lagrange.fly(flown.nominal().to_dict()),
             f"Table 2, {phase}: {formulation}",
         )

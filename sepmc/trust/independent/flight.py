@@ -59,7 +59,7 @@ class Ended(Exception):
     """The flight ends with a status."""
 
 
-class Flight:
+class IndependentFlight:
     """A case under way."""
 
     def __init__(self, scene: dict[str, Any], vehicle: Vehicle, rtol: float):
@@ -349,7 +349,7 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
     if vehicle.fault() or not _is_finite(scene):
         return Flown("invalid-input", nothing)
     vehicle.prepare()
-    flight = Flight(scene, vehicle, rtol * (_AT_KNOTS if _has_tables(scene) else 1.0))
+    flight = IndependentFlight(scene, vehicle, rtol * (_AT_KNOTS if _has_tables(scene) else 1.0))
     with np.errstate(all="ignore"):  # what is not finite is told by the status
         status = flight.fly()
     audit = {

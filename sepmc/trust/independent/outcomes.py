@@ -10,7 +10,7 @@ from sepmc.trust.independent.loads import air_angles
 from sepmc.trust.independent.state import State, Vehicle
 
 if TYPE_CHECKING:
-    from sepmc.trust.independent.flight import Flight
+    from sepmc.trust.independent.flight import IndependentFlight
 
 _SINGULAR = math.radians(89.0)
 _SLOW = 1e-6  # m/s: airspeed below which its direction is not known to 1e-9 of a turn
@@ -56,7 +56,7 @@ def _nearest(angle: Any, last: Any) -> Any:
     return angle + 2.0 * math.pi * np.round((last - angle) / (2.0 * math.pi))
 
 
-def vague(flight: "Flight") -> tuple[str, ...]:
+def vague(flight: "IndependentFlight") -> tuple[str, ...]:
     """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the
     crosswind is left; times of flat peaks. And places of least clearances, and when bodies that
     meet are nearest, which this flight does not tell."""
@@ -73,7 +73,7 @@ def vague(flight: "Flight") -> tuple[str, ...]:
     return (*found, *flight.watch.flat())
 
 
-def report(flight: "Flight") -> dict[str, float]:
+def report(flight: "IndependentFlight") -> dict[str, float]:
     """Outcomes at the end of a flight."""
     vehicle = flight.vehicle
     out: dict[str, float] = {}

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from sepmc.trust.peers import loads
 from sepmc.trust.peers.case import GROUND, Array, Case, Motion, cross
-from sepmc.trust.peers.schedule import Flight, Guard, Mode, Wrench
+from sepmc.trust.peers.schedule import Guard, Mode, PeerFlight, Wrench
 from sepmc.trust.peers.schedule import fly as fly_through
 
 STEPS = 1000  # of the coarsest flight, over the whole time
@@ -309,8 +309,8 @@ def _rotation_rows(held: tuple[bool, ...]) -> dict[int, tuple[int, int]]:
 class Extrapolated:
     """Flights at steps h, h/2, h/4 (``levels``), and their extrapolation to h = 0 (``flight``)."""
 
-    flight: Flight
-    levels: list[Flight]
+    flight: PeerFlight
+    levels: list[PeerFlight]
 
 
 def _combine(levels: list[Any]) -> Any:
@@ -349,6 +349,7 @@ def fly(
         fly_through(Exudyn(case, step, 2**k, spectral_radius), case, times) for k in range(levels)
     ]
     parts = {
-        f.name: _combine([getattr(flight, f.name) for flight in flights]) for f in fields(Flight)
+        f.name: _combine([getattr(flight, f.name) for flight in flights])
+        for f in fields(PeerFlight)
     }
-    return Extrapolated(Flight(**parts), flights)
+    return Extrapolated(PeerFlight(**parts), flights)

@@ -16,7 +16,7 @@ import numpy as np
 
 from sepmc.trust.peers import loads
 from sepmc.trust.peers.case import GROUND, Array, Case, Motion, cross
-from sepmc.trust.peers.schedule import Flight, Guard, Mode, Wrench
+from sepmc.trust.peers.schedule import Guard, Mode, PeerFlight, Wrench
 from sepmc.trust.peers.schedule import fly as fly_through
 from sepmc.trust.peers.tree import Group, Link, newton_euler, tree_of
 
@@ -431,7 +431,7 @@ def _expressions(xs: Any) -> list[Any]:
     return [_expression(x) for x in xs]
 
 
-def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> Flight:
+def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> PeerFlight:
     """Fly a case.
 
     Parameters

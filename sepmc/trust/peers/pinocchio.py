@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 
 from sepmc.trust.peers import loads
 from sepmc.trust.peers.case import GROUND, Array, Case, Motion, cross
-from sepmc.trust.peers.schedule import Flight, Guard, Mode, Wrench
+from sepmc.trust.peers.schedule import Guard, Mode, PeerFlight, Wrench
 from sepmc.trust.peers.schedule import fly as fly_through
 from sepmc.trust.peers.tree import Group, Link, tree_of
 
@@ -391,7 +391,7 @@ class Pinocchio:
         )
 
 
-def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> Flight:
+def fly(data: dict[str, Any], times: Sequence[float], tolerance: float = TOLERANCE) -> PeerFlight:
     """Fly a case.
 
     Parameters

@@ -131,7 +131,7 @@ class Engine(Protocol):
 
 
 @dataclass
-class Flight:
+class PeerFlight:
     """What an engine gives of a case; rows are the times asked for, less those after which the
     flight ended.
 
@@ -188,7 +188,7 @@ def mode_at(
     return Mode(dict(kinds), motors, springs, constant, layers)
 
 
-def fly(engine: Engine, case: Case, times: Sequence[float]) -> Flight:
+def fly(engine: Engine, case: Case, times: Sequence[float]) -> PeerFlight:
     """Fly a case with an engine that stands at its initial state, and note what it says at
     ``times`` (s, rising).
 
@@ -307,14 +307,14 @@ def _collect(
     rows: list[tuple[float, dict[str, Motion], dict[str, Wrench]]],
     release: dict[str, float],
     at_release: dict[str, Array],
-) -> Flight:
+) -> PeerFlight:
     bodies = [n for n in rows[0][1] if n != GROUND]
 
     def column(part: str) -> dict[str, Array]:
         return {n: np.array([getattr(row[1][n], part) for row in rows]) for n in bodies}
 
     wrench = {n: np.array([row[2][n] for row in rows]) for n in release}
-    return Flight(
+    return PeerFlight(
         np.array([r[0] for r in rows]),
         column("x"),
         column("v"),

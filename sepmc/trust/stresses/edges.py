@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sepmc.trust.flights import Flight
+from sepmc.trust.flights import NominalFlight
 from sepmc.trust.stresses.line import FORM, NONE, Bound, Stress, judge, relative
 from sepmc.trust.stresses.scenes import Tree, body, fly, scene
 
@@ -40,7 +40,7 @@ def _drag(t: np.ndarray, axial: float, speed: float = SPEED) -> np.ndarray:
     return speed / (1.0 + 0.5 * DENSITY * AREA * axial / MASS * speed * t)
 
 
-def _speed_error(found: Flight, expected: np.ndarray) -> float:
+def _speed_error(found: NominalFlight, expected: np.ndarray) -> float:
     return relative(found.body("probe").v[:, 0], expected)
 
 

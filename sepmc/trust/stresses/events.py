@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from sepmc.schema import AUDIT_BOUNDS
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight
+from sepmc.trust.flights import NominalFlight
 from sepmc.trust.stresses.drift import invariants
 from sepmc.trust.stresses.line import EPS, FORM, Bound, Stress, judge, relative
 from sepmc.trust.stresses.scenes import Tree, body, fly, held, joint, pushed, scene
@@ -110,7 +110,7 @@ def angle_limits() -> list[Stress]:
     return lines
 
 
-def _boosters(releases: list[Tree], phases: list[Tree]) -> Flight:
+def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalFlight:
     """A core with two boosters beside it on sliders, pushed back alike."""
     bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
     joints, springs = {}, []

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sepmc.schema import AUDIT_BOUNDS, Status
-from sepmc.trust.flights import Flight
+from sepmc.trust.flights import NominalFlight
 from sepmc.trust.line import CLOSE
 
 EPS = float(np.finfo(float).eps)
@@ -87,7 +87,12 @@ def beyond(outcomes: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def judge(
-    given: str, quantity: str, error: float, bound: Bound, flown: Flight, resolved: bool = False
+    given: str,
+    quantity: str,
+    error: float,
+    bound: Bound,
+    flown: NominalFlight,
+    resolved: bool = False,
 ) -> Stress:
     """The line of a flight."""
     return Stress(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.scene.messages import SceneError
-from sepmc.trust.flights import Flight, arm
+from sepmc.trust.flights import NominalFlight, arm
 from sepmc.trust.stresses.line import (
     EPS,
     EXACT,
@@ -52,7 +52,7 @@ def _axes(data: Any) -> Array:
     return np.stack([x, y, np.cross(x, y)])
 
 
-def jacobian(found: Flight) -> Array:
+def jacobian(found: NominalFlight) -> Array:
     """Constraint rows of all joints at the start, on the velocities and rates of all bodies, in
     body axes; in the engine's order."""
     names, rows = list(found.scene.body), []
@@ -71,7 +71,7 @@ def jacobian(found: Flight) -> Array:
     return np.array(rows)
 
 
-def multipliers(found: Flight) -> Array:
+def multipliers(found: NominalFlight) -> Array:
     """Joint wrenches at the start, as the engine gives them, along the rows of `jacobian`."""
     given = []
     for name, data in found.scene.joint.items():
@@ -87,13 +87,15 @@ def multipliers(found: Flight) -> Array:
     return np.array(given)
 
 
-def least(found: Flight, load: Array) -> Array:
+def least(found: NominalFlight, load: Array) -> Array:
     """Multipliers of least sum of squares that put this load (n 6,) on the bodies: numpy's
     pseudo-inverse."""
     return np.linalg.pinv(jacobian(found).T, rcond=1e-10) @ load
 
 
-def _same_motion(given: str, found: Flight, without: Flight, bound: Bound) -> list[Stress]:
+def _same_motion(
+    given: str, found: NominalFlight, without: NominalFlight, bound: Bound
+) -> list[Stress]:
     """Rates and places of all bodies as without the redundant joint."""
     ours, theirs = ([f.body(name) for name in f.scene.body] for f in (found, without))
     rates = relative([track.w for track in ours], [track.w for track in theirs])
@@ -104,7 +106,9 @@ def _same_motion(given: str, found: Flight, without: Flight, bound: Bound) -> li
     ]
 
 
-def _reactions(given: str, found: Flight, without: Flight, rows: int, bound: Bound) -> list[Stress]:
+def _reactions(
+    given: str, found: NominalFlight, without: NominalFlight, rows: int, bound: Bound
+) -> list[Stress]:
     """Reactions of least norm, of the load that the flight without the redundant joint has; and the
     number of redundant rows."""
     expected = least(found, jacobian(without).T @ multipliers(without))
@@ -193,7 +197,7 @@ def four_bar() -> list[Stress]:
     return lines + _reactions("closed four-bar of hinges", found, without, 3, FORM)
 
 
-def _fly_unless_refused(tree: Tree) -> Flight | None:
+def _fly_unless_refused(tree: Tree) -> NominalFlight | None:
     """The flight of a scene, or None if it is refused."""
     try:
         return fly(tree)

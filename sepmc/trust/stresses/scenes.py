@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight, arm, tensor
+from sepmc.trust.flights import NominalFlight, arm, tensor
 from sepmc.trust.stresses.line import relative
 
 Tree = dict[str, Any]
@@ -82,10 +82,10 @@ def settled(tree: Tree) -> Tree:
     }
 
 
-def fly(tree: Tree, rows: int = 20) -> Flight:
+def fly(tree: Tree, rows: int = 20) -> NominalFlight:
     """The nominal case with about so many rows of history."""
     campaign = make(tree)
-    return Flight(campaign, campaign.scene.run.end_time / rows)
+    return NominalFlight(campaign, campaign.scene.run.end_time / rows)
 
 
 # Two bodies, no two numbers alike: what is varied below starts from these.
@@ -149,7 +149,7 @@ class Composite:
     """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed
     form."""
 
-    def __init__(self, found: Flight, second: str, point: list[float]):
+    def __init__(self, found: NominalFlight, second: str, point: list[float]):
         scene_, self.found, self.second = found.scene, found, second
         names = list(scene_.body)
         places, masses = (

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from sepmc.trust import references as ref
-from sepmc.trust.flights import Flight, arm, tensor
+from sepmc.trust.flights import NominalFlight, arm, tensor
 from sepmc.trust.stresses.line import EXACT, FORM, Bound, Stress, beyond, judge, promised, relative
 from sepmc.trust.stresses.scenes import AFT, OMEGA, Composite, body, fly, held, joint, pair, scene
 
 STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
 
 
-def _tumbling(deg_s: float, step: float, steps: int) -> Flight:
+def _tumbling(deg_s: float, step: float, steps: int) -> NominalFlight:
     """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
     rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
     return fly(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
@@ -131,7 +131,7 @@ def hinged_steps() -> list[Stress]:
 
 
 def _judge_angles(
-    given: str, error: float, bound: Bound, found: Flight, resolved: bool = False
+    given: str, error: float, bound: Bound, found: NominalFlight, resolved: bool = False
 ) -> Stress:
     """As `judge`; for angles, ``attitude_singular`` tells that they may have jumped."""
     told = beyond(found.outcomes) + (
