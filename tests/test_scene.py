@@ -2,10 +2,13 @@
 anything but a message."""
 
 import copy
+import inspect
 import math
+import re
 import tomllib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pint
 import pytest
@@ -15,6 +18,8 @@ from hypothesis import strategies as st
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.kernel.plan import make_plan
+from sepmc.scene import model
+from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.read import parse_campaign, parse_setting, read_campaign, shipped_campaigns
@@ -346,3 +351,14 @@ def test_names_are_not_units(pair):
     tree = pair().file.tree | {"joint": {"strut_t": strut, "strut_m": strut}, "phase": [phase]}
     scene = parse_campaign(tree, "t.toml", {"phase.locked.joints.strut_t": "point-on-plane"}).scene
     assert scene.phase[0].joints == {"strut_t": "point-on-plane", "strut_m": "point-on-line"}
+
+
+def test_every_key_stands_on_the_page():
+    """campaigns/README.md names every key of the model, in one of its units at least."""
+    page = (Path(__file__).parents[1] / "campaigns" / "README.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"\w+", page))
+    tables = [t for _, t in inspect.getmembers(model, inspect.isclass) if t is not msgspec.Struct]
+    tables = [t for t in tables if issubclass(t, msgspec.Struct) and not t.__name__.startswith("_")]
+    fields = [(t.__name__, field) for t in tables for field in fields_of(t).values()]
+    assert len(fields) > 100
+    assert not [(name, f.name) for name, f in fields if not words & set(f.keys)]
