@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numba import njit
 from numpy.testing import assert_allclose
-from turning_pair import MID, TURNING, agrees, alone
+from turning_pair import MID, PUSH, TURNING, agrees, alone
 
 from sepmc.routines import friction
 from sepmc.routines.lanes import LANES
@@ -58,6 +58,17 @@ SCENES = {
             ({"pins": "slider", "hinge": "spherical"}, RELEASE), ({"hinge": "spherical"}, None)
         ),
         "output": {"guide": ["pins"]},
+    },
+    "the second body held to the ground": {
+        "environment.wind.speed_m_s": 3.0,  # a flow for the body that is at rest
+        "joint.stand": {"bodies": ["ground", "aft"], "point_m": [3.0, 0.1, 0.0]},
+        "load": [PUSH | {"body": "fore", "force_N": [6.0, 1.0, -0.5], "point_m": [1.2, 0.1, 0.0]}],
+        "initial.omega_rad_s": [0.0, 0.0, 0.0],
+        "initial.speed_m_s": 0.0,
+        "phase": phases(
+            ({"pins": "slider", "stand": "fixed"}, RELEASE), ({"stand": "fixed"}, None)
+        ),
+        "output": {"guide": ["pins"], "loads": ["pins", "stand"]},
     },
     "two guides that load each other": {
         **MID,

@@ -100,11 +100,9 @@ def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
     if GROUND in side:  # nothing is known of what else the ground feels
-        force, gap = force_of(motion, joint), s.joint(joint).d
-        on_first = _left_to(s, motion, joint, _side(s, joint, first))
-        return vec3.scale(
-            -1.0, add_all([on_first, ZERO if force is ZERO else vec3.cross(gap, force)])
-        )
+        # the couple of the force that does not pass through the first body's point is in the arms
+        # of its rows
+        return vec3.scale(-1.0, _left_to(s, motion, joint, _side(s, joint, first)))
     return _left_to(s, motion, joint, side)
 
 
