@@ -2,7 +2,7 @@
 tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
-`sepmc.trust.geometry`.
+`sepmc.trust.geometry`. The fine flights are compiled: hundreds of them are many.
 """
 
 import sys
@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import sepmc
+from sepmc.campaign import single
 from sepmc.trust import geometry
 
 CAMPAIGNS = (
@@ -76,6 +77,7 @@ def measure(name, cases):
 
 
 if __name__ == "__main__":
+    single._PLAIN = 1  # steps of a stage beyond which a single run compiles its kernel
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for each in sys.argv[2:] or CAMPAIGNS:
         measure(each, count)
