@@ -2,7 +2,8 @@
 tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
-`sepmc.trust.geometry`. The fine flights are compiled: hundreds of them are many.
+`sepmc.trust.geometry`. The fine flights are compiled,
+which a single run does by itself only beyond `sepmc.campaign.single._PLAIN` steps.
 """
 
 import sys
