@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sepmc.physics import quat
-from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles
+from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles, unless_still
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 
 DEG = math.pi / 180.0
@@ -23,6 +23,7 @@ UP = {
     "clock_deg": -90.0,
 }
 AFT = {"name": "aft", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, "cant_deg": 180.0}
+UP_LOAD = {"name": "up", "body": "fore", "force_N": [10.0, 0.0, 0.0], "point_m": [1.0, 0.0, 0.0]}
 SLIDER = [{"name": "guided", "joints": {"pins": "slider"}}]
 
 
@@ -172,6 +173,31 @@ def test_alpha_and_beta():
     """alpha = atan2(-v, u), beta = asin(w / V)."""
     close(flow_angles((3.0, -4.0, 0.0)), [53.1301024 * DEG, 0.0])
     close(flow_angles((4.0, 0.0, 3.0)), [0.0, 36.8698976 * DEG])
+
+
+def test_still_air_has_no_direction(pair):
+    """A body held still by the ground, without wind: its angles are no numbers, its case is ok. Air
+    along the z axis has a sideslip, but no angle of attack."""
+    assert_allclose(unless_still((9e-7, 0.0, 2e-6), (1.0, 2.0)), [math.nan, 2.0])
+    assert_allclose(unless_still((9e-7, 0.0, 1e-7), (1.0, 2.0)), [math.nan, math.nan])
+    campaign = pair(
+        {
+            "joint.stand": {"bodies": ["ground", "aft"], "point_m": [3.0, 0.1, 0.0]},
+            "load": [UP_LOAD],
+            "initial.speed_m_s": 0.0,
+            "phase": [{"name": "held", "joints": {"stand": "fixed", "pins": "slider"}}],
+            "dispersion.load.up.force_N.x": {"uniform": [1.0, 2.0]},
+        }
+    )
+    result = campaign.run(cases=8, seed=1)
+    frame = result.to_pandas()
+    assert (frame["status"] == "ok").all()
+    assert frame[["aft_alpha_deg", "aft_beta_deg"]].isna().all(axis=None)
+    assert frame[["fore_alpha_deg", "fore_beta_deg", "aft_pitch_deg"]].notna().all(axis=None)
+    assert result.accuracy.met
+    single = campaign.simulate(campaign.case(3)).attrs["outcomes"]
+    assert math.isnan(single["aft_alpha_deg"])
+    assert single["fore_alpha_deg"] == pytest.approx(frame["fore_alpha_deg"][3], rel=1e-8)
 
 
 def test_aerodynamic_signs():

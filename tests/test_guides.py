@@ -60,7 +60,6 @@ SCENES = {
         "output": {"guide": ["pins"]},
     },
     "the second body held to the ground": {
-        "environment.wind.speed_m_s": 3.0,  # a flow for the body that is at rest
         "joint.stand": {"bodies": ["ground", "aft"], "point_m": [3.0, 0.1, 0.0]},
         "load": [PUSH | {"body": "fore", "force_N": [6.0, 1.0, -0.5], "point_m": [1.2, 0.1, 0.0]}],
         "initial.omega_rad_s": [0.0, 0.0, 0.0],

@@ -11,7 +11,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, settle
 from sepmc.engine.door import Again, Block, fly_cases
 from sepmc.engine.written import Kernel
-from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, LEAST_SQUARES
+from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FLOW_ANGLES, LEAST_SQUARES
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -89,9 +89,10 @@ def fly(
     block = fly_once(campaign, flight, draws, room)
     hard = _doubtful(campaign, block) | (block.flown & ~_is_like_trials(flight, block))
     again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
+    bodies = len(campaign.plan.bodies)
     for spare in flight.spares:
         # it would help no more than they did
-        finer = (block.status == FINER_STEPS) & _finite(campaign, block)
+        finer = (block.status == FINER_STEPS) & motion_is_finite(block.outcomes, bodies)
         lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & ~finer)
         if len(lost):
             other = flight.by(spare, announce)
@@ -100,7 +101,8 @@ def fly(
             again = again.with_others(_fly_hard(campaign, other, draws, room, block, lost[hard]))
             again.spare += len(lost)
     lost = np.flatnonzero(block.status < 0)
-    block.status[lost] = final_status(block.status[lost], _finite(campaign, block)[lost])
+    finite = motion_is_finite(block.outcomes[lost], bodies)
+    block.status[lost] = final_status(block.status[lost], finite)
     # the audit stays
     block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
     block.again = again
@@ -140,11 +142,11 @@ def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int 
     )[0]
 
 
-def _finite(campaign: Definition, block: Block) -> np.ndarray:
-    """Whether the rates and angles of bodies at the end are numbers, (n,)."""
-    return np.asarray(
-        np.isfinite(block.outcomes[:, : BODY_OUTCOMES * len(campaign.plan.bodies)]).all(axis=1)
-    )
+def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
+    """Whether the rates and attitudes of so many bodies at the end are numbers, (n,), given
+    outcomes (n, o); the angles of the flow are of no value in still air."""
+    of_bodies = outcomes[:, : BODY_OUTCOMES * bodies].reshape(-1, bodies, BODY_OUTCOMES)
+    return np.asarray(np.isfinite(of_bodies[:, :, FLOW_ANGLES:]).all(axis=(1, 2)))
 
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:

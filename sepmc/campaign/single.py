@@ -8,14 +8,14 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
-from sepmc.campaign.flight import Say, final_status, usual_lengths
+from sepmc.campaign.flight import Say, final_status, motion_is_finite, usual_lengths
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel
 from sepmc.kernel.emit import emit
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.structure import brief_transient, make_shape
-from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -115,7 +115,7 @@ class _SingleFlight:
     @property
     def finite(self) -> bool:
         """Whether the last flight ended with numbers."""
-        return bool(np.isfinite(self.outcomes[: BODY_OUTCOMES * len(self.plan.bodies)]).all())
+        return bool(motion_is_finite(self.outcomes[None, :], len(self.plan.bodies))[0])
 
     def fly(self) -> Single:
         """The case. Raises _LostError if the kernel does not vouch for it."""

@@ -55,9 +55,8 @@ def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any
     """Angles of the flow, the pitch above the nominal path, rates and attitude of a body;
     ``followed`` gives the pitch and the roll of a group that turns, carried through turns."""
     leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
-    alpha, beta = loads.flow_angles(
-        vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body)))
-    ).called("angles")
+    flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
+    alpha, beta = loads.unless_still(flow, loads.flow_angles(flow).called("angles"))
     held = leader == GROUND
     pitch, roll = (case.number(at.PITCH), case.number(at.ROLL)) if held else followed(s, leader)
     found = [
@@ -89,7 +88,8 @@ def emit_results(text: Text, c: Context) -> None:
     inner = text.block(f"for k in range({o}):")
     inner(
         "outcomes[k, i] = w[OUT + k * LANES + l]",
-        f"sound = sound and (k >= {bodies} or math.isfinite(outcomes[k, i]))",
+        f"free = k >= {bodies} or k % {at.BODY_OUTCOMES} < {at.FLOW_ANGLES}",
+        "sound = sound and (free or math.isfinite(outcomes[k, i]))",
     )
     for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES"):
         if slab in c.slabs.counts:

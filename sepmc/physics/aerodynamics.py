@@ -5,6 +5,8 @@ import math
 from sepmc.jit import formula
 from sepmc.physics.elementary import arctan2
 
+STILL = 1e-6  # m/s: slower air has no direction that could be told from round-off
+
 
 @formula
 def flow_angles(u):
@@ -14,6 +16,18 @@ def flow_angles(u):
     sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
     """
     return arctan2(-u[1], u[0]), arctan2(u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
+
+
+@formula
+def unless_still(u, angles):
+    """Angle of attack and sideslip, given the air-relative velocity in body axes; none where the
+    air is still, no angle of attack where it moves across the plane of symmetry only."""
+    along = math.sqrt(u[0] * u[0] + u[1] * u[1])
+    moving = math.sqrt(along * along + u[2] * u[2])
+    return (
+        math.nan if along < STILL else angles[0],
+        math.nan if moving < STILL else angles[1],
+    )
 
 
 @formula

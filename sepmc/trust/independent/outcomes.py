@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from sepmc.trust.independent.flight import IndependentFlight
 
 _SINGULAR = math.radians(89.0)
-_SLOW = 1e-6  # m/s: airspeed below which its direction is not known to 1e-9 of a turn
+_STILL = 1e-6  # m/s: airspeed below which it is told to have no direction
+_SLOW = 1e-5  # m/s: below which round-off may tell in it
 
 
 def columns(scene: dict[str, Any]) -> list[str]:
@@ -63,9 +64,9 @@ def vague(flight: "IndependentFlight") -> tuple[str, ...]:
     s, found = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
-        if math.hypot(u[0], u[1]) < _SLOW:
+        if 0.1 * _STILL < math.hypot(u[0], u[1]) < _SLOW:
             found.append(f"{name}_alpha_deg")
-        if np.linalg.norm(u) < _SLOW:
+        if 0.1 * _STILL < np.linalg.norm(u) < _SLOW:
             found.append(f"{name}_beta_deg")
     for table in flight.scene["clearance"]:
         name = f"{table['name']}_clearance"
@@ -86,8 +87,13 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
     follower = flight.follower
     follower.follow(s, 0.0)
     for b, name in enumerate(vehicle.names):
-        _, alpha, beta = air_angles(flight.loads.air_velocity(flight.t, s, b))
-        angles = {"alpha": alpha, "beta": beta, "alpha_ref": follower.pitch[b] - reference}
+        u = flight.loads.air_velocity(flight.t, s, b)
+        speed, alpha, beta = air_angles(u)
+        angles = {
+            "alpha": alpha if math.hypot(u[0], u[1]) >= _STILL else math.nan,
+            "beta": beta if speed >= _STILL else math.nan,
+        }
+        angles |= {"alpha_ref": follower.pitch[b] - reference}
         angles |= {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
         out |= {f"{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
         out |= {
