@@ -196,7 +196,8 @@ def _fly_hard(
         )
         _put(block, hard, before)
         return Again(_largest(change), finer=len(hard))
-    left = np.flatnonzero((block.status[hard] == FINER_STEPS) & _finite(campaign, block)[hard])
+    finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
+    left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
     for number in left:
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
