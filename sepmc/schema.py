@@ -81,10 +81,10 @@ class Column:
     scale: float = 1.0
 
 
-# Per body and per joint, in the order kernels write them (compiler/outcomes.py).
+# Per body and per joint, in the order kernels write them (kernel/outcomes.py).
 _BODY = (
-    ("alpha_deg", "deg", "angle of attack of {0} relative to the air, eq (11); NaN in still air", DEG),
-    ("beta_deg", "deg", "sideslip angle of {0} relative to the air, eq (11); NaN in still air", DEG),
+    ("alpha_deg", "deg", "angle of attack of {0}, eq (11); NaN in still air", DEG),
+    ("beta_deg", "deg", "sideslip angle of {0}, eq (11); NaN in still air", DEG),
     ("alpha_ref_deg", "deg", "pitch of {0} minus the nominal path angle", DEG),
     ("omega_x_deg_s", "deg/s", "roll rate of {0} in its body axes", DEG),
     ("omega_y_deg_s", "deg/s", "yaw rate of {0} in its body axes", DEG),
