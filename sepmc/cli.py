@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -283,7 +284,8 @@ def stats(folder: Path) -> None:
 
 @main.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-def plot(folder: Path) -> None:
+@click.option("--all", "every", is_flag=True, help="A histogram of every outcome, not of twelve.")
+def plot(folder: Path, every: bool) -> None:
     """Draw the figures of RUN again, from its files alone."""
     with plain_errors(False):
         from sepmc.campaign import store
@@ -296,7 +298,8 @@ def plot(folder: Path) -> None:
         else:
             manifest_with_rows(folder)
             loaded = _load(str(folder), (), warn=False)
-            written = draw_figures(folder, loaded, summary_of(folder, loaded))
+            summary, warn = summary_of(folder, loaded), partial(click.echo, err=True)
+            written = draw_figures(folder, loaded, summary, every=every, say=warn)
         for path in written:
             click.echo(path)
 

@@ -180,7 +180,7 @@ def tell_results(
             )
         )
     if plots:
-        draw_figures(folder, loaded, summary, table)
+        draw_figures(folder, loaded, summary, table, say=say)
     say(f"wrote {folder}")
     return ok, not (audited["beyond"] > 0).any()
 
@@ -250,16 +250,22 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
 
 
+_DRAWN = 12  # outcomes, the first by rank: a review reads no hundred histograms
 # cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit
 # into memory
 _BANDED = 20_000
 
 
 def draw_figures(
-    folder: Path, loaded: "Campaign", summary: "Rows | Stream", table: "pd.DataFrame | None" = None
+    folder: Path,
+    loaded: "Campaign",
+    summary: "Rows | Stream",
+    table: "pd.DataFrame | None" = None,
+    every: bool = False,
+    say: Callable[[str], None] = click.echo,
 ) -> list[Path]:
-    """Draw bands of stored histories and histograms of outcomes into a run folder; returns their
-    paths."""
+    """Draw bands of stored histories and histograms of outcomes, of ``every`` one or of the first
+    twelve by rank, into a run folder; returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
@@ -285,6 +291,11 @@ def draw_figures(
         if loaded.reference
         else sorted(varied, key=_interest)
     )
+    if len(outcomes) > _DRAWN and not every:
+        say(
+            f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
+        )
+        outcomes = outcomes[:_DRAWN]
     return written + histogram_figures(
         {name: summary.histogram(name) for name in outcomes},
         folder,

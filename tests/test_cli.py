@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -117,6 +118,19 @@ def test_plots(copied):
     assert (copied / "notes.txt").read_text(encoding="utf-8") == "mine"
     assert sorted(copied.glob("*.png")) == figures
     assert re.search(r"^3/3 cases, \d+ cases/s, 0 s left, 0 failures$", result.stderr, re.M)
+
+
+def test_the_figures_that_matter(copied, monkeypatch):
+    """By default of a few outcomes, the first by rank, and it says so; of all if asked."""
+    for name in call("plot", copied).stdout.split():
+        Path(name).unlink()
+    monkeypatch.setattr("sepmc.cli_output._DRAWN", 2)
+    result = call("plot", copied)
+    assert len(list(copied.glob("hist_*.png"))) == 2
+    assert re.search(r"histograms of 2 of \d+ outcomes; sepmc plot .* --all", result.stderr)
+    result = call("plot", copied, "--all")
+    assert len(list(copied.glob("hist_*.png"))) > 5
+    assert not result.stderr
 
 
 def test_options_reach_the_run(campaign, tmp_path):
