@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
+from sepmc.engine import call_types
 from sepmc.engine.blocks import compile_blocks
 from sepmc.engine.compilers import Progress, compile_all
 from sepmc.engine.pieces import table
@@ -86,6 +87,7 @@ def serve() -> None:
     done."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what anything prints is no answer
+    call_types.keep()
     for line in sys.stdin:
         name = line.strip()
         if name == _BLOCKS:
