@@ -113,7 +113,7 @@ class Case:
         return self.ends(start, joint.bodies, joint.second_point is not None)
 
     def joint_axis(self, name: str, k: int) -> Value:
-        """Axis k of a joint, layout axes."""
+        """Axis k of a joint, in body axes of the first body."""
         return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 3 * k, 3)
 
     def apart(self, name: str) -> Value:

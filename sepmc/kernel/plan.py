@@ -144,10 +144,13 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
 
 def body_order(scene: Scene) -> list[str]:
     """Bodies in the order of a kernel: those that move, then the ground if anything names it."""
-    named = {b for joint in scene.joint.values() for b in joint.bodies} | {
-        b for spring in scene.spring for b in spring.bodies
-    }
-    return [*scene.body, GROUND] if GROUND in named else list(scene.body)
+    return [*scene.body, GROUND] if is_ground_named(scene) else list(scene.body)
+
+
+def is_ground_named(scene: Scene) -> bool:
+    """Whether a joint or a spring connects a body to the ground."""
+    pairs = [j.bodies for j in scene.joint.values()] + [s.bodies for s in scene.spring]
+    return any(GROUND in bodies for bodies in pairs)
 
 
 def _parameters(

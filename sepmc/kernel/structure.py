@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from sepmc.kernel.conditions import Leaf, make_conditions
 from sepmc.kernel.heights import may_pass_borders
 from sepmc.kernel.naming import Names
-from sepmc.kernel.plan import Plan
+from sepmc.kernel.plan import Plan, is_ground_named
 from sepmc.kernel.shape import (
     Change,
     Event,
@@ -388,12 +388,8 @@ def _stage(
     made = Stage(
         name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])]
     )
-    named = {b for joint in scene.joint.values() for b in joint.bodies} | {
-        b for spring in scene.spring for b in spring.bodies
-    }
-    alone: list[tuple[str, ...]] = [
-        (body,) for body in [*bodies, GROUND] if body != GROUND or GROUND in named
-    ]
+    ground = [GROUND] if is_ground_named(scene) else []
+    alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]
     largest = [
         (row.joint, row.code)
         for row in made.every_row
@@ -429,7 +425,7 @@ def _stage(
         if redundant
         else []
     )
-    made.groups = [group for group in made.groups if group != (GROUND,) or GROUND in named]
+    made.groups = [group for group in made.groups if group != (GROUND,) or ground]
     made.rows = [row for number, row in enumerate(rows) if number not in dependent]
     made.dropped = [rows[number] for number in dependent]
     return made

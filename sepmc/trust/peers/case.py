@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 GROUND = "ground"
+# of a case, that peers fly, or that do not move a body
+_TABLES = {"body", "joint", "motor", "spring", "load", "proximity", "phase", "release", "clearance"}
+_TABLES |= {"environment", "initial", "run", "solver", "output"}
 Array = np.ndarray
 
 
@@ -151,7 +154,8 @@ class Case:
 
     def _refuse(self) -> None:
         """What no peer flies is told, not left out in silence."""
-        lost = [
+        lost = [f"[{table}]" for table in self.data if table not in _TABLES]
+        lost += [
             f"friction of {n}"
             for n, j in self.data.get("joint", {}).items()
             if (j.get("guide") or {}).get("friction")
