@@ -550,7 +550,7 @@ def test_late_beyond_the_end(pair):
 
 def test_fails(pods):
     """The left pod's slider does not let go, the right one's does: a status, a release time that is
-    NaN, and all other outcomes."""
+    NaN, and all other outcomes, but for the flow past a core at rest."""
     until = {"joint": "left", "stroke_mm": 10.0}
     steps = [
         ({"hold": "fixed", "left": "slider", "right": "slider"}, until),
@@ -563,6 +563,8 @@ def test_fails(pods):
     assert {name for name, value in outcomes.items() if math.isnan(value)} == {
         "left_release_time_s",
         "hold_release_time_s",
+        "core_alpha_deg",
+        "core_beta_deg",
     }
     assert_allclose(outcomes["right_release_time_s"], 0.1, rtol=0, atol=EXACT)
     assert list(dict.fromkeys(history["phase"])) == ["p0", "p1"]
