@@ -346,8 +346,8 @@ def slope(angle_deg, g=9.80665):
     )
 
 
-@pytest.mark.parametrize("formulation", ["reduced", "full"])
-def test_coulomb_on_a_slope(pair, formulation):
+@pytest.mark.parametrize(("formulation", "end"), [("reduced", 0.2), ("full", 0.05)])
+def test_coulomb_on_a_slope(pair, formulation, end):
     """The mass centre stands over the pin's middle, so its ends carry m g cos a in all: a = g sin a
     - mu g cos a v / sqrt(v^2 + v0^2).
 
@@ -359,7 +359,7 @@ def test_coulomb_on_a_slope(pair, formulation):
         joint__pins__guide=rubbing(0.2, slip_speed_m_s=1e-3),
         solver__formulation=formulation,
         solver__step_s=1e-3,
-        run__end_time_s=0.2,
+        run__end_time_s=end,
     )
     history, outcomes = flown(pair(scene | settings))
     v = history["pins_separation_speed_m_s"]
@@ -368,7 +368,7 @@ def test_coulomb_on_a_slope(pair, formulation):
         drive - 0.2 * normal * v / np.hypot(v, 1e-3),
         rtol=1e-10,
     )
-    assert_allclose(v.iloc[-1], (drive - 0.2 * normal) * 0.2, rtol=2e-3)
+    assert_allclose(v.iloc[-1], (drive - 0.2 * normal) * end, rtol=0, atol=1e-3)
     assert outcomes["energy_residual"] <= 1e-7
 
 
@@ -403,7 +403,7 @@ def test_friction_stops_a_slider(pair):
     guide = rubbing(0.1, slip_speed_m_s=1e-4)
     history, outcomes = flown(
         pair(
-            cart(load=load, joint__pins__guide=guide, run__end_time_s=0.6, solver__step_s=2e-4)
+            cart(load=load, joint__pins__guide=guide, run__end_time_s=0.5, solver__step_s=2e-4)
             | {"output.loads": []}
         )
     )
