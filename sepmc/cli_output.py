@@ -140,9 +140,10 @@ def tell_results(
     summary: "Rows | Stream",
     say: Callable[[str], None],
     plots: bool,
-) -> tuple[int, bool]:
-    """Statistics to the screen and to files, and figures if wanted. Returns the number of cases
-    flown to the end, and whether their audit passes."""
+) -> int:
+    """Statistics to the screen and to files, and figures if wanted; an error if the run is not to
+    be trusted. Returns the exit code: 1 if no case was flown to the end, 3 if the audit failed or
+    the accuracy asked was not met, or else 0."""
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.campaign import store
     from sepmc.schema import Status
@@ -182,7 +183,23 @@ def tell_results(
     if plots:
         draw_figures(folder, loaded, summary, table, say=say)
     say(f"wrote {folder}")
-    return ok, not (audited["beyond"] > 0).any()
+    faults = (
+        (not ok, 1, "no case was flown to the end; see the column status"),
+        (
+            (audited["beyond"] > 0).any(),
+            3,
+            "the audit failed; shorten solver.step_s or look at the cases named in statistics.json",
+        ),
+        (
+            not accuracy.get("met", True),
+            3,
+            "the accuracy asked was not met; see the warning above",
+        ),
+    )
+    code, why = next(((code, why) for found, code, why in faults if found), (0, ""))
+    if code:
+        click.echo(f"error: {why}", err=True)
+    return code
 
 
 def _error(number: float | None) -> str:
