@@ -15,7 +15,8 @@ Array = np.ndarray
 THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
 _ANGLES = 360  # of a rim, at first
 _SECTORS = 8  # of a lip
-_ZOOMS = 9  # each narrows the angle, or the time, by ten
+_ZOOMS = 9  # each narrows the angle, or the time, by ten; at most
+_SAME = 1e-12  # m: two zooms in a row that gain no more have found what there is
 _STEPS, _FEW = 2000, 60  # of the projections, at most; where only the order of distances counts
 _PROVED = 1e-9  # m
 
@@ -157,6 +158,13 @@ def rim_distance(rim: tuple, shell: tuple) -> Array:
 
 def lip_distance(lip: tuple, solid: tuple) -> Array:
     """Least distances (n,) of circles, which stand as rims do, from solid frustums, m."""
+    # a least of every sector: where the solid is all but met, dips are narrow
+    n, each = len(lip[0]), _ANGLES // _SECTORS
+    grid = np.repeat(2.0 * np.pi / _ANGLES * np.arange(_ANGLES).reshape(_SECTORS, each), n, axis=0)
+    lip, solid = (
+        (np.tile(one[0], (_SECTORS, 1)), np.tile(one[1], (_SECTORS, 1)), *one[2:])
+        for one in (lip, solid)
+    )
     u, v = _in_plane(lip[1])
     flat = {}
 
@@ -169,14 +177,7 @@ def lip_distance(lip: tuple, solid: tuple) -> Array:
         points = points.reshape(-1, 3)
         return np.linalg.norm(points - on_frustum(points, flat[k]), axis=1).reshape(n, k)
 
-    # a least of every sector: where the solid is all but met, dips are narrow
-    each = _ANGLES // _SECTORS
-    starts = 2.0 * np.pi / _SECTORS * np.arange(_SECTORS)
-    grids = [
-        np.broadcast_to(start + 2.0 * np.pi / _ANGLES * np.arange(each), (len(lip[0]), each))
-        for start in starts
-    ]
-    return np.min([_zoom(distance, grid) for grid in grids], axis=0)
+    return _zoom(distance, grid).reshape(_SECTORS, -1).min(axis=0)
 
 
 def _in_plane(normal: Array) -> tuple[Array, Array]:
@@ -199,6 +200,7 @@ def _zoom(value: Callable[[Array], Array], angles: Array) -> Array:
     around it."""
     values = value(angles)
     width, rows = 2.0 * np.pi / _ANGLES, np.arange(len(angles))
+    least, idle = values.min(axis=1), 0
     for _ in range(_ZOOMS):
         chosen = np.argmin(values, axis=1)
         angle = angles[rows, chosen]
@@ -208,7 +210,11 @@ def _zoom(value: Callable[[Array], Array], angles: Array) -> Array:
             value(angles), np.where(np.arange(21) == 10, values[rows, chosen][:, None], np.inf)
         )
         width *= 0.1
-    return values.min(axis=1)
+        before, least = least, values.min(axis=1)
+        idle = 0 if np.any(before > least + _SAME) else idle + 1
+        if idle == 2:
+            break
+    return least
 
 
 def parts_of(body) -> list[tuple[bool, Array, Array, float, float, float]]:
@@ -328,12 +334,15 @@ def least_clearance(
     low = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]) & np.isfinite(values))
     best, when = np.inf, np.nan
     for i in low[np.argsort(values[low], kind="stable")][:3]:
-        least, time, width = np.inf, grid[i], np.diff(grid).max()
+        least, time, width, idle = np.inf, grid[i], np.diff(grid).max(), 0
         for _ in range(_ZOOMS + 1):
             near = np.clip(time + width * np.linspace(-1.0, 1.0, 25), times[0], times[-1])
             found = outline_distance(parts_a, parts_b, *motion(near))
+            idle = idle + 1 if found.min() >= least - _SAME else 0
             if found.min() <= least:
                 least, time = found.min(), near[np.argmin(found)]
+            if idle == 2:
+                break
             width *= 0.12
         if least < best:
             best, when = float(least), float(time)
