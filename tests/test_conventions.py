@@ -202,6 +202,23 @@ def test_still_air_has_no_direction(pair):
     assert single["fore_alpha_deg"] == pytest.approx(frame["fore_alpha_deg"][3], rel=1e-8)
 
 
+def test_a_load_carried_for_no_time(pair):
+    """1 kg held by 3 kg: 12 N on these are 3 N at the joint, 240 N more from 0.1 s on 63 N. It
+    breaks at 50 N, so at once, and its peak is what it carried until then."""
+    loads = [
+        UP_LOAD | {"force_N": [12.0, 0.0, 0.0]},
+        UP_LOAD | {"name": "jerk", "force_N": [240.0, 0.0, 0.0], "start_s": 0.1},
+    ]
+    held = {"name": "held", "joints": {"pins": "fixed"}}
+    held["until"] = {"joint": "pins", "force_N": 50.0}
+    campaign = pair(
+        {"load": loads, "phase": [held, {"name": "free"}], "output": {"loads": ["pins"]}}
+    )
+    outcomes = campaign.simulate().attrs["outcomes"]
+    close(outcomes["release_time_s"], 0.1)
+    close(outcomes["pins_peak_force_N"], 3.0)
+
+
 def test_aerodynamic_signs():
     """q S (-C_A, C_N, -C_Y) and q S L (C_l, -C_n, C_m)."""
     assert aero_force(10.0, (0.1, 0.2, 0.3)) == (-1.0, 2.0, -3.0)

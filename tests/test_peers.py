@@ -76,5 +76,6 @@ def test_exudyn_is_of_second_order():
 def test_what_a_peer_does_not_fly_is_told():
     data = sepmc.load("table2.toml").case(0).to_dict()
     data["environment"]["atmosphere"] = "table"
-    with pytest.raises(NotImplementedError, match="tables of air"):
+    data["parachute"] = []
+    with pytest.raises(NotImplementedError, match=r"\[parachute\], tables of air"):
         Case(data)

@@ -88,8 +88,8 @@ def emit_results(text: Text, c: Context) -> None:
     inner = text.block(f"for k in range({o}):")
     inner(
         "outcomes[k, i] = w[OUT + k * LANES + l]",
-        f"free = k >= {bodies} or k % {at.BODY_OUTCOMES} < {at.FLOW_ANGLES}",
-        "sound = sound and (free or math.isfinite(outcomes[k, i]))",
+        f"may_lack = k >= {bodies} or k % {at.BODY_OUTCOMES} < {at.FLOW_ANGLES}",
+        "sound = sound and (may_lack or math.isfinite(outcomes[k, i]))",
     )
     for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES"):
         if slab in c.slabs.counts:

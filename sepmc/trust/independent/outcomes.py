@@ -92,8 +92,8 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
         angles = {
             "alpha": alpha if math.hypot(u[0], u[1]) >= _STILL else math.nan,
             "beta": beta if speed >= _STILL else math.nan,
+            "alpha_ref": follower.pitch[b] - reference,
         }
-        angles |= {"alpha_ref": follower.pitch[b] - reference}
         angles |= {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
         out |= {f"{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
         out |= {
