@@ -187,7 +187,7 @@ def run(
     quiet: bool,
 ) -> None:
     """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays
-    one of its cases."""
+    one of its cases. Exit code 1 if its status is not ok."""
     say = speaker(quiet)
     with plain_errors(quiet):
         loaded = _load(file, settings)
@@ -235,8 +235,9 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for note in history.attrs["notes"]:
             click.echo(f"warning: {note}", err=True)
-        if history.attrs["errors"]:
-            say(single_error_text(history.attrs["errors"], loaded))
+        error = single_error_text(history.attrs["outcomes"], history.attrs["errors"], loaded)
+        if error is not None:
+            say(error)
         how = "compiled" if history.attrs["compiled"] else "in plain Python"
         say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
         if not no_plots:
@@ -244,6 +245,7 @@ def run(
 
             run_figures(history, folder, loaded.plan.bodies, list(loaded.plan.joints))
         say(f"wrote {folder}")
+    sys.exit(0 if status is schema.Status.OK else 1)
 
 
 @main.command(short_help="Statistics of RUN again, from its files alone.")

@@ -212,16 +212,20 @@ def _number(error: float | None) -> float:
     return math.inf if error is None else error
 
 
-def single_error_text(errors: dict[str, float], loaded: "Campaign") -> str:
-    """How exact one case is, in a sentence."""
+def single_error_text(
+    outcomes: dict[str, float], errors: dict[str, float], loaded: "Campaign"
+) -> str | None:
+    """How exact one case is, in a sentence; None if nothing is told of an outcome that it has."""
     from sepmc.campaign.accuracy import decisive
 
     columns, step = loaded.outcome_columns, loaded.scene.solver.step
     settled = {
         c.name: errors[c.name]
         for c, decides in zip(columns, decisive(columns), strict=True)
-        if decides
+        if decides and c.name in errors and not math.isnan(outcomes[c.name])
     }
+    if not settled:
+        return None
     worst = max(settled, key=lambda name: settled[name])
     how = (
         f", asked {loaded.scene.solver.accuracy:g}"

@@ -371,6 +371,24 @@ joints = { pins = "fixed" }
 """
 
 
+def test_a_single_run_that_fails_ends_with_1(tmp_path):
+    """With its status, and without an error of outcomes that it does not have."""
+    file = tmp_path / "tumbling.toml"
+    air = "{ altitude_m = [-9.0, 9.0], density_kg_per_m3 = [1.0, 1.0] }"
+    text = SPINNING.replace('{ atmosphere = "none"', f'{{ atmosphere = "table", air = {air}')
+    file.write_text(
+        text.replace("end_time_s = 20.0", "end_time_s = 0.5")
+        + "[body.aft.aerodynamics]\nreference_area_m2 = 1.0\nreference_length_m = 1.0\n"
+        + "table = { alpha_deg = [-5.0, 5.0], pitch = [0.0, 0.0] }\n",
+        encoding="utf-8",
+    )
+    arguments = ["run", str(file), "--no-plots", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(cli.main, arguments)
+    assert result.exit_code == 1, result.output
+    assert "outside-table" in result.stdout
+    assert "numerical error" not in result.stdout
+
+
 def test_failed_audit_ends_with_3(tmp_path):
     """A joint that drifts apart uncorrected, in cases that are otherwise ok: said, stored, and an
     exit code of its own."""

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sepmc.physics import quat
-from sepmc.physics.aerodynamics import aero_force, aero_moment, flow_angles, unless_still
+from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -179,8 +179,8 @@ def test_alpha_and_beta():
 def test_still_air_has_no_direction(pair):
     """A body held still by the ground, without wind: its angles are no numbers, its case is ok. Air
     along the z axis has a sideslip, but no angle of attack."""
-    assert_allclose(unless_still((9e-7, 0.0, 2e-6), (1.0, 2.0)), [math.nan, 2.0])
-    assert_allclose(unless_still((9e-7, 0.0, 1e-7), (1.0, 2.0)), [math.nan, math.nan])
+    assert_allclose(angles_told((9e-7, 0.0, 2e-6), (1.0, 2.0)), [math.nan, 2.0])
+    assert_allclose(angles_told((9e-7, 0.0, 1e-7), (1.0, 2.0)), [math.nan, math.nan])
     campaign = pair(
         {
             "joint.stand": {"bodies": ["ground", "aft"], "point_m": [3.0, 0.1, 0.0]},
@@ -200,6 +200,30 @@ def test_still_air_has_no_direction(pair):
     single = campaign.simulate(campaign.case(3)).attrs["outcomes"]
     assert math.isnan(single["aft_alpha_deg"])
     assert single["fore_alpha_deg"] == pytest.approx(frame["fore_alpha_deg"][3], rel=1e-8)
+
+
+def test_air_from_right_behind(pair):
+    """A body pushed back in still air has an angle of attack of 180 deg, never of -180 as the sign
+    of a round-off has it: that would be an error of a turn."""
+    assert_allclose(angles_told((-1.0, 1e-13, 0.0), (-math.pi, 0.0)), [math.pi, 0.0])
+    assert_allclose(angles_told((-1.0, 1e-11, 0.0), (-math.pi, 0.0)), [-math.pi, 0.0])
+    assert_allclose(angles_told((1.0, 1e-13, 0.0), (-1e-13, 0.0)), [-1e-13, 0.0])
+    campaign = pair(
+        {
+            "initial.speed_m_s": 0.0,
+            "load": [UP_LOAD | {"body": "aft", "force_N": [-10.0, 0.0, 0.0]}],
+            "phase": [{"name": "free"}],
+            "dispersion": {
+                "initial.pitch_deg": {"uniform": [0.0, 80.0]},
+                "initial.yaw_deg": {"uniform": [0.0, 80.0]},
+            },
+        }
+    )
+    with flown_plainly():
+        result = campaign.run(cases=16, seed=1)
+    frame = result.to_pandas()
+    assert_allclose(frame["aft_alpha_deg"], 180.0, rtol=1e-15)
+    assert result.accuracy.met
 
 
 def test_a_load_carried_for_no_time(pair):

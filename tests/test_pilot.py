@@ -15,7 +15,9 @@ import sepmc
 from sepmc import cli
 from sepmc.campaign import cases, chunks, pilot, search
 from sepmc.campaign.accuracy import SAFETY, achieved, decisive, errors, scene_scales
+from sepmc.campaign.flight import Flight, _is_like_trials
 from sepmc.campaign.remarks import unmet
+from sepmc.engine.door import Block
 from sepmc.schema import Status
 from sepmc.trust.independent import fly as fly_independently
 
@@ -690,6 +692,14 @@ def test_a_flow_almost_from_the_side(pair):
     assert abs(rows["fore_alpha_deg"][worst] - right) <= result.accuracy.errors[
         "fore_alpha_deg"
     ] * abs(right)
+
+
+def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
+    """Sideslip of still air; one beyond what trial cases had is."""
+    usual = Flight(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
+    found = np.array([[0.4], [0.6], [NAN]])
+    block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
+    assert_array_equal(_is_like_trials(usual, block), [True, False, True])
 
 
 def test_histories_have_an_error_of_their_own(pair):

@@ -156,7 +156,7 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
         return np.ones(len(block.status), dtype=bool)
     like = block.guarded & (block.guards <= flight.limits).all(axis=1)
     for column, limit in flight.angles.items():
-        like &= np.abs(block.outcomes[:, column]) <= limit
+        like &= ~(np.abs(block.outcomes[:, column]) > limit)  # NaN: no angle that could be wrong
     return np.asarray(like)
 
 

@@ -6,6 +6,7 @@ from sepmc.jit import formula
 from sepmc.physics.elementary import arctan2
 
 STILL = 1e-6  # m/s: slower air has no direction that could be told from round-off
+BEHIND = 1e-12  # of the speed: what is further off the axis is no round-off
 
 
 @formula
@@ -19,13 +20,15 @@ def flow_angles(u):
 
 
 @formula
-def unless_still(u, angles):
-    """Angle of attack and sideslip, given the air-relative velocity in body axes; none where the
-    air is still, no angle of attack where it moves across the plane of symmetry only."""
+def angles_told(u, angles):
+    """Angle of attack and sideslip as they are told, given the air-relative velocity in body axes:
+    none where the air is still, no angle of attack where it moves across the plane of symmetry
+    only; with air from right behind, pi, not pi of the sign of a round-off."""
     along = math.sqrt(u[0] * u[0] + u[1] * u[1])
     moving = math.sqrt(along * along + u[2] * u[2])
+    behind = abs(u[1]) < -BEHIND * u[0]
     return (
-        math.nan if along < STILL else angles[0],
+        math.nan if along < STILL else math.pi if behind else angles[0],
         math.nan if moving < STILL else angles[1],
     )
 

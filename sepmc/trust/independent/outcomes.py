@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _SINGULAR = math.radians(89.0)
 _STILL = 1e-6  # m/s: airspeed below which it is told to have no direction
+_BEHIND = 1e-12  # of the airspeed: air is told to come from right behind
 _SLOW = 1e-5  # m/s: below which round-off may tell in it
 
 
@@ -59,12 +60,13 @@ def _nearest(angle: Any, last: Any) -> Any:
 
 def vague(flight: "IndependentFlight") -> tuple[str, ...]:
     """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the
-    crosswind is left; times of flat peaks. And places of least clearances, and when bodies that
-    meet are nearest, which this flight does not tell."""
+    crosswind is left or air is nearly from behind; times of flat peaks. And places of least
+    clearances, and when bodies that meet are nearest, which this flight does not tell."""
     s, found = flight.state(flight.t, flight.y), []
     for b, name in enumerate(flight.vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
-        if 0.1 * _STILL < math.hypot(u[0], u[1]) < _SLOW:
+        nearly_behind = 0.1 * _BEHIND < abs(u[1] / u[0]) < 1e3 * _BEHIND if u[0] < 0.0 else False
+        if nearly_behind or 0.1 * _STILL < math.hypot(u[0], u[1]) < _SLOW:
             found.append(f"{name}_alpha_deg")
         if 0.1 * _STILL < np.linalg.norm(u) < _SLOW:
             found.append(f"{name}_beta_deg")
@@ -89,6 +91,8 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
     for b, name in enumerate(vehicle.names):
         u = flight.loads.air_velocity(flight.t, s, b)
         speed, alpha, beta = air_angles(u)
+        if abs(u[1]) < -_BEHIND * u[0]:
+            alpha = math.pi
         angles = {
             "alpha": alpha if math.hypot(u[0], u[1]) >= _STILL else math.nan,
             "beta": beta if speed >= _STILL else math.nan,
