@@ -22,7 +22,7 @@ CAMPAIGNS = (
     "residual-thrust.toml",
     str(Path(__file__).parent / "nozzle.toml"),
 )
-STEP_S, ROWS_S = 0.01, 0.001  # of the fine flight, by a method of order eight, and of its rows
+STEP_S, ROWS_S = 0.01, 0.0005  # of the fine flight, by a method of order eight, and of its rows
 
 
 def exact(campaign, case, history=None):
