@@ -108,7 +108,7 @@ def difference(campaign, found, expected):
 def agree(campaign, most=1e-9):
     """At four times the steps, and by independent flights; returns how many cases the kernel does
     not vouch for."""
-    flight = pilot.plan_flight(campaign)
+    flight = pilot.plan_flight(campaign, history=campaign.scene.run.history_step > 0.0)
     assert flight.achieved.met
     drawn = draws(campaign)
     failing = [
@@ -146,8 +146,9 @@ def flight(quiet):
     "name", ["table1", "table2", "nasa-fixed-joint", "spring-pushers", "residual-thrust"]
 )
 def test_shipped_campaigns_agree(name):
-    """With independent flights: 1e-9 of every outcome's size or scatter."""
-    assert agree(shipped(name)) == 0
+    """With independent flights: 1e-9 of every outcome's size or scatter; by the kernel that flies
+    it as it is shipped."""
+    assert agree(sepmc.load(name)) == 0
 
 
 @pytest.mark.slow
@@ -192,9 +193,9 @@ def test_small_scenes_agree(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "hanging"])
 def test_small_scenes_are_flown_whole(name):
-    """Through `run`: what the kernel left is there too, and the audit is small."""
+    """Through `run`: the audit is small. What a kernel leaves to others is in `test_any_order`."""
     campaign = with_all_loads(scene(name)).with_settings(QUIET)  # by the kernel that agrees
     table = campaign.run(cases=COUNT, seed=campaign.scene.run.seed).to_pandas()
     assert set(table["status"]) <= {"ok", "never-released"}

@@ -146,7 +146,13 @@ class _SingleFlight:
     def _learn(self, steps: np.ndarray) -> np.ndarray | None:
         """How long phases last, so that later flights look for their ends where they are, from one
         in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
+        solver, most = self.plan.scene.solver, _MOST if self.compiled else _PLAIN
+        assert solver.step is not None
+        known = self.kernel.stages == 1  # it lasts as long as the flight
+        affordable = most * solver.step / self.plan.scene.run.end_time
         for times in _TO_LEARN:
+            if times > _TO_LEARN[0] and (known or times > affordable):
+                break
             found, status, _ = self._once(times * steps)
             if status != FINER_STEPS:
                 return found.copy() if 0 <= status <= Status.NEVER_RELEASED else None
