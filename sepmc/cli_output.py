@@ -108,8 +108,9 @@ def counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
 def timing_line(result: "Result") -> str:
     """How many cases were flown, and the seconds of each stage, as a line of text."""
     flown = sum(result.status_counts.values())
+    said = {"compile": "compile and trial flights"}
     return f"{flown} cases: " + ", ".join(
-        f"{stage} {seconds:.3f} s" for stage, seconds in result.timing.items()
+        f"{said.get(stage, stage)} {seconds:.3f} s" for stage, seconds in result.timing.items()
     )
 
 

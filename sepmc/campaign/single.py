@@ -2,6 +2,7 @@
 scene, as plain Python if that does."""
 
 import math
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ _HOPELESS = 256  # with so many, a case that ends with no numbers will not have 
 # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
 _CLEARER = 1024
 _PLAIN = 2048  # steps of a stage: more take plain Python minutes, and a compiler less
+_EVERY_S = 10.0  # between two words on how far it is
 _MOST = 2**20  # of which a case that will not settle takes no more
 _SAME_TIME = 1e-12  # s
 _NONE = np.empty((0, 3))  # instants of which rows are wanted
@@ -111,6 +113,7 @@ class _SingleFlight:
         self.usual, self.ends = np.full(stages, np.inf), np.zeros(stages)
         self.changes = np.empty(0)  # times at which joints let go within stages
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
+        self.begun = self.told = time.perf_counter()
 
     @property
     def finite(self) -> bool:
@@ -162,6 +165,11 @@ class _SingleFlight:
         self, steps: np.ndarray, instants: np.ndarray = _NONE
     ) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.stages, steps
+        if self.announce and time.perf_counter() - self.told > _EVERY_S:
+            self.told = time.perf_counter()
+            given = self.plan.scene.solver.step is not None
+            how = "" if given else f", now in {steps.max()} steps a phase"
+            self.announce(f"still flying after {self.told - self.begun:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = fly_everything(
             self.kernel, self.plan, steps, self.usual, instants
         )

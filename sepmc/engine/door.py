@@ -279,7 +279,7 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
         if announce:
             announce(
                 f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some "
-                "ten seconds) ..."
+                "seconds each) ..."
             )
         cache.compile_apart(names, _now_and_then(announce))
     return cache.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])
