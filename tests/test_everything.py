@@ -99,7 +99,7 @@ def test_run_folder_is_the_campaign_again(campaign, result):
     flown = again.run().table
     for name, values in result.table.items():
         assert_array_equal(flown[name], values, err_msg=name)
-    for number in (0, 19):
+    for number in (0, 7, 19):
         history = again.simulate(again.case(number), step_s=0.05)
         assert history.attrs["status"] == result.table["status"][number]
         for name in result.outcomes:
@@ -118,16 +118,18 @@ def test_run_folder_is_the_campaign_again(campaign, result):
 
 
 def test_full_gives_the_same(campaign, result):
-    """Both formulations on everything there is: 1e-9 of an outcome's size, and what both flights
+    """Both formulations on everything there is: 1e-9 of an outcome's size, and what both kernels
     tell as their errors at the step given."""
-    full = campaign.with_settings({"solver.formulation": "full"})
-    flown = full.simulate(full.case(0)).attrs
+    full = campaign.with_settings({"solver.formulation": "full"}).run(cases=3)
     for name in result.outcomes:
-        found, expected = flown["outcomes"][name], result.table[name][0]
-        told = 1e-9 + flown["errors"][name] + result.accuracy.errors.get(name, 0.0)
+        found, expected = full.table[name], result.table[name][:3]
+        told = 1e-9 + full.accuracy.errors.get(name, 0.0) + result.accuracy.errors.get(name, 0.0)
         scale = np.nanmax(np.abs(result.table[name]), initial=1e-6)
-        if not name.endswith(AS_SHARP_AS_A_ROOT):
-            assert found == pytest.approx(expected, rel=0.0, abs=told * scale, nan_ok=True), name
+        if not name.endswith(
+            ("_time_s", "_station_m", "_y_m", "_z_m")
+        ):  # places and times of a least distance or peak are as sharp as its root
+            assert_array_equal(np.isnan(found), np.isnan(expected))
+            assert np.nanmax(np.abs(found - expected), initial=0.0) <= told * scale, name
 
 
 def test_replayed_by_the_command(result, tmp_path):
