@@ -9,6 +9,9 @@ from numpy.testing import assert_allclose
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 
+from sepmc.campaign.flight import Flight
+from sepmc.campaign.remarks import remarks
+
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
 STILL = FREE | {"initial.speed_m_s": 0.0, "initial.altitude_m": 0.0}
 PUSH = {
@@ -571,3 +574,26 @@ def test_dispersed_loads(pair):
     )
     force, start, end = (table[f"in_load_pull_{key}"] for key in ("force_x_N", "start_s", "end_s"))
     assert_allclose(table["separation_speed_m_s"], -force * (end - start), rtol=1e-12)
+
+
+def test_loads_that_do_nothing_are_said(pair):
+    """A load, spring or motor of no force that no law gives one; a tail-off without burn-out."""
+    spring = PUSH | {"force_N": 0.0}
+    load = {"name": "gust", "body": "fore"}
+    motors = [MOTOR | {"thrust_N": 0.0}, MOTOR | {"name": "slow", "tail_off_s": 0.5}]
+    given = {"uniform": [0.0, 1.0]}
+    laws = {
+        "load.gust.moment_N_m.y": given,
+        "spring.push.damping_N_s_per_m": given,
+        "motor.push.thrust_N": given,
+        "motor.slow.burn_s": {"uniform": [0.1, 0.2]},
+    }
+    scene = FREE | {"spring": [spring], "load": [load], "motor": motors}
+    not_flown = Flight(None, None, None)
+    assert remarks(pair(scene | {"dispersion": laws}), not_flown) == []
+    assert [note.partition(" does nothing")[0] for note in remarks(pair(scene), not_flown)] == [
+        "motor.push",
+        "motor.slow.tail_off_s = 0.5",
+        "load.gust",
+        "spring.push",
+    ]

@@ -5,7 +5,6 @@ Trial cases depend on the scene and its laws only, not on the seed or the number
 how a campaign is flown.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -24,7 +23,16 @@ from sepmc.campaign.accuracy import (
     scene_scales,
 )
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import SAFE, Flight, Say, Spare, fly, fly_once, history_rows
+from sepmc.campaign.flight import (
+    SAFE,
+    Flight,
+    Say,
+    Spare,
+    fly,
+    fly_once,
+    history_rows,
+    now_and_then,
+)
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
 from sepmc.campaign.settle import Fly, longest_step, settle
@@ -50,7 +58,6 @@ _WORST = 24
 # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
 # times as large
 _ALIKE = 1.25
-_EVERY_S = 10.0  # between two words on how many trial cases were flown
 _UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
 # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few
 # errors add up
@@ -268,15 +275,12 @@ def _tell_trials(announce: Say | None) -> None:
 
 def _counted(announce: Say | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
-    begun = last = time.perf_counter()
-    total = 0
+    tell, total = now_and_then(announce), 0
 
     def count(flights: int) -> None:
-        nonlocal total, last
-        total, now = total + flights, time.perf_counter()
-        if announce and now - last > _EVERY_S:
-            last = now
-            announce(f"{total} flights of trial cases in {now - begun:.0f} s ...")
+        nonlocal total
+        total += flights
+        tell(lambda seconds: f"{total} flights of trial cases in {seconds:.0f} s ...")
 
     return count
 

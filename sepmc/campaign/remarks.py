@@ -1,5 +1,10 @@
 """What a person should know of a campaign that is flown: an accuracy that is not met, a nominal
-case that goes together, not apart."""
+case that goes together, not apart; loads that do nothing."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
 
 from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
@@ -17,7 +22,12 @@ _TOGETHER = 1e-3
 
 def remarks(campaign: Definition, flight: Flight) -> list[str]:
     """Sentences on the scene of a campaign, from the flight of its nominal case."""
-    found = [*campaign.file.no_effect, *overshooting(campaign.scene)]
+    dispersed = {d.parameter.path for d in campaign.file.dispersions}
+    found = [
+        *campaign.file.no_effect,
+        *idle(campaign.scene, dispersed),
+        *overshooting(campaign.scene),
+    ]
     if flight.nominal is None:
         return found
     outcomes = {
@@ -25,6 +35,42 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
         for c, x in zip(campaign.outcome_columns, flight.nominal, strict=True)
     }
     return found + together(campaign.scene, outcomes, "the nominal case")
+
+
+def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
+    """A sentence for each load that does nothing, and for a tail-off that never begins; the
+    parameters at these paths are ``dispersed``."""
+
+    def is_zero(place: str, **numbers: float | tuple[float, ...]) -> bool:
+        paths = tuple(f"{place}.{key}" for key in numbers)
+        return not np.any(np.hstack(list(numbers.values()))) and not any(
+            path.startswith(paths) for path in dispersed
+        )
+
+    for motor in scene.motor:
+        place = f"motor.{motor.name}"
+        if is_zero(place, thrust=motor.thrust):
+            yield f"{place} does nothing: thrust_N is 0"
+        elif (
+            motor.tail_off
+            and math.isinf(motor.burn)
+            and motor.profile is None
+            and f"{place}.burn" not in dispersed
+        ):
+            yield (
+                f"{place}.tail_off_s = {motor.tail_off:g} does nothing: the motor never burns out; "
+                "give burn_s or a profile"
+            )
+    for load in scene.load:
+        if is_zero(f"load.{load.name}", force=load.force, moment=load.moment):
+            yield f"load.{load.name} does nothing: give force_N or moment_N_m"
+    for spring in scene.spring:
+        forces = {key: getattr(spring, key) for key in ("force", "stiffness", "damping")}
+        if is_zero(f"spring.{spring.name}", **forces):
+            yield (
+                f"spring.{spring.name} does nothing: give force_N, stiffness_N_per_m or "
+                "damping_N_s_per_m"
+            )
 
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:

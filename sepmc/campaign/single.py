@@ -2,14 +2,13 @@
 scene, as plain Python if that does."""
 
 import math
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
-from sepmc.campaign.flight import Say, final_status, motion_is_finite, usual_lengths
+from sepmc.campaign.flight import Say, final_status, motion_is_finite, now_and_then, usual_lengths
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel
 from sepmc.kernel.emit import emit
@@ -28,7 +27,6 @@ _HOPELESS = 256  # with so many, a case that ends with no numbers will not have 
 # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
 _CLEARER = 1024
 _PLAIN = 2048  # steps of a stage: more take plain Python minutes, and a compiler less
-_EVERY_S = 10.0  # between two words on how far it is
 _MOST = 2**20  # of which a case that will not settle takes no more
 _SAME_TIME = 1e-12  # s
 _NONE = np.empty((0, 3))  # instants of which rows are wanted
@@ -113,7 +111,7 @@ class _SingleFlight:
         self.usual, self.ends = np.full(stages, np.inf), np.zeros(stages)
         self.changes = np.empty(0)  # times at which joints let go within stages
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
-        self.begun = self.told = time.perf_counter()
+        self.tell = now_and_then(announce)
 
     @property
     def finite(self) -> bool:
@@ -165,11 +163,9 @@ class _SingleFlight:
         self, steps: np.ndarray, instants: np.ndarray = _NONE
     ) -> tuple[np.ndarray, int, np.ndarray]:
         stages, self.steps = self.kernel.stages, steps
-        if self.announce and time.perf_counter() - self.told > _EVERY_S:
-            self.told = time.perf_counter()
-            given = self.plan.scene.solver.step is not None
-            how = "" if given else f", now in {steps.max()} steps a phase"
-            self.announce(f"still flying after {self.told - self.begun:.0f} s{how} ...")
+        given = self.plan.scene.solver.step is not None
+        how = "" if given else f", now in {steps.max()} steps a phase"
+        self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = fly_everything(
             self.kernel, self.plan, steps, self.usual, instants
         )
