@@ -14,6 +14,22 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.compiler import CompilerBase, PassManager
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import (
+    IRLegalization,
+    NativeLowering,
+    NoPythonBackend,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+)
+from numba.core.untyped_passes import (
+    FixupArgs,
+    GenericRewrites,
+    IRProcessing,
+    ReconstructSSA,
+    TranslateByteCode,
+)
 from numba.extending import intrinsic, overload
 from platformdirs import user_cache_dir
 
@@ -88,6 +104,42 @@ def is_module_cached(name: str) -> bool:
     return config.DISABLE_JIT or any(CACHE_FOLDER.glob(f"*/{name}.*.nbi"))
 
 
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(NativeLowering):
+    """Lowering without LLVM's passes over a function by itself: they took a quarter of the time to
+    compile a piece, and the passes over the module follow once its formulas are copied into it."""
+
+    def run_pass(self, state):
+        level, config.OPT = config.OPT, 0
+        try:
+            return super().run_pass(state)
+        finally:
+            config.OPT = level
+
+
+class Lean(CompilerBase):
+    """Numba's compiler for functions that have no closures, constant branches or overloads to
+    copy: without the passes that look for them."""
+
+    def define_pipelines(self):
+        passes = PassManager("lean")
+        for each, says in (
+            (TranslateByteCode, "bytecode"),
+            (FixupArgs, "arguments"),
+            (IRProcessing, "blocks"),
+            (GenericRewrites, "constant places of tuples"),
+            (ReconstructSSA, "one name for one value"),
+            (NopythonTypeInference, "types"),
+            (PreLowerStripPhis, "values that branches join"),
+            (IRLegalization, "ends of lives"),
+            (_Lowering, "lowering"),
+            (NoPythonBackend, "code"),
+        ):
+            passes.add_pass(each, says)
+        passes.finalize()
+        return [passes]
+
+
 # Wrappers make a function callable from Python. A process that only fills the cache needs none but
 # the door's (2 s of compiling).
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -152,8 +204,8 @@ def compiled_piece(signature):
         if config.DISABLE_JIT:
             return function
         with _own_cache():
-            return numba.cfunc(signature, cache=True, fastmath=_FASTMATH, error_model="numpy")(
-                function
-            )
+            return numba.cfunc(
+                signature, cache=True, pipeline_class=Lean, fastmath=_FASTMATH, error_model="numpy"
+            )(function)
 
     return compiled
