@@ -741,7 +741,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign import pilot
-from sepmc.kernel.pieces import split
+from sepmc.kernel.pieces import ALIKE, split
 from sepmc.engine import cache
 import sepmc
 text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
@@ -749,13 +749,13 @@ code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
         module = cache.module(cache.write([piece.text])[0])
-        code += getattr(module, piece.name)._library.get_asm_str().splitlines()
+        lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
+        code += [(piece.name, line) for line in lines]
 found, function = {}, None
-for line in code:
+for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
-    if label:
-        named = (f for f in ("rates_phase1", "rates_phase2", "rates_phase3") if f in label[1])
-        function = None if label[1].startswith("cfunc") else next(named, None)  # that only calls it
+    if label:  # a cfunc only calls it
+        function = name if ALIKE in label[1] and not label[1].startswith("cfunc") else None
     if ".cfi_endproc" in line:
         function = None
     if function:

@@ -14,6 +14,7 @@ from sepmc.engine.compilers import Progress, compile_all
 from sepmc.engine.pieces import table
 from sepmc.engine.written import Kernel
 from sepmc.jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
+from sepmc.kernel.pieces import ALIKE
 
 _BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
@@ -46,12 +47,12 @@ def module(name: str) -> ModuleType:
     return sys.modules[name]
 
 
-def load(pieces: Sequence[tuple[str, str]]) -> Kernel:
-    """A kernel from its pieces in the order of their table, the last of which is entered: names of
-    functions, and of their modules."""
+def load(names: Sequence[str]) -> Kernel:
+    """A kernel from the modules of its pieces in the order of their table, the last of which is
+    entered."""
     compile_blocks()
-    addresses = [getattr(module(name), function).address for function, name in pieces]
-    entry = module(pieces[-1][1])
+    addresses = [getattr(module(name), ALIKE).address for name in names]
+    entry = module(names[-1])
     return Kernel(
         addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES
     )

@@ -272,14 +272,13 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
         return plain.load(text)
     from sepmc.engine import cache  # noqa: PLC0415
 
-    pieces = split(text)
-    names = cache.write([piece.text for piece in pieces])
+    names = cache.write([piece.text for piece in split(text)])
     left = len(cache.missing(names))
     if left:
         if announce:
             announce(
-                f"compiling {left} of the {len(names)} pieces of this scene's kernel, once (some "
-                "seconds each) ..."
+                f"compiling {left} of the {len(set(names))} pieces of this scene's kernel, once "
+                "(some seconds each) ..."
             )
         cache.compile_apart(names, _now_and_then(announce))
-    return cache.load([(piece.name, name) for piece, name in zip(pieces, names, strict=True)])
+    return cache.load(names)

@@ -110,6 +110,12 @@ class Context:
         """Whether what joints carry in a phase is asked for."""
         return self.watches(stage) or bool(stage.loads) or self.history == FULL_HISTORY
 
+    def carried_by_rates(self, stage: Stage) -> bool:
+        """Whether the derivative in a phase gives what is followed of joints too: all but pins, and
+        redundant rows' least sum of squares."""
+        follows = self.watches(stage) or bool(stage.loads)
+        return follows and not stage.shares and not any(map(stage.sliding, self.guides))
+
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.shape.scene.clearance)

@@ -15,8 +15,9 @@ from sepmc.kernel.guides import emit_rub
 from sepmc.kernel.history import emit_history
 from sepmc.kernel.loads import emit_centre, emit_layers
 from sepmc.kernel.methods import method
-from sepmc.kernel.motion import emit_correct, emit_rates
+from sepmc.kernel.motion import emit_correct
 from sepmc.kernel.outcomes import emit_report
+from sepmc.kernel.rates import emit_rates
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.start import ZERO_AT_FIRST, emit_prepare, shared_size
 from sepmc.kernel.steps import (

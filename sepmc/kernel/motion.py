@@ -1,11 +1,10 @@
-"""The motion in a phase: the derivative of a state, what joints carry, and the correction of drift
-off the joints."""
+"""The motion in a phase: accelerations by loads and joints, and the correction of drift off the
+joints."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.kernel.context import Context, lose, part
-from sepmc.kernel.energy import power
 from sepmc.kernel.formulas import ZERO, quat, vec3
 from sepmc.kernel.full import FullSystem, Wrench, before_full
 from sepmc.kernel.geometry import State
@@ -13,38 +12,9 @@ from sepmc.kernel.loads import add_all, body_loads
 from sepmc.kernel.recorder import called
 from sepmc.kernel.rows import Factors, JointRow, Rows, Solver, check_pivots, is_finite, make_solver
 from sepmc.kernel.shape import Stage
-from sepmc.kernel.tables import call_look_up, emit_look_up
+from sepmc.kernel.tables import call_look_up
 from sepmc.kernel.text import Text
 from sepmc.scene.model import GROUND
-
-
-def emit_rates(out: Text, c: Context) -> None:
-    """Functions for the derivative in every phase, and one that calls that of the phase."""
-    for stage in c.shape.stages:
-        emit_look_up(out, c, stage)
-        _rates(out, c, stage)
-    text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
-    for number, stage in enumerate(c.shape.stages):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{stage.name}(w)")
-
-
-def _rates(out: Text, c: Context, stage: Stage) -> None:
-    """Derivative in a phase: loads, motion without the joints, what the joints add."""
-    what = [" and ".join(group) + " turn as one" for group in stage.groups if len(group) > 1]
-    what.append(f"{len(stage.rows)} constraint rows" if stage.rows else "nothing is constrained")
-    text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: {', '.join(what)}.")
-    before_motion(text, c, stage)
-    s = State(c, c.scope(), stage, "S")
-    motion = make_motion(s)
-    for body in c.shape.bodies:
-        s.scope.store(f"D + X_{body}", s.speed(body))
-        s.scope.store(f"D + V_{body}", motion.acceleration[body])
-    for leader in stage.leaders:
-        s.scope.store(f"D + Q_{leader}", quat.rate(s.quaternion(leader), s.rate(leader)))
-        s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
-    s.scope.comment("power of the loads")
-    s.scope.store("D + WORK", power(s, motion.force, motion.moment))
-    s.scope.write(text)
 
 
 def before_motion(text: Text, c: Context, stage: Stage) -> None:

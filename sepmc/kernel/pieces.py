@@ -1,8 +1,9 @@
 """A written module split into pieces, each compiled for itself and called by its address.
 
 Numba optimises a function anew in every function that calls it, so a module compiled as a whole
-costs two to three times its pieces. Pieces are compiled side by side, and kept by their own text: a
-scene that differs in its outputs compiles only what differs.
+costs two to three times its pieces. Pieces are compiled side by side, and kept by their own text,
+without the name: a scene that differs in its outputs compiles only what differs, and phases share
+what they have in common.
 
 A piece is a function of the workspace and numbers. Functions that take anything else stay with
 their callers.
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 ENTRY = "fly_block"
+ALIKE = "flown"  # the name of its function in every piece
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
 _MARKS = ("keep_apart()",)  # a line of a stage that a piece has no use for
 
@@ -84,7 +86,7 @@ class _Module:
                     needed[used] = self.meanings[used]
                     names += _loaded(self.meanings[used])
         lines = [
-            f'"""Piece of a written kernel: {name}."""',
+            '"""Piece of a written kernel."""',
             "",
             "from sepmc.engine.pieces import callee, piece, workspace",
         ]
@@ -102,7 +104,7 @@ class _Module:
                 if function != name or text.strip() not in _MARKS
             ]
             if function == name:
-                source = _as_piece(source, self.codes[name])
+                source = _as_piece(source, name, self.codes[name])
             lines += ["", "", *source]
         return Piece(name, "\n".join(lines) + "\n")
 
@@ -115,13 +117,14 @@ def split(text: str) -> list[Piece]:
     return [module.piece(name) for name in module.places]
 
 
-def _as_piece(source: list[str], codes: str) -> list[str]:
-    """Lines of a function whose workspace is given by its address."""
+def _as_piece(source: list[str], name: str, codes: str) -> list[str]:
+    """Lines of a function whose workspace is given by its address, without its name and what it
+    says."""
     lines = [f"@piece({codes!r})" if line.startswith("@") else line for line in source]
     head = next(i for i, line in enumerate(lines) if line.startswith("def "))
-    lines[head] = re.sub(r": [A-Za-z]+", "", lines[head]).replace("(w", "(address", 1)
+    lines[head] = re.sub(r": [A-Za-z]+", "", lines[head]).replace(f"{name}(w", f"{ALIKE}(address")
     says = next(i for i, line in enumerate(lines) if line.rstrip().endswith('"""') and i > head)
-    return [*lines[: says + 1], "    w = workspace(address)", *lines[says + 1 :]]
+    return [*lines[: head + 1], "    w = workspace(address)", *lines[says + 1 :]]
 
 
 def _codes(node: ast.FunctionDef) -> str | None:

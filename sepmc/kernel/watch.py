@@ -4,13 +4,12 @@ impulses; and phases that a load ends."""
 import math
 
 from sepmc.kernel.context import Context, part
-from sepmc.kernel.formulas import ZERO, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import note_guides, start_guides, watch_guide
 from sepmc.kernel.shape import Stage
 from sepmc.kernel.steps import emit_spread
 from sepmc.kernel.text import Text
-from sepmc.kernel.wrenches import before_wrenches, force_of, make_wrenches, moment_of
+from sepmc.kernel.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.routines import layout as at
 
 _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
@@ -33,7 +32,8 @@ def emit_watch(out: Text, c: Context) -> None:
     numbers = c.node_size
     c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", _scratch(c))
     for stage in stages.values():
-        _wrenches(out, c, stage)
+        if not c.carried_by_rates(stage):
+            _wrenches(out, c, stage)
     text = out.function(
         "load_joints(w, phase: int)",
         "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.",
@@ -43,7 +43,8 @@ def emit_watch(out: Text, c: Context) -> None:
     emit_spread(inner, c, "THETA")
     inner("sample(w, phase)")
     for place, (number, stage) in enumerate(stages.items()):
-        inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"wrenches_{stage.name}(w)")
+        what = "rates" if c.carried_by_rates(stage) else "wrenches"
+        inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"{what}_{stage.name}(w)")
     inner.block(f"for e in range({numbers} * LANES):")(
         f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]"
     )
@@ -143,24 +144,18 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
 
 
 def _wrenches(out: Text, c: Context, stage: Stage) -> None:
-    """A function for the loads of the joints that are followed, in a phase in which one of them
-    holds."""
+    """A function for the loads of the joints that are followed, in a phase whose derivative does
+    not give them."""
     says = (
         "Force and moment of every joint that is followed at the state S and the times CLOCK, "
         "in axes of its first body, into WRENCH"
     )
     says += "; and what is followed of guides." if c.guides else "."
     text = out.function(f"wrenches_{stage.name}(w)", says)
-    c.slabs.add("WRENCH", c.node_size)
     before_wrenches(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_wrenches(s)
-    for i, joint in enumerate(c.followed):
-        r = s.attitude(c.shape.scene.joint[joint].bodies[0])
-        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
-            s.scope.store(
-                part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
-            )
+    store_wrenches(s, motion)
     for joint, first, _, _ in c.noted_of_guides:
         for k, vector in enumerate(watch_guide(s, motion, joint) if stage.sliding(joint) else []):
             s.scope.store(part("WRENCH", first + 3 * k), vector)

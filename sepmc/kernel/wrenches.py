@@ -70,6 +70,18 @@ def make_wrenches(s: State) -> Motion:
     )
 
 
+def store_wrenches(s: State, motion: Motion) -> None:
+    """Force and moment of every joint that is followed, in axes of its first body, into WRENCH."""
+    with s.c.slabs.optional():
+        s.c.slabs.add("WRENCH", s.c.node_size)
+    for i, joint in enumerate(s.c.followed):
+        r = s.attitude(s.shape.scene.joint[joint].bodies[0])
+        for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
+            s.scope.store(
+                part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
+            )
+
+
 def force_of(motion: Motion, joint: str) -> Any:
     """Force on the second body of a joint, ground axes."""
     if motion.wrenches:
