@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
 from sepmc.campaign import pilot
@@ -64,10 +64,9 @@ def test_numbers_without_an_answer(plain, name):
 
 @pytest.mark.parametrize("n", [2, 24])
 @pytest.mark.parametrize("spoilt", ["", "rows alike", "zero row", "NaN", "last NaN"])
-def test_lu_by_rows_gives_the_same_bits(plain, n, spoilt):
-    """As the routine of the kernels, number by number; half of the numbers are zero, so that rows
-    change places."""
-    random = np.random.default_rng(7)
+def test_elimination_is_that_of_the_kernels(plain, n, spoilt):
+    """As the routine of the kernels; half of the numbers are zero, so that rows change places."""
+    random, size = np.random.default_rng(7), n * n + n
     for _ in range(20):
         matrix = random.normal(size=(n, n)) * (random.random((n, n)) < 0.5) + np.eye(n)
         if spoilt == "rows alike":
@@ -76,12 +75,16 @@ def test_lu_by_rows_gives_the_same_bits(plain, n, spoilt):
             matrix[1] = 0.0
         elif spoilt:
             matrix[(0, 1) if spoilt == "NaN" else (n - 1, n - 1)] = math.nan
-        by_rows = [*matrix.ravel().tolist(), *random.normal(size=n).tolist()]
-        one_by_one = np.array(by_rows)
-        pivot = linear.solve_lu.py_func(one_by_one, 0, n * n, n)
-        assert_array_equal(plain.linear.solve_lu(by_rows, 0, n * n, n), pivot)
-        if pivot > 0.0:
-            assert_array_equal(by_rows[n * n :], one_by_one[n * n :])
+        known = random.normal(size=n)
+        numbers = [*matrix.ravel().tolist(), *known.tolist(), *[0.0] * (size + n)]
+        routine_s = numbers[:size]
+        pivot = linear.solve_lu.py_func(routine_s, 0, n * n, n)
+        found = plain.linear.eliminate(numbers, 0, n, size, 2 * size)
+        assert found == pytest.approx(pivot, rel=1e-9)
+        solution = routine_s[n * n :] if pivot > 0.0 else np.full(n, math.nan)
+        assert_allclose(numbers[2 * size :], solution, rtol=1e-9, atol=1e-11)
+        if not spoilt:
+            assert_allclose(matrix @ numbers[2 * size :], known, rtol=0, atol=1e-12)
 
 
 def test_the_compiled_formulas_stay_as_they_are(plain):

@@ -240,44 +240,34 @@ def _in_python(module: ModuleType) -> None:
             setattr(module, name, _NUMPY)
         elif isinstance(value, np.ndarray):
             setattr(module, name, in_numbers(value))
-        elif name == "solve_lu":
-            setattr(module, name, partial(_solve_lu, dependent=vars(module)["_DEPENDENT"]))
+        elif name == "eliminate" and not isinstance(value, partial):
+            setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
         elif name == "put_cell":
             setattr(module, name, _put_cell)
         elif name in _ON_ARRAYS and not hasattr(value, "on_array"):
             setattr(module, name, _on_array(value))
 
 
-def _solve_lu(w: list[float], a: int, b: int, n: int, dependent: float) -> float:
-    """`linear.solve_lu`, rows as arrays: the same operations in the same order, ten times as fast
-    for 78 unknowns."""
-    matrix, known = np.array(w[a : a + n * n]).reshape(n, n), np.array(w[b : b + n])
-    largest = np.fmax.reduce(abs(matrix), axis=1, initial=0.0)
-    if not (largest > 0.0).all():
-        return 0.0
-    matrix /= largest[:, None]
-    known /= largest
-    smallest = 1.0
-    for k in range(n):
-        sizes = abs(matrix[k:, k])
-        p = k + int(np.where(np.isnan(sizes), -1.0, sizes).argmax()) if sizes[0] == sizes[0] else k
-        pivot = float(abs(matrix[p, k]))
-        if not pivot > dependent:
-            return 0.0
-        smallest = min(smallest, pivot)
-        if p != k:
-            matrix[[k, p]], known[[k, p]] = matrix[[p, k]], known[[p, k]]
-        rows = k + 1 + np.flatnonzero(matrix[k + 1 :, k])
-        factors = matrix[rows, k] / matrix[k, k]
-        matrix[rows, k + 1 :] -= factors[:, None] * matrix[k, k + 1 :]
-        known[rows] -= factors * known[k]
-    coefficients, solution = matrix.tolist(), known.tolist()
-    for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            solution[i] -= coefficients[i][j] * solution[j]
-        solution[i] /= coefficients[i][i]
-    w[b : b + n] = solution
-    return smallest
+def _eliminate(
+    routine: Any, dependent: float, w: list[float], place: int, n: int, scratch: int, out: int
+) -> float:
+    """`linear.eliminate` of one lane by LAPACK, which pivots alike: ten times as fast. What is no
+    number is left to the routine itself."""
+    from scipy.linalg import lapack  # noqa: PLC0415  (that other scenes do not need)
+
+    numbers = np.array(w[place : place + n * n + n])
+    if not np.isfinite(numbers).all():
+        return float(routine(w, place, n, scratch, out))
+    pivot, found = 0.0, np.full(n, math.nan)
+    matrix, side = numbers[: n * n].reshape(n, n), numbers[n * n :]
+    largest = abs(matrix).max(axis=1)
+    if largest.all():
+        factors, order, _ = lapack.dgetrf(matrix / largest[:, None])
+        pivot = float(abs(factors.diagonal()).min(initial=1.0))
+        if pivot > dependent:
+            found = lapack.dgetrs(factors, order, side / largest)[0]
+    w[out : out + n] = found.tolist()
+    return pivot if pivot > dependent else 0.0
 
 
 def _put_cell(
