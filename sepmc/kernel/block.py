@@ -59,6 +59,9 @@ def emit_block(out: Text, c: Context) -> None:
     )
     inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
     text("prepare(w)")
+    if c.history == at.FULL_HISTORY:
+        c.slabs.add("WANTS_ROWS", 1, optional=True)
+        text.lanes()("w[WANTS_ROWS + l] = 1.0 if table(a, 5).shape[0] > 0 else 0.0")
     if c.shape.borders:
         text("enter_layers(w)")
     if c.shape.borders or c.slabs.has("AIR"):

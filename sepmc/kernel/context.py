@@ -121,14 +121,13 @@ class Context:
         entries = enumerate(self.shape.scene.clearance)
         return [i for i, one in entries if one.after is None or stage.free(one.after)]
 
+    def follows(self, stage: Stage) -> bool:
+        """Whether outcomes or the end of a phase depend on states between the ends of its steps."""
+        return self.watches(stage) or bool(self.counted(stage)) or bool(stage.loads)
+
     def notes(self, stage: Stage) -> bool:
-        """Whether states between the ends of a step are needed in a phase."""
-        return (
-            bool(self.history)
-            or self.watches(stage)
-            or bool(self.counted(stage))
-            or bool(stage.loads)
-        )
+        """Whether such states are needed in a phase, be it for a history only."""
+        return bool(self.history) or self.follows(stage)
 
     @property
     def extends(self) -> bool:

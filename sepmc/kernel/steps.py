@@ -13,7 +13,7 @@ from sepmc.kernel.methods import Method, method
 from sepmc.kernel.recorder import Scope, Value, total, where
 from sepmc.kernel.shape import Stage
 from sepmc.kernel.text import Text
-from sepmc.routines.layout import ANY_ORDER, GRAIN
+from sepmc.routines.layout import ANY_ORDER, FULL_HISTORY, GRAIN
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low
 # order, only a small part of it: hundredths are usual, and a way much longer is that to END, of an
@@ -165,15 +165,22 @@ def emit_advance(out: Text, c: Context) -> None:
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
     _stages(text, rk, later, lambda name, _: name, rk.doubt)
     text("guard(w, phase)")
-    noted = [number for number, stage in enumerate(c.shape.stages) if c.notes(stage)]
-    if noted:
-        few = len(noted) < len(c.shape.stages)
-        (
-            text.block(f"if {' or '.join(f'phase == {number}' for number in noted)}:")
-            if few
-            else text
-        )("extend(w, phase)")
+    _extends(text, c)
     text("settle(w, phase)")
+
+
+def _extends(text: Text, c: Context) -> None:
+    """Lines that extend the step just made where states within it are needed. Rows of a full
+    history are asked for in few of the flights of a case."""
+    needs = c.follows if c.history == FULL_HISTORY else c.notes
+    where = [f"phase == {number}" for number, one in enumerate(c.shape.stages) if needs(one)]
+    if len(where) == len(c.shape.stages):
+        text("extend(w, phase)")
+        return
+    if c.history == FULL_HISTORY:
+        where.append("w[WANTS_ROWS] > 0.0")
+    if where:
+        text.block(f"if {' or '.join(where)}:")("extend(w, phase)")
 
 
 def emit_approach(out: Text, c: Context) -> None:
