@@ -18,6 +18,7 @@ import click
 
 from sepmc import __version__
 from sepmc.cli_output import (
+    INTERRUPTED,
     counted,
     draw_figures,
     manifest_with_rows,
@@ -138,16 +139,18 @@ def campaign(
                     cases, seed, threads, folder, **ways, progress=progress, announce=say
                 )
             except KeyboardInterrupt:
-                kept = (
+                what = (
                     f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
                     f"{folder} --resume"
                 )
-                click.echo(
-                    f"\ninterrupted; {'with --stats-only nothing is kept' if stats_only else kept}",
-                    err=True,
-                )
-                sys.exit(130)
-        for note in result.notes + [found.sentence for found in redundancies(loaded.scene)]:
+                if stats_only:
+                    what = "with --stats-only nothing is kept"
+                elif not (folder / store.MANIFEST).is_file():
+                    what = "no case was flown yet"
+                click.echo(f"\ninterrupted; {what}", err=True)
+                sys.exit(INTERRUPTED)
+        redundant = [found.sentence for found in redundancies(loaded.scene)]
+        for note in result.notes + redundant + _undispersed(loaded):
             click.echo(f"warning: {note}", err=True)
         say(timing_line(result))
         code = tell_results(folder, loaded, result.kept.summary, say, plots=not no_plots)
@@ -233,7 +236,7 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for name, value in history.attrs["outcomes"].items():
             say(f"  {name:44s} {value:.9g}")
-        for note in history.attrs["notes"]:
+        for note in history.attrs["notes"] + ([] if number is None else _undispersed(loaded)):
             click.echo(f"warning: {note}", err=True)
         error = single_error_text(history.attrs["outcomes"], history.attrs["errors"], loaded)
         if error is not None:
@@ -313,6 +316,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
         from sepmc.campaign.chunks import implausible_note
+        from sepmc.campaign.remarks import of_file
         from sepmc.kernel.describe import lines
         from sepmc.scene.redundancy import redundancies
 
@@ -349,9 +353,8 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             )
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        for warning in ([note] if note else []) + [
-            found.sentence for found in redundancies(loaded.scene)
-        ]:
+        redundant = [found.sentence for found in redundancies(loaded.scene)]
+        for warning in of_file(loaded) + ([note] if note else []) + redundant:
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")
 
@@ -431,13 +434,13 @@ def verify(
     With --random N, instead, N random scenes flown as a campaign flies them, and every row held
     against an independent flight of its case.
     """
-    if count is not None:
-        from sepmc.trust.gate import drive
-
-        found = drive.gate(count, seed, compiled, speaker(quiet))
-        click.echo(drive.table(found))
-        sys.exit(1 if any(map(drive.fails, found)) else 0)
     with plain_errors(quiet):
+        if count is not None:
+            from sepmc.trust.gate import drive
+
+            found = drive.gate(count, seed, compiled, speaker(quiet))
+            click.echo(drive.table(found))
+            sys.exit(1 if any(map(drive.fails, found)) else 0)
         from sepmc.trust import verify as suite
 
         passed = all(
@@ -535,6 +538,13 @@ def bench(
             overwrite=overwrite,
         )
         speaker(quiet)(f"wrote {folder}")
+
+
+def _undispersed(campaign: "Campaign") -> list[str]:
+    """A sentence for a campaign whose cases do not differ."""
+    if campaign.file.dispersions:
+        return []
+    return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]
 
 
 def _flown(

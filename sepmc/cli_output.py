@@ -20,15 +20,20 @@ if TYPE_CHECKING:
     from sepmc.analysis.stream import Stream
     from sepmc.campaign.campaign import Campaign, Result
 
+INTERRUPTED = 130  # the exit code of who was
+
 
 @contextmanager
 def plain_errors(quiet: bool) -> Iterator[None]:
-    """Bad input and unusable folders end with their sentence and exit code 2, without a
-    traceback."""
+    """Bad input and unusable folders end with their sentence and exit code 2, without a traceback;
+    who interrupts gets exit code 130."""
     from sepmc.scene.messages import InputError, SceneError
 
     try:
         yield
+    except KeyboardInterrupt:
+        click.echo("\ninterrupted", err=True)
+        sys.exit(INTERRUPTED)
     except InputError as error:
         for line in error.problems if isinstance(error, SceneError) else [error]:
             click.echo(f"error: {line}", err=True)

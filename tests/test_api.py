@@ -247,6 +247,22 @@ def test_case_number_of_numpy(campaign):
     assert campaign.case(np.int64(3)).inputs == campaign.case(3).inputs
 
 
+def test_case_of_a_result(result):
+    """By the number that statistics tell, with the run that it was of; no other."""
+    number = result.statistics().loc["separation_distance_mm", "case_min"]
+    case = result.case(number)
+    assert case.number == result.table["separation_distance_mm"].argmin()
+    assert (case.scene.run.cases, case.scene.run.seed) == (40, 7)
+    for wrong in (40, -1, 1.5):
+        with pytest.raises(ValueError, match=f"case = {wrong}: must be "):
+            result.case(wrong)
+
+
+def test_simulate_takes_a_case(campaign):
+    with pytest.raises(ValueError, match=r"case = 3: must be a Case, such as case\(3\) gives"):
+        campaign.simulate(3)
+
+
 def test_reference_of_an_unknown_outcome(campaign):
     """Only `load` looks at the names of the reference."""
     with pytest.raises(SceneError, match="did you mean 'upper_roll_deg'"):

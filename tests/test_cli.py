@@ -215,6 +215,44 @@ def test_interrupt_keeps_what_is_done(campaign, tmp_path, monkeypatch):
     assert manifest(folder)["complete"] is True
 
 
+def test_interrupt_before_anything_is_flown(tmp_path, monkeypatch):
+    """Nothing to go on from; any command that is interrupted ends with the same exit code."""
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Campaign, "run", interrupted)
+    result = CliRunner().invoke(
+        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
+    )
+    assert (result.exit_code, "no case was flown yet" in result.stderr) == (130, True)
+    monkeypatch.setattr(cli, "_load", interrupted)
+    result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
+    assert (result.exit_code, result.stderr) == (130, "\ninterrupted\n")
+
+
+def test_only_a_folder_with_cases_may_be_resumed(tmp_path):
+    call("run", "table1.toml", "--no-plots", "--quiet", "--every-s", 0.1, "--out", tmp_path / "one")
+    arguments = ["campaign", "table1.toml", "--quiet", "--out", str(tmp_path / "one")]
+    result = CliRunner().invoke(cli.main, arguments)
+    assert (result.exit_code, "--resume" in result.stderr) == (2, False)
+    assert "add --overwrite to replace it" in result.stderr
+
+
+def test_a_scene_without_dispersions_is_said(tmp_path):
+    """Its cases are all the nominal one."""
+    out = ("--no-plots", "--quiet", "--out", tmp_path / "one")
+    result = call("run", "table1.toml", "--case", 3, "--every-s", 0.1, *out)
+    assert "nothing is dispersed" in result.stderr
+
+
+def test_check_says_what_has_no_effect():
+    result = call("check", "table2.toml", "--set", "environment.wind.direction_deg=90")
+    assert (
+        "environment.wind.direction_deg = 90 is what the nominal case flies with" in result.stderr
+    )
+
+
 @pytest.mark.parametrize("from_folder", [False, True])
 def test_replay(campaign, tmp_path, from_folder):
     """One case alone, from the file or from the run folder: the campaign's own row, to the accuracy

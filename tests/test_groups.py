@@ -1,6 +1,8 @@
 """Groups of a suite side by side: the same lines in the same order as one after the other; what
 fails there fails here."""
 
+import time
+
 import pytest
 
 from sepmc.trust.groups import side_by_side
@@ -14,6 +16,20 @@ def test_side_by_side():
     assert list(groups) == names
     assert sorted(told) == sorted(names)
     assert groups == {name: verify([name]) for name in names}
+
+
+def _wait(names):
+    """Groups that take long, and one in which Ctrl-C comes."""
+    if names == ["interrupted"]:
+        raise KeyboardInterrupt
+    time.sleep(600.0)
+
+
+def test_an_interrupt_ends_all_groups():
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(_wait, ["one", "two", "interrupted"], here=["interrupted"])
+    assert time.monotonic() - begun < 300.0
 
 
 def test_a_group_that_raises():

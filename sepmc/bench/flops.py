@@ -28,7 +28,7 @@ from sepmc.campaign.pilot import kernel_text
 from sepmc.engine import cache, interpreted
 from sepmc.engine.door import fly_cases
 from sepmc.kernel.methods import method
-from sepmc.kernel.pieces import split
+from sepmc.kernel.pieces import ALIKE, split
 from sepmc.kernel.structure import make_shape
 from sepmc.routines.lanes import LANES
 from sepmc.scene.read import parse_campaign
@@ -84,41 +84,37 @@ def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | N
 
 
 def _each(text: str, phases: list[str]) -> dict[str, float]:
-    """Flops of an evaluation, by phase; from the count kept beside its piece of the kernel if there
-    is one."""
+    """Flops of an evaluation, by phase, where the code shows them; from the count kept beside its
+    piece of the kernel if there is one."""
     texts = {piece.name: piece.text for piece in split(text)}
-    found: dict[str, float] = {}
+    found: dict[str, float | None] = {}
     for phase in phases:
         piece = texts[f"rates_{phase}"]
         kept = cache.CACHE_FOLDER / f"{cache.write([piece])[0]}.flops.json"
         if kept.is_file():
-            found |= json.loads(kept.read_text(encoding="utf-8"))
+            found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
         with tempfile.TemporaryDirectory() as folder:
-            counted = apart.call("flops:each_here", [piece, phase], {"SEPMC_CACHE_DIR": folder})
-        if counted:
-            kept.write_text(json.dumps(counted), encoding="utf-8")
-        found |= counted
-    return found
+            found[phase] = apart.call("flops:flops_here", [piece], {"SEPMC_CACHE_DIR": folder})
+        if found[phase] is not None:
+            kept.write_text(json.dumps(found[phase]), encoding="utf-8")
+    return {phase: flops for phase, flops in found.items() if flops is not None}
 
 
-def each_here(piece: str, phase: str) -> dict[str, float]:
-    """Flops of an evaluation in a phase, whose piece of a kernel is compiled here."""
+def flops_here(piece: str) -> float | None:
+    """Flops of an evaluation by a piece of a kernel, which is compiled here."""
     module = cache.module(cache.write([piece])[0])
-    return in_code(getattr(module, f"rates_{phase}")._library.get_llvm_str(), [phase])
+    return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
 
 
-def in_code(code: str, phases: list[str]) -> dict[str, float]:
-    """Flops for one lane of the functions ``rates_<phase>``, in LLVM code."""
-    found: dict[str, float] = {}
-    for match in _FUNCTION.finditer(code):
-        for phase in phases:
-            name = f"rates_{phase}"
-            # as Numba mangles it: its length, itself, its version
-            if f"{len(name)}{name}B" in match[1]:
-                # what calls it from outside has none
-                found[phase] = max(found.get(phase, 0.0), _of_a_lane(match[0]))
-    return found
+def in_code(code: str, name: str) -> float | None:
+    """Flops for one lane of a function, in LLVM code; None if it is not there."""
+    found = [  # as Numba mangles it: its length, itself, its version
+        _of_a_lane(match[0])
+        for match in _FUNCTION.finditer(code)
+        if f"{len(name)}{name}B" in match[1]
+    ]
+    return max(found, default=None)  # what calls it from outside has none
 
 
 def _of_a_lane(body: str) -> float:

@@ -3,10 +3,11 @@ alone."""
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 
@@ -108,8 +109,12 @@ class Result:
         return table
 
     def case(self, number: int) -> Case:
-        """Case ``number`` as it was flown here, fully resolved in SI."""
-        return self.campaign.case(number, self.seed)
+        """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
+        no such case."""
+        flown = sum(self.kept.summary.counts.values())
+        found = self.campaign.case(whole("case", number, 0, flown - 1), self.seed)
+        run = msgspec.structs.replace(found.scene.run, cases=flown, seed=self.seed)
+        return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
 
     @property
     def outcomes(self) -> list[str]:
@@ -167,6 +172,10 @@ class Campaign(Definition):
             sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
+        if not isinstance(case, Case | None):
+            raise InputError(
+                f"case = {case!r}: must be a Case, such as case({case!r}) gives, or None"
+            )
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
@@ -272,6 +281,8 @@ class Campaign(Definition):
             if folder and resume
             else np.empty(0, dtype=np.int64)
         )
+        if resume and announce and not len(done):
+            announce(f"{folder}: there are no cases to go on from, so all are flown")
         if announce:
             announce(
                 f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}"

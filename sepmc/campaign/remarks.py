@@ -20,14 +20,19 @@ _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x;
 _TOGETHER = 1e-3
 
 
-def remarks(campaign: Definition, flight: Flight) -> list[str]:
-    """Sentences on the scene of a campaign, from the flight of its nominal case."""
+def of_file(campaign: Definition) -> list[str]:
+    """Sentences on what a campaign's file holds."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
-    found = [
+    return [
         *campaign.file.no_effect,
         *idle(campaign.scene, dispersed),
         *overshooting(campaign.scene),
     ]
+
+
+def remarks(campaign: Definition, flight: Flight) -> list[str]:
+    """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
+    found = of_file(campaign)
     if flight.nominal is None:
         return found
     outcomes = {

@@ -73,7 +73,7 @@ def open_folder(
         if not (overwrite or resume):
             ways = (
                 "add --resume to fly its missing cases, --overwrite to replace it,"
-                if resumable
+                if resumable and (folder / CASES).is_dir()
                 else "add --overwrite to replace it"
             )
             raise StoreError(f"{folder}: exists; {ways} or choose another --out")

@@ -194,7 +194,8 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     try:
         if isinstance(value, bool):
             raise TypeError
-        number = operator.index(value)
+        is_whole = isinstance(value, float) and value.is_integer()  # as tables of numbers hold it
+        number = int(value) if is_whole else operator.index(value)
     except TypeError:
         raise InputError(f"{name} = {value!r}: must be a whole number") from None
     if number < least or (most is not None and number > most):

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any
 
 Fly = Callable[[list[str]], list[Any]]
@@ -43,10 +43,16 @@ def side_by_side(
         apart, here = [], set(names)
     # not forked: threads of compiled code may run
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        # the longest stand last in the lists
-        flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
-        for name in here:
-            keep(name, fly([name]))
-        for flight in as_completed(flights):
-            keep(flights[flight], flight.result())
+        try:
+            # the longest stand last in the lists
+            flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
+            for name in here:
+                keep(name, fly([name]))
+            for flight in as_completed(flights):
+                keep(flights[flight], flight.result())
+        except BaseException:  # interrupted: no group goes on
+            for process in active_children():
+                process.kill()
+            pool.shutdown(cancel_futures=True)
+            raise
     return {name: found[name] for name in names}
