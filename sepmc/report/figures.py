@@ -52,7 +52,7 @@ SAMPLES = 5  # single cases drawn into the bands
 # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
 # blown up to fill the axes
 FLAT = 1e-6
-OVERVIEW = 9
+OVERVIEW = 12
 
 
 class Panel(NamedTuple):
