@@ -167,14 +167,14 @@ def test_long_numbers_do_not_run_into_each_other(tmp_path, drawn, centre, sigma)
         assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
-def test_overview_shows_the_referenced_outcomes_or_the_first_nine(tmp_path, drawn):
+def test_overview_shows_the_referenced_outcomes_or_the_first_twelve(tmp_path, drawn):
     cases, _ = campaign()
-    for k in range(10):
+    for k in range(13):
         cases[f"q{k}_deg"] = cases["upper_alpha_deg"] + k
-    outcomes = [f"q{k}_deg" for k in range(10)]
+    outcomes = [f"q{k}_deg" for k in range(13)]
     campaign_figures(cases, None, tmp_path, UNITS, outcomes=outcomes)
     assert [ax.get_xlabel() for ax in drawn["histograms.png"].axes] == [
-        f"q{k} deg" for k in range(9)
+        f"q{k} deg" for k in range(12)
     ]
     campaign_figures(
         cases,
