@@ -159,6 +159,9 @@ def test_open_folder(tmp_path):
     assert folder.is_dir()
     store.open_folder(folder)  # empty: nothing to lose
     store.write_json(folder / store.MANIFEST, {})
+    with pytest.raises(StoreError, match=r"exists; add --overwrite.*--out"):
+        store.open_folder(folder)  # no cases to go on from
+    (folder / store.CASES).mkdir()
     with pytest.raises(StoreError, match=r"--resume.*--overwrite.*--out"):
         store.open_folder(folder)
     store.open_folder(folder, resume=True)
