@@ -59,26 +59,26 @@ def load(names: Sequence[str]) -> Kernel:
 
 
 def missing(names: Sequence[str]) -> list[str]:
-    """The modules whose pieces the disk cache does not hold."""
+    """What the disk cache does not hold: the loop over blocks, modules of these pieces; what takes
+    longest first."""
     if config.DISABLE_JIT:
         return []
     held = {path.name.partition(".")[0] for path in CACHE_FOLDER.glob("*/sepmc_piece_*.nbi")}
-    return [name for name in dict.fromkeys(names) if name not in held]
+    left = [name for name in dict.fromkeys(names) if name not in held]
+    left.sort(key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size)
+    return left if is_module_cached(_BLOCKS) else [_BLOCKS, *left]
 
 
 def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own, the
-    longest first; ``progress`` is told after each. Returns whether that worked.
+    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own;
+    ``progress`` is told after each. Returns whether that worked.
 
     Every campaign flies what the cache holds: code as compiled and the same code loaded can differ
     in the last bit.
     """
     try:
         with one_at_a_time("pieces"):
-            left = sorted(
-                missing(names), key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size
-            )
-            return compile_all(left if is_module_cached("blocks") else [_BLOCKS, *left], progress)
+            return compile_all(missing(names), progress)
     except OSError:
         return False
 

@@ -278,8 +278,7 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
     if left:
         if announce:
             announce(
-                f"compiling {left} of the {len(set(names))} pieces of this scene's kernel, once "
-                "(some seconds each) ..."
+                f"compiling {left} pieces of this scene's kernel, once (some seconds each) ..."
             )
         cache.compile_apart(names, _now_and_then(announce))
     return cache.load(names)
