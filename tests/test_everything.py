@@ -125,9 +125,7 @@ def test_full_gives_the_same(campaign, result):
         found, expected = full.table[name], result.table[name][:3]
         told = 1e-9 + full.accuracy.errors.get(name, 0.0) + result.accuracy.errors.get(name, 0.0)
         scale = np.nanmax(np.abs(result.table[name]), initial=1e-6)
-        if not name.endswith(
-            ("_time_s", "_station_m", "_y_m", "_z_m")
-        ):  # places and times of a least distance or peak are as sharp as its root
+        if not name.endswith(AS_SHARP_AS_A_ROOT):
             assert_array_equal(np.isnan(found), np.isnan(expected))
             assert np.nanmax(np.abs(found - expected), initial=0.0) <= told * scale, name
 

@@ -9,7 +9,7 @@ from small_scenes import scene
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import flight
+from sepmc.campaign import single
 from sepmc.engine import cache
 from sepmc.trust.independent import fly
 
@@ -175,7 +175,7 @@ def test_nothing_is_compiled(tmp_path, monkeypatch):
 
 def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     """Now and then, with what it is at."""
-    monkeypatch.setattr(flight, "_EVERY_S", -1.0)
+    monkeypatch.setattr(single, "EVERY_S", -1.0)
     told = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(announce=told.append)
     assert told[0] == "still flying after 0 s, now in 2 steps a phase ..."

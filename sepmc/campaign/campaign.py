@@ -281,7 +281,7 @@ class Campaign(Definition):
             if folder and resume
             else np.empty(0, dtype=np.int64)
         )
-        if resume and announce and not len(done):
+        if folder and resume and announce and not len(done):
             announce(f"{folder}: there are no cases to go on from, so all are flown")
         if announce:
             announce(

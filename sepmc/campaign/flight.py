@@ -1,7 +1,6 @@
 """How a campaign is flown once that is decided: by which kernel, in how many steps; and cases that
 its kernel cannot vouch for."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -19,24 +18,9 @@ from sepmc.schema import Status
 SAFE = 0.5  # share of the accuracy asked for that trial cases may use
 _TO_LEARN = 64  # times finer steps tell how long the phases of a case last
 _AT_ONCE = 1e-9  # of a flight
-_EVERY_S = 10.0  # between two words on how far it is
+EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
 Say = Callable[[str], None]
-
-
-def now_and_then(announce: Say | None) -> Callable[[Callable[[float], str]], None]:
-    """What tells how far something is, if the last word on it was some time ago: by a text made of
-    the seconds since it began."""
-    begun = last = time.perf_counter()
-
-    def tell(text: Callable[[float], str]) -> None:
-        nonlocal last
-        now = time.perf_counter()
-        if announce and now - last > _EVERY_S:
-            last = now
-            announce(text(now - begun))
-
-    return tell
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from sepmc.campaign.accuracy import (
 )
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import (
+    EVERY_S,
     SAFE,
     Flight,
     Say,
@@ -31,12 +32,11 @@ from sepmc.campaign.flight import (
     fly,
     fly_once,
     history_rows,
-    now_and_then,
 )
 from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
 from sepmc.campaign.settle import Fly, longest_step, settle
-from sepmc.engine.door import Block, fly_cases, load_kernel
+from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
@@ -275,7 +275,7 @@ def _tell_trials(announce: Say | None) -> None:
 
 def _counted(announce: Say | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
-    tell, total = now_and_then(announce), 0
+    tell, total = now_and_then(announce, EVERY_S), 0
 
     def count(flights: int) -> None:
         nonlocal total

@@ -8,9 +8,9 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
-from sepmc.campaign.flight import Say, final_status, motion_is_finite, now_and_then, usual_lengths
+from sepmc.campaign.flight import EVERY_S, Say, final_status, motion_is_finite, usual_lengths
 from sepmc.campaign.settle import longest_step, settle_one
-from sepmc.engine.door import fly_everything, interpreted, load_kernel
+from sepmc.engine.door import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.kernel.emit import emit
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
@@ -111,7 +111,7 @@ class _SingleFlight:
         self.usual, self.ends = np.full(stages, np.inf), np.zeros(stages)
         self.changes = np.empty(0)  # times at which joints let go within stages
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
-        self.tell = now_and_then(announce)
+        self.tell = now_and_then(announce, EVERY_S)
 
     @property
     def finite(self) -> bool:

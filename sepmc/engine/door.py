@@ -251,17 +251,21 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting = before
 
 
-def _now_and_then(announce: Callable[[str], None] | None) -> Callable[[int, int], None]:
-    """What tells how far the compiling is, every few seconds."""
-    told = time.monotonic()
+def now_and_then(
+    announce: Callable[[str], None] | None, every_s: float
+) -> Callable[[Callable[[float], str]], None]:
+    """What tells how far something is, if the last word on it was so many seconds ago: by a text
+    made of the seconds since it began."""
+    begun = last = time.monotonic()
 
-    def progress(done: int, total: int) -> None:
-        nonlocal told
-        if announce and time.monotonic() - told > _EVERY_S:
-            told = time.monotonic()
-            announce(f"compiled {done} of {total}")
+    def tell(text: Callable[[float], str]) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if announce and now - last > every_s:
+            last = now
+            announce(text(now - begun))
 
-    return progress
+    return tell
 
 
 def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
@@ -280,5 +284,8 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             announce(
                 f"compiling {left} pieces of this scene's kernel, once (some seconds each) ..."
             )
-        cache.compile_apart(names, _now_and_then(announce))
+        tell = now_and_then(announce, _EVERY_S)
+        cache.compile_apart(
+            names, lambda done, total: tell(lambda _: f"compiled {done} of {total}")
+        )
     return cache.load(names)

@@ -263,11 +263,11 @@ def _eliminate(
     largest = abs(matrix).max(axis=1)
     if largest.all():
         factors, order, _ = lapack.dgetrf(matrix / largest[:, None])
-        pivot = float(abs(factors.diagonal()).min(initial=1.0))
-        if pivot > dependent:
-            found = lapack.dgetrs(factors, order, side / largest)[0]
+        smallest = float(abs(factors.diagonal()).min(initial=1.0))
+        if smallest > dependent:
+            pivot, found = smallest, lapack.dgetrs(factors, order, side / largest)[0]
     w[out : out + n] = found.tolist()
-    return pivot if pivot > dependent else 0.0
+    return pivot
 
 
 def _put_cell(

@@ -108,13 +108,17 @@ class Context:
 
     def carries(self, stage: Stage) -> bool:
         """Whether what joints carry in a phase is asked for."""
-        return self.watches(stage) or bool(stage.loads) or self.history == FULL_HISTORY
+        return self.follows_loads(stage) or self.history == FULL_HISTORY
+
+    def follows_loads(self, stage: Stage) -> bool:
+        """Whether loads are followed over the steps of a phase: asked for, or waited for."""
+        return self.watches(stage) or bool(stage.loads)
 
     def carried_by_rates(self, stage: Stage) -> bool:
         """Whether the derivative in a phase gives what is followed of joints too: all but pins, and
         redundant rows' least sum of squares."""
-        follows = self.watches(stage) or bool(stage.loads)
-        return follows and not stage.shares and not any(map(stage.sliding, self.guides))
+        plain = not stage.shares and not any(map(stage.sliding, self.guides))
+        return self.follows_loads(stage) and plain
 
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
@@ -123,7 +127,7 @@ class Context:
 
     def follows(self, stage: Stage) -> bool:
         """Whether outcomes or the end of a phase depend on states between the ends of its steps."""
-        return self.watches(stage) or bool(self.counted(stage)) or bool(stage.loads)
+        return self.follows_loads(stage) or bool(self.counted(stage))
 
     def notes(self, stage: Stage) -> bool:
         """Whether such states are needed in a phase, be it for a history only."""

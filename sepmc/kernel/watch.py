@@ -18,9 +18,7 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 def emit_watch(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
     stages = {
-        number: stage
-        for number, stage in enumerate(c.shape.stages)
-        if c.watches(stage) or stage.loads
+        number: stage for number, stage in enumerate(c.shape.stages) if c.follows_loads(stage)
     }
     if c.watched:
         for k in range(6 * len(c.watched)):

@@ -50,7 +50,7 @@ def side_by_side(
                 keep(name, fly([name]))
             for flight in as_completed(flights):
                 keep(flights[flight], flight.result())
-        except BaseException:  # interrupted: no group goes on
+        except BaseException:  # interrupted, or a group failed: no other goes on
             for process in active_children():
                 process.kill()
             pool.shutdown(cancel_futures=True)
