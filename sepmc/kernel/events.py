@@ -7,7 +7,7 @@ from sepmc.kernel.context import Context, height, lose_if, part, spent
 from sepmc.kernel.formulas import ZERO, scalar, square_root, vec3
 from sepmc.kernel.geometry import Line, State
 from sepmc.kernel.loads import add_all
-from sepmc.kernel.recorder import Scope, Value, where
+from sepmc.kernel.recorder import Scope, Value, called, where
 from sepmc.kernel.shape import Event, Stage
 from sepmc.kernel.steps import hold_back
 from sepmc.kernel.text import Text
@@ -41,9 +41,9 @@ def _wait(s: State, event: Event) -> Any:
     for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
         s.c.slabs.add(f"{slab}_{name}", count)
     scope.comment(f"{event.which}")
-    value, rate, acceleration = (
-        x.called(called)
-        for x, called in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
+    value, rate, acceleration = (  # rates are numbers, zero, of bodies that are held to the ground
+        called(x, name)
+        for x, name in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
     )
     time, usual = s.time, scope.named("usual")
     earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
@@ -79,7 +79,7 @@ def _wait(s: State, event: Event) -> Any:
     )
 
 
-def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Value) -> None:
+def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Any) -> None:
     """A condition may be met and left again within a step: then the case is on its own."""
     name = f"{stage}_{event.name}"
     earlier, past, slope = (
@@ -97,7 +97,7 @@ def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Valu
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
-def _may_rise(past: Value, slope: Value, value: Value, rate: Value, length: Value) -> Any:
+def _may_rise(past: Value, slope: Value, value: Value, rate: Any, length: Value) -> Any:
     """Whether a value may be zero or more between two times: it rises at the first, falls at the
     second, and its tangents there cross beyond zero."""
     turns = (slope > 0.0) & (rate < 0.0)
@@ -202,7 +202,7 @@ def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
     that of the motion to come."""
     first, second = s.shape.scene.joint[joint].bodies
     if s.stage.leader(first) == s.stage.leader(second) == GROUND:
-        return -threshold, 0.0 * threshold, 0.0 * threshold
+        return -threshold, 0.0, 0.0
     spin_a, spin_b = s.spin(first), s.spin(second)
     change = vec3.sub(spin_b, spin_a).called("relative_rate")
     faster = vec3.sub(_spin_rate(s, second), _spin_rate(s, first)).called("relative_acceleration")
