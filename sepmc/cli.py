@@ -127,7 +127,6 @@ def campaign(
         loaded = _load(file, settings)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
-        from sepmc.scene.redundancy import redundancies
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
@@ -149,8 +148,7 @@ def campaign(
                     what = "no case was flown yet"
                 click.echo(f"\ninterrupted; {what}", err=True)
                 sys.exit(INTERRUPTED)
-        redundant = [found.sentence for found in redundancies(loaded.scene)]
-        for note in result.notes + redundant + _undispersed(loaded):
+        for note in result.notes + _redundant(loaded) + _undispersed(loaded):
             click.echo(f"warning: {note}", err=True)
         say(timing_line(result))
         code = tell_results(folder, loaded, result.kept.summary, say, plots=not no_plots)
@@ -318,7 +316,6 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         from sepmc.campaign.chunks import implausible_note
         from sepmc.campaign.remarks import of_file
         from sepmc.kernel.describe import lines
-        from sepmc.scene.redundancy import redundancies
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
@@ -353,8 +350,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             )
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        redundant = [found.sentence for found in redundancies(loaded.scene)]
-        for warning in of_file(loaded) + ([note] if note else []) + redundant:
+        for warning in of_file(loaded) + ([note] if note else []) + _redundant(loaded):
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")
 
@@ -545,6 +541,13 @@ def _undispersed(campaign: "Campaign") -> list[str]:
     if campaign.file.dispersions:
         return []
     return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]
+
+
+def _redundant(campaign: "Campaign") -> list[str]:
+    """A sentence for each set of joints that hold a freedom twice."""
+    from sepmc.scene.redundancy import redundancies
+
+    return [found.sentence for found in redundancies(campaign.scene)]
 
 
 def _flown(

@@ -112,9 +112,10 @@ def counted(total: int, quiet: bool) -> Iterator[Callable[[str], None] | None]:
 
 def timing_line(result: "Result") -> str:
     """How many cases were flown, and the seconds of each stage, as a line of text."""
-    flown = sum(result.status_counts.values())
+    total = sum(result.status_counts.values())
+    flown = f", {total - result.resumed} of them flown now" if result.resumed else ""
     said = {"compile": "compile and trial flights"}
-    return f"{flown} cases: " + ", ".join(
+    return f"{total} cases{flown}: " + ", ".join(
         f"{said.get(stage, stage)} {seconds:.3f} s" for stage, seconds in result.timing.items()
     )
 
@@ -125,10 +126,12 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
 
     manifest = store.read_manifest(folder)
     if manifest.get("stats_only"):
-        raise store.StoreError(
-            f"{folder}: holds statistics only and no cases; what there is stands in "
-            "statistics.csv and statistics.json"
+        kept = (
+            "what there is stands in statistics.csv and statistics.json"
+            if manifest.get("complete")
+            else "it was interrupted, so nothing was kept; fly it again with --overwrite"
         )
+        raise store.StoreError(f"{folder}: holds statistics only and no cases; {kept}")
     return manifest
 
 

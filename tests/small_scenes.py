@@ -8,7 +8,7 @@ from sepmc.scene.read import parse_campaign
 
 # An arm and a bob hang from the ground in a wind: universal, spherical and revolute joints,
 # aerodynamics with every term, phases that end by a time, a distance and a stroke along a custom
-# joint's axis, a delay, a joint that may fail, constant gravity, motors with tail-off and profile,
+# joint's axis, a delay, constant gravity, motors with tail-off and profile,
 # loads that come and go in both frames.
 HANGING = """
 [environment]
@@ -147,7 +147,6 @@ seed = 11
 accuracy = 1e-9
 [dispersion]
 "joint.elbow.delay_s" = { uniform = [0.0, 0.01] }
-"joint.rail.fails" = { discrete = [0, 1], weights = [0.9995, 0.0005] }
 "motor.kick.delay_s" = { uniform = [0.0, 0.02] }
 "motor.spin.thrust_N" = { uniform = 1.0 }
 "load.tug.force_N.y" = { normal = 1.0 }

@@ -788,7 +788,13 @@ def test_no_toml(sepmc, content):
 # OSError
 @pytest.mark.parametrize("file", ["nowhere.toml", "folder/nowhere.toml", ".", "", "x" * 5000])
 def test_no_such_file(sepmc, file):
-    assert "no such file, nor a shipped campaign" in sepmc("campaign", file)
+    said = sepmc("campaign", file)
+    assert "no such file, nor a shipped campaign" in said
+    assert "did you mean" not in said  # of names that only end alike
+
+
+def test_almost_the_name_of_a_shipped_campaign(sepmc):
+    assert "did you mean 'table2'?" in sepmc("campaign", "tabel2.toml")
 
 
 @pytest.mark.parametrize(

@@ -254,12 +254,15 @@ def test_release_at_the_end_of_a_step(pair, ulps):
     assert_allclose(found["outcomes"]["release_time_s"], 0.1, rtol=0, atol=1e-13)
 
 
-def test_a_usual_step_against_the_oracle(quiet, sample, measure):
-    """50 cases: every outcome to 1e-8, reactions just before release to 1e-8 of their magnitude.
-    Measured: 5e-11 and 1e-12."""
-    expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(50)]
+def test_table2_against_the_oracle(table2, quiet, sample, measure):
+    """16 cases by Lagrange's equations and scipy: every outcome to 1e-8, at a usual step and at the
+    default accuracy, reactions just before release to 1e-8 of their magnitude. Measured: 5e-11 and
+    1e-12."""
+    expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(16)]
     by_name = {name: np.array([case[name] for case in expected]) for name in sample.outcomes}
-    assert measure({name: sample.table[name][:50] for name in sample.outcomes}, by_name) <= 1e-8
+    shipped = table2.with_settings({"run.history_step_s": 0.0}).run(cases=16)
+    for result in (sample, shipped):
+        assert measure({n: result.table[n][:16] for n in sample.outcomes}, by_name) <= 1e-8
     for i, case in enumerate(expected):
         history = quiet.simulate(quiet.case(i))
         last = history[history["phase"] == "guided"].iloc[-1]

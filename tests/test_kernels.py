@@ -28,7 +28,6 @@ from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
-from sepmc.trust import lagrange
 from sepmc.trust.independent import fly
 
 LOADS = ("N", "N m", "N s", "N m s")  # what joints carry
@@ -111,16 +110,9 @@ def agree(campaign, most=1e-9):
     flight = pilot.plan_flight(campaign, history=campaign.scene.run.history_step > 0.0)
     assert flight.achieved.met
     drawn = draws(campaign)
-    failing = [
-        i for i, d in enumerate(campaign.file.dispersions) if d.parameter.path.endswith(".fails")
-    ]
     fast = special(campaign, flight, drawn, 4 * flight.steps)
     statuses, expected = by_independent_flights(campaign, FEW)
-    told = fast.status[:FEW] >= 0
-    assert told.sum() >= FEW - len(failing)
-    assert_array_equal(
-        [Status(int(one)).label for one in fast.status[:FEW][told]], np.array(statuses)[told]
-    )
+    assert_array_equal([Status(int(one)).label for one in fast.status[:FEW]], statuses)
     sound = np.flatnonzero(fast.status[:FEW] == 0)
     assert difference(campaign, outcomes(campaign, fast, sound), expected[sound]) <= most
     return int(np.count_nonzero(fast.status))
@@ -188,8 +180,7 @@ def with_all_loads(campaign):
 @pytest.mark.parametrize("name", SCENES)
 def test_small_scenes_agree(name):
     """Every joint, load and end of a phase, see `small_scenes`: 1e-9."""
-    lost = agree(with_all_loads(scene(name)))
-    assert lost == 0 or name == "hanging"  # some are drawn to fail there
+    assert agree(with_all_loads(scene(name))) == 0
 
 
 @pytest.mark.slow
@@ -203,20 +194,6 @@ def test_small_scenes_are_flown_whole(name):
     for column, bound in schema.AUDIT_BOUNDS.items():
         if column in table:
             assert table[column][table["status"] == "ok"].max() <= bound, column
-
-
-@pytest.mark.slow
-def test_table2_against_the_oracle(quiet):
-    """50 cases by Lagrange's equations and scipy: every outcome to 1e-8, at the default accuracy of
-    1e-9."""
-    result = quiet.run(cases=50)
-    expected = [lagrange.fly(quiet.case(i).to_dict()) for i in range(50)]
-    names = [column.name for column in quiet.outcome_columns]
-    found = np.array([result.table[name] for name in names]).T
-    assert (
-        difference(quiet, found, np.array([[case[name] for name in names] for case in expected]))
-        <= 1e-8
-    )
 
 
 # -- accuracy

@@ -213,6 +213,11 @@ def test_a_folder_of_statistics_only(tmp_path):
     for refused in (["stats", folder], ["plot", folder], ["campaign", *options, "--resume"]):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
+    manifest = json.loads((folder / store.MANIFEST).read_text(encoding="utf-8"))
+    (folder / store.MANIFEST).write_text(
+        json.dumps(manifest | {"complete": False}), encoding="utf-8"
+    )
+    assert "nothing was kept" in call("stats", folder).stderr
     assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
     assert (
         call(

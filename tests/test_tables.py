@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import sepmc
 from sepmc.campaign.overshoot import overshooting
+from sepmc.engine.door import interpreted
 from sepmc.physics.atmosphere import sound_speed, us1976
 
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")
@@ -84,10 +85,11 @@ ALPHA, BETA = np.linspace(-12.0, 12.0, 9).tolist(), [-15.0, -6.0, -1.0, 2.0, 9.0
 def test_polynomials_as_tables(table2, axes, share):
     """Splines reproduce cubics, so 30 dispersed cases of Table 2 come out the same to 1e-9."""
     plain = table2.with_settings({"run.history_step_s": 0.0, "solver.step_s": 0.05})
-    expected, found = (
-        campaign.run(cases=30).to_pandas()
-        for campaign in (plain, plain.with_settings(tables(plain, axes, share)))
-    )
+    with interpreted():
+        expected, found = (
+            campaign.run(cases=30).to_pandas()
+            for campaign in (plain, plain.with_settings(tables(plain, axes, share)))
+        )
     assert (found["status"] == "ok").all()
     for name in plain.run(cases=1).outcomes:
         assert_allclose(found[name], expected[name], rtol=NUMBERS, atol=NUMBERS, err_msg=name)

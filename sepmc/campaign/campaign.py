@@ -68,6 +68,7 @@ class Result:
     notes: list[str] = field(default_factory=list)
     flight: Flight | None = None
     accuracy: Achieved | None = None
+    resumed: int = 0  # cases that the folder held already
 
     def __repr__(self) -> str:
         counts = ", ".join(
@@ -323,7 +324,15 @@ class Campaign(Definition):
             if folder:
                 chunks.write_manifest(threads, complete=chunks.held == left)
         return Result(
-            self, chunks.kept(), timing, seed, folder, chunks.notes, flight, chunks.accuracy
+            self,
+            chunks.kept(),
+            timing,
+            seed,
+            folder,
+            chunks.notes,
+            flight,
+            chunks.accuracy,
+            resumed=len(done),
         )
 
     def _resumed(

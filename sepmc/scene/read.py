@@ -70,11 +70,9 @@ def find_file(file: str | Path) -> Path:
     for name in (path.name, path.name + ".toml"):
         if len(path.parts) == 1 and name in shipped:
             return shipped[name]
-    hint = (
-        nearest(path.name, shipped)
-        if len(path.parts) == 1
-        else "shipped campaigns: " + ", ".join(shipped)
-    )
+    hint = "shipped campaigns: " + ", ".join(shipped)
+    if len(path.parts) == 1:  # without the ending, by which all names are alike
+        hint = nearest(path.stem, [Path(name).stem for name in shipped])
     raise SceneError([f"{file}: no such file, nor a shipped campaign; {hint}"])
 
 

@@ -41,6 +41,7 @@ def side_by_side(
     processes = max(1, (os.cpu_count() or 1) - len(here))
     if len(names) == 1:
         apart, here = [], set(names)
+    others = set(active_children())
     # not forked: threads of compiled code may run
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         try:
@@ -51,7 +52,7 @@ def side_by_side(
             for flight in as_completed(flights):
                 keep(flights[flight], flight.result())
         except BaseException:  # interrupted, or a group failed: no other goes on
-            for process in active_children():
+            for process in set(active_children()) - others:
                 process.kill()
             pool.shutdown(cancel_futures=True)
             raise

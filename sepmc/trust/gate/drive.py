@@ -8,11 +8,13 @@ from typing import Any
 
 import tomli_w
 
+from sepmc.engine.door import now_and_then
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree
 from sepmc.trust.gate.workers import Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
+_EVERY_S = 10.0  # between words on how far it is
 _DOORS = 8  # one scene in so many goes through the other doors too
 _COLUMNS = ("same", "told", "tie", "refused", *FAULTS)
 Found = dict[str, Any]
@@ -47,12 +49,17 @@ def gate(
         for n in range(seed, seed + min(compiled, count))
     ]
     found: list[Found] = []
+    tell = now_and_then(say, _EVERY_S)
+
+    def so_far(seconds: float) -> str:
+        failing = sum(map(fails, found))
+        return f"{len(found)} of {len(jobs)} flown in {seconds:.0f} s, {failing} fail"
+
     for verdict in judge_all(jobs):
         found.append(verdict)
         if fails(verdict):
             say("\n".join(sentences(verdict)))
-        if len(found) % 20 == 0:
-            say(f"{len(found)} of {len(jobs)} flown, {sum(map(fails, found))} fail")
+        tell(so_far)
     return sorted(found, key=lambda v: (v["seed"], v["name"]))
 
 
