@@ -135,16 +135,6 @@ def flight(quiet):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["table1", "table2", "nasa-fixed-joint", "spring-pushers", "residual-thrust"]
-)
-def test_shipped_campaigns_agree(name):
-    """With independent flights: 1e-9 of every outcome's size or scatter; by the kernel that flies
-    it as it is shipped."""
-    assert agree(sepmc.load(name)) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
     ("name", "steps", "most"),
     [
         ("missile-rail", [4, 60, 20, 10], 1e-9),
