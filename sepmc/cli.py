@@ -1,8 +1,8 @@
 """The command line: words in, exit code out. Nothing heavy is imported until a command needs it.
 
-Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input
-(nothing was flown), 3 flown but the audit failed or the accuracy asked was not met, 130
-interrupted.
+Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed; campaign
+--check: a requirement is not shown), 2 bad input (nothing was flown), 3 flown but the audit failed
+or the accuracy asked was not met, 130 interrupted.
 """
 
 import gc
@@ -61,9 +61,9 @@ def main() -> None:
       sepmc run runs/heavy --case 17
 
     FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit
-    codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed), 2 bad input,
-    3 flown but the audit failed or the accuracy asked was not met, 130 interrupted.
-    SEPMC_CACHE_DIR moves the folder of compiled kernels.
+    codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed; campaign
+    --check: a requirement is not shown), 2 bad input, 3 flown but the audit failed or the accuracy
+    asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
     # imports leave 160,000 objects that stay: to look for garbage among them took a sixth of a
     # short command
@@ -91,6 +91,12 @@ def main() -> None:
     is_flag=True,
     help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.",
 )
+@click.option(
+    "--check",
+    "must_pass",
+    is_flag=True,
+    help="Exit code 1 unless the cases show all that the file requires.",
+)
 @_QUIET
 def campaign(
     file: str,
@@ -103,6 +109,7 @@ def campaign(
     overwrite: bool,
     resume: bool,
     stats_only: bool,
+    must_pass: bool,
     quiet: bool,
 ) -> None:
     """Fly the dispersed cases of FILE (a path, a run folder, or a shipped campaign) into a run
@@ -125,6 +132,8 @@ def campaign(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
         loaded = _load(file, settings)
+        if must_pass and not loaded.file.requirements:
+            raise click.UsageError(f"--check needs a [[requirement]] in {file}")
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
 
@@ -151,7 +160,9 @@ def campaign(
         for note in result.notes + _redundant(loaded) + _undispersed(loaded):
             click.echo(f"warning: {note}", err=True)
         say(timing_line(result))
-        code = tell_results(folder, loaded, result.kept.summary, say, plots=not no_plots)
+        code = tell_results(
+            folder, loaded, result.kept.summary, say, plots=not no_plots, check=must_pass
+        )
     sys.exit(code)
 
 
@@ -313,6 +324,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         if code:
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
+        from sepmc.analysis.requirements import sentence
         from sepmc.campaign.chunks import implausible_note
         from sepmc.campaign.remarks import of_file
         from sepmc.kernel.describe import lines
@@ -348,6 +360,13 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
                 f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) "
                 f"{dispersion.parameter.unit}"
             )
+        required, units = (
+            loaded.file.requirements,
+            {c.name: c.unit for c in loaded.outcome_columns},
+        )
+        click.echo(f"  required     {len(required) or 'nothing'}")
+        for item in required:
+            click.echo("    " + sentence(item, units.get(item.metric, "")))
         drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
         for warning in of_file(loaded) + ([note] if note else []) + _redundant(loaded):

@@ -149,22 +149,27 @@ def tell_results(
     summary: "Rows | Stream",
     say: Callable[[str], None],
     plots: bool,
+    check: bool = False,
 ) -> int:
-    """Statistics to the screen and to files, and figures if wanted; an error if the run is not to
-    be trusted. Returns the exit code: 1 if no case was flown to the end, 3 if the audit failed or
-    the accuracy asked was not met, or else 0."""
+    """Statistics and verdicts to the screen and to files, and figures if wanted; an error if the
+    run is not to be trusted. Returns the exit code: 1 if no case was flown to the end, 3 if the
+    audit failed or the accuracy asked was not met, 1 if it is to ``check`` requirements and one is
+    not passed, or else 0."""
+    from sepmc.analysis import requirements
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.campaign import store
+    from sepmc.campaign.accuracy import with_scales
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = store.read_manifest(folder).get("accuracy") or {}
-    if "errors" in accuracy:
-        table["error"] = [
-            _number(accuracy["errors"].get(str(name), math.nan)) for name in table.index
-        ]
-    store.write_statistics(folder, table, counts, units, audited, summary.failed)
+    errors = {name: _number(error) for name, error in accuracy.get("errors", {}).items()}
+    if errors:
+        table["error"] = [errors.get(str(name), math.nan) for name in table.index]
+    verdicts = summary.verdicts(with_scales(loaded, errors, table))
+    told = [verdict.to_dict() for verdict in verdicts]
+    store.write_statistics(folder, table, counts, units, audited, summary.failed, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     say(summary_text(table, counts, units, source))
     sentences = {status.label: status.sentence for status in Status}
@@ -189,6 +194,8 @@ def tell_results(
                 accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
             )
         )
+    if verdicts:
+        say(requirements.text(verdicts, units))
     if plots:
         draw_figures(folder, loaded, summary, table, say=say)
     say(f"wrote {folder}")
@@ -203,6 +210,11 @@ def tell_results(
             not accuracy.get("met", True),
             3,
             "the accuracy asked was not met; see the warning above",
+        ),
+        (
+            check and any(verdict.verdict != requirements.PASS for verdict in verdicts),
+            1,
+            "the cases do not show all that is required",
         ),
     )
     code, why = next(((code, why) for found, code, why in faults if found), (0, ""))

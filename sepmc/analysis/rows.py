@@ -8,7 +8,9 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import statistics as of
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_place, judge
 from sepmc.analysis.stream import NAMED, Stream
+from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
 # cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
@@ -23,6 +25,7 @@ class Rows:
     cases : mapping of name to column, shape (n_cases,)
     outcomes, audits : names of its columns
     bounds : bound of each audit column that has one
+    requirements : what verdicts are given on
     """
 
     def __init__(
@@ -31,8 +34,10 @@ class Rows:
         outcomes: Sequence[str],
         audits: Sequence[str],
         bounds: Mapping[str, float],
+        requirements: Sequence[Requirement] = (),
     ):
         self.cases, self.outcomes, self.audits, self.bounds = cases, outcomes, audits, bounds
+        self.requirements = requirements
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -59,6 +64,22 @@ class Rows:
         """See `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
+    def verdicts(self, errors: Errors) -> list[Verdict]:
+        """Verdicts on the requirements; outcomes have such numerical ``errors``."""
+        failed = bool((self.audit()["beyond"] > 0).any())
+        return [self._verdict(item, errors, failed) for item in self.requirements]
+
+    def _verdict(self, item: Requirement, errors: Errors, failed: bool) -> Verdict:
+        tally, labels = Tally(item), np.asarray(self.cases["status"])
+        values = of.column(self.cases, item.metric) if item.metric in self.outcomes else None
+        tally.add(np.asarray(self.cases["case"]), self._ok, values, labels == item.metric)
+        design = np.nan
+        if values is not None:
+            known = values[self._ok & ~np.isnan(values)]
+            place = design_place(tally, len(known))
+            design = np.nan if place is None else float(np.partition(known, place)[place])
+        return judge(tally, errors, design, failed)
+
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""
         return of.histogram(of.column(self.cases, name)[self._ok])
@@ -69,13 +90,17 @@ class Rows:
 
 
 def summarise(
-    cases: Any, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]
+    cases: Any,
+    outcomes: Sequence[str],
+    audits: Sequence[str],
+    bounds: Mapping[str, float],
+    requirements: Sequence[Requirement] = (),
 ) -> Rows | Stream:
     """Statistics of a stored case table (`sepmc.campaign.store.CaseColumns`): exact up to `EXACT`
     cases, from then on by a `Stream`."""
     if cases.rows <= EXACT:
-        return Rows(cases, outcomes, audits, bounds)
-    stream = Stream(outcomes, audits, bounds)
+        return Rows(cases, outcomes, audits, bounds, requirements)
+    stream = Stream(outcomes, audits, bounds, requirements)
     code_of = {status.label: int(status) for status in Status}
     for numbers, statuses, columns in cases.batches([*outcomes, *audits]):
         stream.add(

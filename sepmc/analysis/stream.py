@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.moments import Moments
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_place, judge
 from sepmc.analysis.sketch import Sketch
 from sepmc.analysis.statistics import (
     PERCENTILES,
@@ -20,6 +21,7 @@ from sepmc.analysis.statistics import (
     histogram_of,
     statistics_table,
 )
+from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
 GRAIN = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
@@ -34,9 +36,17 @@ class Stream:
     ----------
     outcomes, audits : names of the columns that are added, in their order
     bounds : bound of each audit column that has one
+    requirements : what verdicts are given on
     """
 
-    def __init__(self, outcomes: Sequence[str], audits: Sequence[str], bounds: Mapping[str, float]):
+    def __init__(
+        self,
+        outcomes: Sequence[str],
+        audits: Sequence[str],
+        bounds: Mapping[str, float],
+        requirements: Sequence[Requirement] = (),
+    ):
+        self.tallies = [Tally(item) for item in requirements]
         self.moments = {name: Moments() for name in outcomes}
         self.sketches = {name: Sketch() for name in outcomes}
         self.audits = {name: Worst(name, bounds) for name in audits}
@@ -88,6 +98,8 @@ class Stream:
             for code in (np.flatnonzero(counts[1:]) + 1).tolist():
                 named = self.failed.setdefault(Status(code).label, [])
                 named += numbers[codes == code][: NAMED - len(named)].tolist()
+        for tally in self.tallies:
+            self._count(tally, numbers, codes, columns)
         numbers = numbers[ok]
         for (name, moments), column in zip(self.moments.items(), columns, strict=False):
             x, cases = column[ok], numbers
@@ -98,6 +110,15 @@ class Stream:
             self.sketches[name].add(x)
         for worst, column in zip(self.audits.values(), columns[len(self.moments) :], strict=True):
             worst.add(column[ok], numbers)
+
+    def _count(
+        self, tally: Tally, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray
+    ) -> None:
+        """Count what violates a requirement."""
+        metric, names = tally.requirement.metric, list(self.moments)
+        values = columns[names.index(metric)] if metric in names else None
+        labels = [int(status) for status in Status if status.label == metric]
+        tally.add(numbers, codes == Status.OK, values, np.isin(codes, labels))
 
     @property
     def counts(self) -> dict[str, int]:
@@ -128,6 +149,19 @@ class Stream:
         """As `sepmc.analysis.statistics.audit`."""
         self._flush()
         return audit_table(self.audits)
+
+    def verdicts(self, errors: Errors) -> list[Verdict]:
+        """As `sepmc.analysis.rows.Rows.verdicts`; design values are those of a `Sketch`."""
+        failed = bool((self.audit()["beyond"] > 0).any())
+        return [judge(t, errors, self._design(t), failed) for t in self.tallies]
+
+    def _design(self, tally: Tally) -> float:
+        name = tally.requirement.metric
+        count = self.moments[name].n if name in self.moments else 0
+        place = design_place(tally, count)
+        if place is None:
+            return float("nan")
+        return float(self.sketches[name].percentiles([100.0 * place / max(1, count - 1)])[0])
 
     def histogram(self, name: str) -> Histogram | None:
         """Histogram of an outcome, or None if it has no value or an infinite one."""

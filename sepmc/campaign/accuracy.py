@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+import pandas as pd
 
 from sepmc.campaign.definition import Definition
 from sepmc.scene.model import Scene
@@ -124,6 +125,23 @@ def relative_error(
     if not len(found):
         return np.zeros(len(units))
     return errors(found, reference, scales(reference, units, scene_scale)).max(axis=0, initial=0.0)
+
+
+def with_scales(
+    campaign: Definition, told: Mapping[str, float], statistics: pd.DataFrame
+) -> dict[str, tuple[float, float]]:
+    """Errors that a campaign tells, by outcome, and what they are shares of where an outcome is
+    smaller: no less than that, from the statistics of its cases; in the units of the columns."""
+    columns = campaign.outcome_columns
+    units = [column.unit for column in columns]
+    own = scene_scales(campaign.scene, units) * np.array([column.scale for column in columns])
+    extremes = statistics.loc[[column.name for column in columns], ["min", "max"]].to_numpy()
+    sigma = statistics.loc[[column.name for column in columns], "sigma"].fillna(0.0).to_numpy()
+    found = scales(extremes.T, units, own, sigma)
+    return {
+        column.name: (told.get(column.name, np.nan), float(scale))
+        for column, scale in zip(columns, found, strict=True)
+    }
 
 
 def decisive(columns: list[Column]) -> np.ndarray:

@@ -12,8 +12,9 @@ import numpy as np
 import pandas as pd
 
 from sepmc import schema
+from sepmc.analysis import requirements
 from sepmc.campaign import store
-from sepmc.campaign.accuracy import Achieved
+from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.chunks import Chunks
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
@@ -108,6 +109,13 @@ class Result:
         if self.accuracy:
             table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
         return table
+
+    def requirements(self) -> pd.DataFrame:
+        """Verdicts on what the campaign requires, a row each; see
+        `sepmc.analysis.requirements.Verdict`."""
+        told = self.accuracy.errors if self.accuracy else {}
+        errors = with_scales(self.campaign, told, self.kept.summary.statistics())
+        return requirements.table(self.kept.summary.verdicts(errors))
 
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is

@@ -18,7 +18,7 @@ from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import SceneError
-from sepmc.scene.model import Scene
+from sepmc.scene.model import Requirement, Scene
 from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column
@@ -128,11 +128,15 @@ class Definition:
         return [*head, *self.input_columns, *self.result_columns]
 
     @property
-    def summarised(self) -> tuple[list[str], list[str], dict[str, float]]:
-        """What statistics are made of: names of outcomes and of audit columns, and the bounds of
-        these."""
-        audits = schema.audit_columns()
-        return [c.name for c in self.outcome_columns], [c.name for c in audits], schema.AUDIT_BOUNDS
+    def summarised(
+        self,
+    ) -> tuple[list[str], list[str], dict[str, float], tuple[Requirement, ...]]:
+        """What statistics are made of: names of outcomes and of audit columns, the bounds of these,
+        and what is required."""
+        outcomes, audits = (
+            [c.name for c in columns] for columns in (self.outcome_columns, schema.audit_columns())
+        )
+        return outcomes, audits, schema.AUDIT_BOUNDS, self.file.requirements
 
     @cached_property
     def slots(self) -> np.ndarray:
@@ -174,7 +178,8 @@ class Definition:
     def digest(self) -> str:
         """Digest of all that decides a case's outcome: two runs of equal digest and seed hold equal
         rows."""
-        tree = {k: v for k, v in self.file.tree.items() if k not in ("title", "reference", "name")}
+        told = ("title", "name", "requirement", "reference")
+        tree = {k: v for k, v in self.file.tree.items() if k not in told}
         tree["run"] = {
             k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
         }

@@ -398,9 +398,11 @@ def write_statistics(
     of: dict[str, str],
     audit: pd.DataFrame,
     failed: dict[str, list[int]] | None = None,
+    verdicts: Sequence[dict[str, Any]] = (),
 ) -> None:
     """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit,
-    ``failed`` names first cases by status. What is not a number is null."""
+    ``failed`` names first cases by status, ``verdicts`` are those on requirements. What is not a
+    number is null."""
     columns = {
         str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
         for name in stats
@@ -418,7 +420,13 @@ def write_statistics(
     )
     write_json(
         folder / "statistics.json",
-        {"cases": counts, "failed_cases": failed or {}, "outcomes": rows, "audit": audited},
+        {
+            "cases": counts,
+            "failed_cases": failed or {},
+            "requirements": list(verdicts),
+            "outcomes": rows,
+            "audit": audited,
+        },
     )
 
 

@@ -18,6 +18,7 @@ class Quantity(NamedTuple):
 _XYZ = ("x", "y", "z")
 Positive = Meta(gt=0)
 NotNegative = Meta(ge=0)
+_SHARE = Meta(gt=0, lt=1)
 Vector = tuple[float, float, float]
 Length = Annotated[float, Quantity("length")]
 Time = Annotated[float, NotNegative, Quantity("time")]
@@ -354,6 +355,17 @@ class Expected(_Table, frozen=True, kw_only=True):
     sigma: Annotated[float, Positive] | None = None
     min: float | None = None
     max: float | None = None
+
+
+class Requirement(_Table, frozen=True, kw_only=True):
+    """What must hold in a share of all cases, and with what confidence that is to be shown."""
+
+    name: Name
+    metric: str  # an outcome, or a status that must not occur
+    at_least: float | None = None  # in the unit that the outcome's name ends with
+    at_most: float | None = None
+    probability: Annotated[float, _SHARE] = 0.9973
+    confidence: Annotated[float, _SHARE] = 0.9
 
 
 class Reference(_Table, frozen=True, kw_only=True):

@@ -17,25 +17,26 @@ from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
-from sepmc.scene.model import Law, Reference, Scene
+from sepmc.scene.model import Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
-from sepmc.scene.tables import read_table
+from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
-from sepmc.schema import outcome_columns
+from sepmc.schema import Status, outcome_columns
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_OWN_TABLES = ("name", "title", "dispersion", "reference")
+_OWN_TABLES = ("name", "title", "dispersion", "requirement", "reference")
 
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """A campaign as read: the scene, what varies, what to compare with, the TOML tree it came from,
-    and sentences on values that were set to no effect on its cases."""
+    """A campaign as read: the scene, what varies, what is required, what to compare with, the TOML
+    tree it came from, and sentences on values that were set to no effect on its cases."""
 
     name: str
     title: str
     scene: Scene
     dispersions: tuple[Dispersion, ...]
+    requirements: tuple[Requirement, ...]
     reference: Reference | None
     tree: dict[str, Any]
     no_effect: tuple[str, ...] = ()
@@ -146,6 +147,7 @@ def parse_campaign(
         if "reference" in tree
         else None
     )
+    requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
     problems.raise_if_any(source)
     check_scene(scene, problems)
     dispersions = resolve(scene, laws, problems)
@@ -153,11 +155,20 @@ def parse_campaign(
         check_dispersion(dispersion, scene, problems)
     if reference is not None:
         _check_reference(reference, scene, problems)
+    for requirement in requirements:
+        _check_requirement(requirement, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_of_no_effect(scene, settings or {}, dispersions, laws))
     return CampaignFile(
-        str(name), tree.get("title", ""), scene, dispersions, reference, tree, no_effect
+        str(name),
+        tree.get("title", ""),
+        scene,
+        dispersions,
+        requirements,
+        reference,
+        tree,
+        no_effect,
     )
 
 
@@ -167,6 +178,30 @@ def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> 
     for name in reference.outcome:
         if name not in known:
             problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
+
+
+def _check_requirement(requirement: Requirement, scene: Scene, problems: Problems) -> None:
+    """A requirement bounds an outcome that this scene has, or names a status."""
+    place, low, high = (
+        f"requirement.{requirement.name}",
+        requirement.at_least,
+        requirement.at_most,
+    )
+    statuses = [status.label for status in Status if status is not Status.OK]
+    known = [column.name for column in outcome_columns(contents(scene))]
+    if requirement.metric in statuses:
+        if low is not None or high is not None:
+            problems.add(place, f"{requirement.metric!r} is a status, which has no bound")
+    elif requirement.metric not in known:
+        problems.add(
+            f"{place}.metric",
+            "no such outcome or status; " + nearest(requirement.metric, [*known, *statuses]),
+            requirement.metric,
+        )
+    elif low is None and high is None:
+        problems.add(place, "needs at_least or at_most")
+    elif low is not None and high is not None and low > high:
+        problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
 
 
 def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:

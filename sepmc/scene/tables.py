@@ -56,7 +56,7 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
     if field.table_of_tables:
         return _read_named(field.table_of_tables, value, place, problems)
     if field.array_of_tables:
-        return _read_array(field.array_of_tables, value, place, problems)
+        return read_array(field.array_of_tables, value, place, problems)
     if field.quantity.components and isinstance(value, dict):
         value = _components(field, value, factor, place, problems)
     if get_origin(field.bare) is dict and isinstance(value, dict) and not field.table_of_tables:
@@ -117,9 +117,10 @@ def _read_named(
     return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
 
 
-def _read_array(
+def read_array(
     kind: type[msgspec.Struct], tree: Any, place: str, problems: Problems
 ) -> tuple[Any, ...]:
+    """Read an array of tables into ``kind``; places name each by its name or number."""
     if not isinstance(tree, list):
         problems.add(place, f"must be an array of tables: [[{place}]]", tree)
         return ()

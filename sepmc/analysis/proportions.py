@@ -1,0 +1,134 @@
+"""What so many cases show of a probability: exact statements of the binomial law.
+
+A requirement asks that a share of all cases holds, with a confidence; its complement is the
+consumer risk. Method: Hanson and Beard, NASA/TP-2010-216447, sections 3 and 4; intervals: Clopper
+and Pearson, Biometrika 26 (1934) 404.
+"""
+
+import math
+
+import numpy as np
+from scipy.special import bdtr, betaincinv
+
+CONFIDENCE = 0.95  # of what is printed unless a requirement has its own
+
+
+def interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Two-sided interval of a probability that was met k times in n cases.
+
+    Parameters
+    ----------
+    k, n : int
+        Cases that met it, and all; 0 <= k <= n, n >= 1.
+    confidence : float, 0 < confidence < 1
+        Probability with which such intervals hold the true value, at least.
+
+    Returns
+    -------
+    low, high : float
+        The ends: 0 exactly if no case met it, 1 exactly if all did. Clopper-Pearson.
+    """
+    risk = (1.0 - confidence) / 2.0
+    return _lower(k, n, risk), _upper(k, n, risk)
+
+
+def at_most(k: int, n: int, confidence: float = CONFIDENCE) -> float:
+    """What a probability that was met k times in n cases does not exceed, with a confidence:
+    one-sided, so that 0 of n reads 1 - (1 - confidence)^(1 / n)."""
+    return _upper(k, n, 1.0 - confidence)
+
+
+def _lower(k: int, n: int, risk: float) -> float:
+    return 0.0 if k == 0 else float(betaincinv(k, n - k + 1, risk))
+
+
+def _upper(k: int, n: int, risk: float) -> float:
+    return 1.0 if k == n else float(betaincinv(k + 1, n - k, 1.0 - risk))
+
+
+def allowed(n: int, share: float, confidence: float) -> int:
+    """Violations with which n cases still show a requirement.
+
+    Parameters
+    ----------
+    n : int
+        Cases.
+    share : float, 0 < share < 1
+        Of all cases that must hold.
+    confidence : float, 0 < confidence < 1
+
+    Returns
+    -------
+    k : int
+        The largest k with BinCDF(k; n, 1 - share) <= 1 - confidence; -1 if n cases are too few to
+        show it even without a violation.
+    """
+    risk, low, high = 1.0 - confidence, -1, n
+    while high - low > 1:  # BinCDF rises with k
+        middle = (low + high) // 2
+        low, high = (middle, high) if bdtr(middle, n, 1.0 - share) <= risk else (low, middle)
+    return low
+
+
+def needed(k: int, share: float, confidence: float) -> int:
+    """Cases that show a requirement in spite of k violations: the smallest n with BinCDF(k; n, 1 -
+    share) <= 1 - confidence. For k = 0, log(1 - confidence) / log(share)."""
+    risk, low, high = 1.0 - confidence, k, k + 1
+    while bdtr(k, high, 1.0 - share) > risk:  # BinCDF falls with n
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if bdtr(k, middle, 1.0 - share) <= risk else (middle, high)
+    return high
+
+
+def design_value(values: np.ndarray, share: float, confidence: float, upper: bool = True) -> float:
+    """What a share of all cases does not exceed, with a confidence: an order statistic.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        An outcome, without NaN.
+    share, confidence : float
+        As of a requirement.
+    upper : bool
+        Whether large values are the bad ones; else what a share of all cases does not fall below.
+
+    Returns
+    -------
+    value : float
+        The (k + 1)-th worst of the values, k as `allowed`; NaN if they are too few.
+    """
+    rank = allowed(len(values), share, confidence)
+    if rank < 0:
+        return math.nan
+    at = len(values) - 1 - rank if upper else rank
+    return float(np.partition(values, at)[at])
+
+
+def percentile_ranks(n: int, share: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
+    """Places of the two order statistics that hold a percentile between them.
+
+    Parameters
+    ----------
+    n : int
+        Values.
+    share : float, 0 < share < 1
+        The percentile, as a share.
+    confidence : float
+
+    Returns
+    -------
+    low, high : int
+        Places among the rising values, from 0: each end is missed with at most half of 1 -
+        confidence, whatever the (continuous) law. -1 and n where there is no such value.
+    """
+    risk = (1.0 - confidence) / 2.0
+    # the percentile lies below the value at place r if at most r values do: BinCDF(r; n, share)
+    low = allowed_below(n, share, risk)
+    return low, n - 1 - allowed_below(n, 1.0 - share, risk)
+
+
+def allowed_below(n: int, share: float, risk: float) -> int:
+    """The largest r with BinCDF(r; n, share) <= risk; -1 if there is none."""
+    return allowed(n, 1.0 - share, 1.0 - risk)

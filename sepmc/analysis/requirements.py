@@ -1,0 +1,310 @@
+"""Whether the cases of a campaign show what is required of it.
+
+A case violates a requirement if its outcome is beyond the bound. So does a case that did not come
+to its end, or does not have the outcome: it has not shown that it holds. Method: Hanson and Beard,
+NASA/TP-2010-216447: n cases show a requirement if they have no more violations than a just
+insufficient system would have with a probability of 1 - confidence (`sepmc.analysis.proportions`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.proportions import allowed, at_most, interval, needed
+from sepmc.analysis.statistics import WIDTH, rounded
+from sepmc.scene.model import Requirement
+
+PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
+# Cases nearest to a bound of which it is known how near: more of them within the numerical error
+# leave no verdict.
+_NEAR = 1000
+
+
+# of outcomes by name, as shares of their size or of a scale if that is larger; and these scales, in
+# their units (`sepmc.campaign.accuracy.errors`)
+Errors = Mapping[str, tuple[float, float]]
+
+
+class Tally:
+    """Counts the cases that violate a requirement, as they pass by in their order."""
+
+    def __init__(self, requirement: Requirement):
+        self.requirement = requirement
+        self.cases = self.violations = self.missing = 0
+        self.worst = (math.nan, -1)  # value and case
+        self._least = math.inf
+        self._near = np.empty(0)  # margins nearest to the bound; below zero they violate
+
+    def add(
+        self, numbers: np.ndarray, ok: np.ndarray, values: np.ndarray | None, met: np.ndarray
+    ) -> None:
+        """Take cases.
+
+        Parameters
+        ----------
+        numbers : ndarray, shape (n,), int
+            Their numbers.
+        ok : ndarray, shape (n,), bool
+            Which of them came to their end.
+        values : ndarray, shape (n,), optional
+            The outcome; None if the requirement is on a status.
+        met : ndarray, shape (n,), bool
+            Which of them have that status.
+        """
+        self.cases += len(numbers)
+        if values is None:
+            self.violations += int(np.count_nonzero(~ok))
+            self.missing += int(np.count_nonzero(~ok & ~met))
+            return
+        margin = np.where(ok, margins(values, self.requirement), np.nan)
+        there = ~np.isnan(margin)
+        self.missing += int(np.count_nonzero(~there))
+        self.violations += int(np.count_nonzero(~(margin >= 0.0)))
+        margin, values, numbers = margin[there], values[there], numbers[there]
+        if not len(margin):
+            return
+        at = int(np.argmin(margin))
+        if margin[at] < self._least:
+            self._least, self.worst = float(margin[at]), (float(values[at]), int(numbers[at]))
+        near = np.concatenate([self._near, margin])
+        if len(near) > _NEAR:
+            near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
+        self._near = near
+
+    @property
+    def nearest(self) -> float:
+        """Least distance of a case from the bound; infinite if no case has the outcome."""
+        return float(np.abs(self._near).min(initial=math.inf))
+
+    def in_doubt(self, error: float) -> tuple[int, int] | None:
+        """Violations at least and at most, if outcomes are off by up to an ``error``; None if too
+        many cases are that near to the bound."""
+        near = self._near[np.abs(self._near) < error]
+        if len(near) == _NEAR:
+            return None
+        below = int(np.count_nonzero(near < 0.0))
+        return self.violations - below, self.violations + len(near) - below
+
+
+def margins(values: np.ndarray, requirement: Requirement) -> np.ndarray:
+    """How far values (n,) are within the bound; below zero beyond it; NaN of NaN."""
+    low, high = requirement.at_least, requirement.at_most
+    below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
+    above = high - values if high is not None else np.where(np.isnan(values), np.nan, math.inf)
+    return np.minimum(below, above)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the cases of a campaign say of a requirement.
+
+    ``verdict`` : pass; fail: shown not to hold, with the same confidence; not shown: neither; no
+    verdict, and ``why``
+    ``violations`` of ``cases``, ``allowed`` of them (-1: too few cases), ``missing``: those that
+    did not come to their end or have no such outcome
+    ``more`` : further cases, none of which violates, that would show it; 0 if it passes
+    ``share_low``, ``share_high`` : 95 % interval of the share that violates (Clopper-Pearson);
+    ``share_at_most`` : with the confidence of the requirement
+    ``design_value`` : what the required share of all cases does not pass, with the confidence: an
+    order statistic; None if the cases are too few, or there are two bounds
+    ``worst``, ``worst_case`` : the outcome that is worst, and its case
+    ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there
+    """
+
+    name: str
+    metric: str
+    at_least: float | None
+    at_most: float | None
+    probability: float
+    confidence: float
+    verdict: str
+    why: str
+    cases: int
+    violations: int
+    allowed: int
+    missing: int
+    more: int
+    share_low: float
+    share_high: float
+    share_at_most: float
+    design_value: float | None
+    worst: float | None
+    worst_case: int | None
+    nearest: float | None
+    error: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """All fields by name."""
+        return asdict(self)
+
+
+def design_place(tally: Tally, count: int) -> int | None:
+    """Place of the design value among so many rising outcomes; None if there is none."""
+    item = tally.requirement
+    if (item.at_least is None) == (item.at_most is None):  # on a status, or between two bounds
+        return None
+    worse = allowed(tally.cases, item.probability, item.confidence) - tally.missing
+    if not 0 <= worse < count:
+        return None
+    return worse if item.at_least is not None else count - 1 - worse
+
+
+def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Verdict:
+    """The verdict on a requirement.
+
+    Parameters
+    ----------
+    tally : of all cases
+    errors : of outcomes
+    design : the outcome at the `design_place`; NaN if there is none
+    audit_failed : whether the run's audit did
+    """
+    item, n, k = tally.requirement, tally.cases, tally.violations
+    may = allowed(n, item.probability, item.confidence) if n else -1
+    error = _error_at(item, errors)
+    verdict, why = _verdict(tally, error, audit_failed)
+    low, high = interval(k, n) if n else (0.0, 1.0)
+    return Verdict(
+        item.name,
+        item.metric,
+        item.at_least,
+        item.at_most,
+        item.probability,
+        item.confidence,
+        verdict,
+        why,
+        n,
+        k,
+        may,
+        tally.missing,
+        0 if k <= may else needed(k, item.probability, item.confidence) - n,
+        low,
+        high,
+        at_most(k, n, item.confidence) if n else 1.0,
+        _known(design),
+        _known(tally.worst[0]),
+        tally.worst[1] if tally.worst[1] >= 0 else None,
+        _known(tally.nearest),
+        _known(error),
+    )
+
+
+def _known(number: float) -> float | None:
+    return number if math.isfinite(number) else None
+
+
+def _error_at(item: Requirement, errors: Errors) -> float:
+    """Numerical error of an outcome at its bound, in its unit; NaN if it is not known."""
+    bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
+    if not bounds or item.metric.endswith("_recontact"):  # yes or no
+        return 0.0
+    share, scale = errors.get(item.metric, (math.nan, math.nan))
+    return share * max(*bounds, scale)
+
+
+def _verdict(tally: Tally, error: float, audit_failed: bool) -> tuple[str, str]:
+    item, n = tally.requirement, tally.cases
+    if not n:
+        return NONE, "no case was flown"
+    if audit_failed:
+        return NONE, "the audit failed"
+    if math.isnan(error):
+        return NONE, "the numerical error of this outcome is not known"
+    doubt = tally.in_doubt(error)
+    found = {_shown(k, n, item) for k in doubt} if doubt is not None else set()
+    if len(found) != 1:
+        return NONE, (
+            f"cases are nearer to the bound than the numerical error of {error:.1e}; ask for a "
+            "finer solver.accuracy"
+        )
+    return found.pop(), ""
+
+
+def _shown(k: int, n: int, item: Requirement) -> str:
+    """What k violations in n cases show."""
+    if k <= allowed(n, item.probability, item.confidence):
+        return PASS
+    # so many violations would be as improbable of a system that is just sufficient
+    low = 1.0 - at_most(n - k, n, item.confidence)
+    return FAIL if low > 1.0 - item.probability else NOT_SHOWN
+
+
+def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
+    """Verdicts by the name of their requirement."""
+    frame = pd.DataFrame([verdict.to_dict() for verdict in verdicts])
+    return frame.set_index("name") if len(frame) else frame
+
+
+def text(verdicts: Sequence[Verdict], units: Mapping[str, str]) -> str:
+    """Verdicts as an engineer reads them in a terminal; nothing if nothing is required."""
+    return "\n".join(["requirements", *(_told(v, units.get(v.metric, "")) for v in verdicts)])
+
+
+def sentence(item: Requirement | Verdict, unit: str) -> str:
+    """A requirement in words."""
+    bound = " and ".join(
+        f"{sign} {number:g}{_spaced(unit)}"
+        for sign, number in ((">=", item.at_least), ("<=", item.at_most))
+        if number is not None
+    )
+    return (
+        f"{item.name}: {item.metric} {bound or 'does not occur'} in {_percent(item.probability)} "
+        f"of all cases, with {_percent(item.confidence)} confidence"
+    )
+
+
+def _told(v: Verdict, unit: str) -> str:
+    required, confidence = _percent(v.probability), _percent(v.confidence)
+    lines = [
+        sentence(v, unit),
+        f"{v.violations} of {v.cases} cases violate it, "
+        + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
+        + (f"; {v.missing} of them have no such outcome" if v.missing else "")
+        + f"; of all cases {_violating(v, confidence)}",
+    ]
+    if v.verdict == NOT_SHOWN:
+        lines.append(f"{v.more} more cases, none of which violates it, would show it")
+    if v.worst is not None:
+        said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
+        if v.design_value is not None:
+            sign = ">=" if v.at_least is not None else "<="
+            said += (
+                f"; {required} of all cases are {sign} {_number(v.design_value)}{_spaced(unit)}, "
+                f"with {confidence}"
+            )
+        lines.append(said)
+    if v.why:
+        lines.insert(1, v.why)
+    head, indent = f"  {v.verdict.upper():10s}  ", " " * 14
+    return "\n".join(
+        fill(line, WIDTH, initial_indent=indent if i else head, subsequent_indent=indent)
+        for i, line in enumerate(lines)
+    )
+
+
+def _violating(v: Verdict, confidence: str) -> str:
+    """What share of all cases violates a requirement."""
+    if v.verdict == FAIL:
+        return f"{_share(v.share_low)} to {_share(v.share_high)} do (95 %)"
+    return f"< {_share(v.share_at_most)} do ({confidence})"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:g} %"
+
+
+def _spaced(unit: str) -> str:
+    return f" {unit}" if unit not in ("", "1") else ""
+
+
+def _share(share: float) -> str:
+    return f"{share:.1e}" if share < 0.01 else f"{share:.2g}"
+
+
+def _number(value: float) -> str:
+    return rounded(value, abs(value), 4)
