@@ -310,6 +310,7 @@ def draw_figures(
     twelve by rank, into a run folder; returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
+    from sepmc.schema import is_yes_or_no
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
@@ -327,7 +328,7 @@ def draw_figures(
         if _varies(low, high)
     ]
     # yes or no has no density
-    varied = [name for name in varied if not name.endswith("_recontact")]
+    varied = [name for name in varied if not is_yes_or_no(str(name))]
     outcomes = (
         [name for name in loaded.reference if name in units]
         if loaded.reference

@@ -250,6 +250,11 @@ class Contents:
     tip_off: tuple[str, ...] = ()
 
 
+def is_yes_or_no(outcome: str) -> bool:
+    """Whether an outcome is 1 or 0: it has a share, and no sigma or density."""
+    return outcome.endswith("_recontact")
+
+
 def outcome_columns(contents: Contents) -> list[Column]:
     """Outcomes of a case, in kernel order. With a single joint the columns of its separation carry
     no joint name."""

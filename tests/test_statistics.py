@@ -64,6 +64,7 @@ def test_columns_and_types(five):
         "sigma_se",
         "case_min",
         "case_max",
+        *(f"{name}_{end}" for name in PERCENTS for end in ("low", "high")),
     ]
     assert stats.index.name == "outcome"
     assert stats["n"].dtype == "int64"
@@ -376,3 +377,30 @@ def test_audit():
     assert audit_text(passed) == "audit passed; worst of all ok cases: gap 1.0e-12"
     passed.loc["attitude_singular"] = [1.0, 7, np.nan, 0]
     assert "may have jumped (case 7)" in audit_text(passed)
+
+
+def test_percentiles_lie_between_their_order_statistics():
+    """Of 1,000 values the 469th to the 532nd smallest hold the median, and the 941st or so the 95 %
+    point; 100 are too few for both ends of the 99 % point."""
+    random = np.random.default_rng(9)
+    for n, name, low, high in ((1000, "p50", 469, 532), (100, "p99", 97, None)):
+        values = random.permutation(np.arange(1.0, n + 1.0))
+        cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object), "x": values}
+        row = statistics(cases, ["x"]).loc["x"]
+        assert row[f"{name}_low"] == low
+        assert (row[f"{name}_high"] == high) if high else np.isnan(row[f"{name}_high"])
+        assert row[f"{name}_low"] <= row[name]
+
+
+def test_yes_or_no_is_a_share():
+    """An outcome that is 1 or 0 has no mean and sigma on the screen, but a count and an interval;
+    none of 5,000 reads < 6.0e-04."""
+    n = 5000
+    cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object)}
+    cases |= {"gap_recontact": np.zeros(n), "speed_m_s": np.arange(float(n))}
+    text = summary_text(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
+    assert "gap_recontact: 0 of 5000 cases; of all cases < 6.0e-04 (95 %)" in text
+    assert "speed_m_s" in text
+    cases["gap_recontact"][:190] = 1.0
+    text = summary_text(statistics(cases, ["gap_recontact"]), {"ok": n})
+    assert "gap_recontact: 190 of 5000 cases; of all cases 0.033 to 0.044 (95 %)" in text

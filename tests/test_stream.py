@@ -61,6 +61,7 @@ def test_a_stream_knows_what_the_table_says(cases, sizes):
         found, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.nanmax(np.abs(data), initial=0.0))
     )
     exact = ["n", "min", "max", "case_min", "case_max", *PERCENTILES]
+    exact += [f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")]
     pd.testing.assert_frame_equal(found[exact], expected[exact], check_exact=True)
     pd.testing.assert_frame_equal(stream.audit(), whole.audit(), check_exact=True)
     assert stream.counts == whole.counts

@@ -18,6 +18,7 @@ import pandas as pd
 from sepmc.analysis.proportions import allowed, at_most, interval, needed
 from sepmc.analysis.statistics import WIDTH, rounded
 from sepmc.scene.model import Requirement
+from sepmc.schema import is_yes_or_no
 
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
 # Cases nearest to a bound of which it is known how near: more of them within the numerical error
@@ -201,7 +202,7 @@ def _known(number: float) -> float | None:
 def _error_at(item: Requirement, errors: Errors) -> float:
     """Numerical error of an outcome at its bound, in its unit; NaN if it is not known."""
     bounds = [abs(bound) for bound in (item.at_least, item.at_most) if bound is not None]
-    if not bounds or item.metric.endswith("_recontact"):  # yes or no
+    if not bounds or is_yes_or_no(item.metric):
         return 0.0
     share, scale = errors.get(item.metric, (math.nan, math.nan))
     return share * max(*bounds, scale)

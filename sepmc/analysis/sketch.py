@@ -58,6 +58,13 @@ class Sketch:
         with np.errstate(invalid="ignore"):
             return np.where(below == above, below, below + (place - rank) * (above - below))
 
+    def ranked(self, places: np.ndarray) -> np.ndarray:
+        """Values at places (k,) among all, rising, from 0."""
+        if self._grid is None:
+            return np.partition(self._waiting[: self._filled], places)[places]
+        self._count()
+        return self._grid.ranked(places)
+
     def histogram(self, edges: np.ndarray) -> np.ndarray:
         """Number of values between rising edges (n + 1,), the last one closed; shape (n,)."""
         if self._grid is None:

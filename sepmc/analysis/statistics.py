@@ -13,6 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks
+from sepmc.schema import is_yes_or_no
+
 OK = "ok"
 WIDTH = 118  # of the printed tables, in characters
 PERCENTILES = {
@@ -65,12 +68,13 @@ def statistics(
     -------
     DataFrame, one row per outcome
         ``n``; ``mean``, ``sigma`` (divisor n - 1), ``min``, ``max`` and percentiles ``p0_135`` to
-        ``p99_865`` (linear between order statistics: sample percentiles, without a confidence), in
+        ``p99_865`` (linear between order statistics: sample percentiles), in
         the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see Notes; ``case_min``
         and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they
-        can be NaN too. What needs more values than there are is NaN. With ``reference`` also
-        ``ref_*``, and deviations here minus reference: ``dev_mean``, ``dev_min``, ``dev_max`` in
-        reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
+        can be NaN too; ``p0_135_low``, ``p0_135_high`` and so on, the order statistics that hold
+        that percentile of the law between them with 95 %. What needs more values than there are is
+        NaN. With ``reference`` also ``ref_*``, and deviations here minus reference: ``dev_mean``,
+        ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
 
     Notes
     -----
@@ -120,6 +124,7 @@ def statistics_table(
         "sigma_se",
         "case_min",
         "case_max",
+        *(f"{name}_{end}" for name in PERCENTILES for end in ("low", "high")),
     ]
     # all float: a nullable column would turn the NaN of a row into pd.NA
     data = {
@@ -181,7 +186,19 @@ def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
     # between two infinities there is no number, and the table then says NaN
     with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
+    row |= percentile_ends(x.size, lambda places: np.partition(x, places)[places])
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
+
+
+def percentile_ends(n: int, ranked: Callable[[np.ndarray], np.ndarray]) -> dict[str, float]:
+    """Intervals of the percentiles, by name: order statistics that hold each with 95 %, of values
+    ``ranked`` by rising places; an end that n values cannot give is NaN."""
+    places: dict[str, int] = {}
+    for name, percent in PERCENTILES.items():
+        low, high = percentile_ranks(n, percent / 100.0)
+        places |= {f"{name}_low": low, f"{name}_high": high}
+    there = {name: place for name, place in places.items() if 0 <= place < n}
+    return dict(zip(there, ranked(np.array(list(there.values()), dtype=int)), strict=True))
 
 
 def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
@@ -379,6 +396,10 @@ def summary_text(
         standard errors to two.
     """
     parts = [_counts_line(counts)]
+    asked = stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
+    shares, stats = stats[asked], stats[~asked]
+    if len(shares):
+        parts.append(_shares_text(shares))
     if len(stats):
         parts.append(_layout(list(stats.index), _groups(stats, units)))
     if stats["n"].between(1, _TAIL_CASES - 1).any():
@@ -409,6 +430,17 @@ def _counts_line(counts: Mapping[str, int]) -> str:
     total, ok = sum(counts.values()), counts.get(OK, 0)
     others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
     return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), WIDTH)
+
+
+def _shares_text(shares: pd.DataFrame) -> str:
+    """Outcomes that are yes or no: in how many cases, and in what share of all."""
+    lines = []
+    for name, n, mean in zip(shares.index, shares["n"], shares["mean"], strict=True):
+        k = round(n * mean) if n else 0
+        low, high = interval(k, int(n)) if n else (0.0, 1.0)
+        share = f"< {at_most(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
+        lines.append(f"  {name}: {k} of {n} cases; of all cases {share} ({100.0 * CONFIDENCE:g} %)")
+    return "\n".join(lines)
 
 
 def _groups(

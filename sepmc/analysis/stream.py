@@ -19,6 +19,7 @@ from sepmc.analysis.statistics import (
     Worst,
     audit_table,
     histogram_of,
+    percentile_ends,
     statistics_table,
 )
 from sepmc.scene.model import Requirement
@@ -141,6 +142,7 @@ class Stream:
         rows = [
             moments.row()
             | dict(zip(PERCENTILES, self.sketches[name].percentiles(percents), strict=True))
+            | percentile_ends(moments.n, self.sketches[name].ranked)
             for name, moments in self.moments.items()
         ]
         return statistics_table(rows, list(self.moments), reference)
@@ -161,7 +163,7 @@ class Stream:
         place = design_place(tally, count)
         if place is None:
             return float("nan")
-        return float(self.sketches[name].percentiles([100.0 * place / max(1, count - 1)])[0])
+        return float(self.sketches[name].ranked(np.array([place]))[0])
 
     def histogram(self, name: str) -> Histogram | None:
         """Histogram of an outcome, or None if it has no value or an infinite one."""
