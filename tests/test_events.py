@@ -690,3 +690,59 @@ def test_a_load_that_comes_while_another_joint_is_late():
     assert list(table["status"]) == 4 * ["ok"]
     assert_allclose(table["bc_release_time_s"], 1.05, atol=1e-9)
     assert (table["ab_release_time_s"] >= 1.12).all()
+
+
+def swinging(stroke_m, force):
+    """The pair on a slider, driven by an undamped spring: the joint opens by f / k (1 - cos w t), w
+    = 30 rad/s for 1/(1/3 + 1/1) kg and 675 N/m, and closes again, until a stroke is reached."""
+    return {
+        "phase": phases((SLIDER, {"joint": "pins", "stroke_m": stroke_m}), (FREE, None)),
+        "spring": [
+            {
+                "name": "s",
+                "bodies": ["fore", "aft"],
+                "point_m": [2.0, 0.0, 0.0],
+                "axis": [-1.0, 0.0, 0.0],
+                "force_N": force,
+                "stiffness_N_per_m": 675.0,
+            }
+        ],
+        "run.end_time_s": 1.0,
+        "run.cases": 6,
+        "solver": {"accuracy": 1e-9},
+    }
+
+
+@pytest.mark.parametrize("stroke", [0.0195, 0.019998, 0.01999999, 0.0203])
+def test_a_stroke_near_the_turning_point(pair, stroke):
+    """2 f / k = 20 mm: just reached, though it was foretold for much earlier; never."""
+    found = pair(swinging(stroke, 6.75)).simulate(step_s=0.5).attrs
+    if stroke > 0.02:
+        assert found["status"] == "never-released"
+        return
+    assert found["status"] == "ok"
+    release = math.acos(1.0 - stroke / 0.01) / 30.0
+    # known as well as round-off of the stroke lets it be
+    assert_allclose(
+        found["outcomes"]["release_time_s"], release, rtol=0, atol=1e-12 + 1e-18 / (0.02 - stroke)
+    )
+
+
+def test_strokes_near_the_turning_point(pair):
+    """Cases that reach it and cases that do not, all with the status and the time of the closed
+    form; none is lost."""
+    campaign = pair(
+        swinging(0.0195, 6.6) | {"dispersion": {"spring.s.force_N": {"uniform": [6.4, 6.8]}}}
+    )
+    with flown_plainly():
+        table = campaign.run(cases=6).to_pandas()
+    size = table["in_spring_s_force_N"].to_numpy() / 675.0
+    reached = 2.0 * size > 0.0195
+    assert 0 < reached.sum() < 6
+    assert list(table["status"]) == list(np.where(reached, "ok", "never-released"))
+    assert_allclose(
+        table["release_time_s"][reached],
+        np.arccos(1.0 - 0.0195 / size[reached]) / 30.0,
+        rtol=0,
+        atol=1e-9,
+    )

@@ -8,16 +8,23 @@ import numpy as np
 
 from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.settle import DOUBTFUL, TOO_LONG, Settled, settle
+from sepmc.campaign.settle import DOUBTFUL, HALVINGS, TOO_LONG, Settled, settle
 from sepmc.engine.door import Again, Block, fly_cases
 from sepmc.engine.written import Kernel
-from sepmc.routines.layout import BODY_OUTCOMES, FINER_STEPS, FLOW_ANGLES, LEAST_SQUARES
+from sepmc.routines.layout import (
+    ANY_ORDER,
+    BODY_OUTCOMES,
+    FINER_STEPS,
+    FLOW_ANGLES,
+    LEAST_SQUARES,
+)
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
 SAFE = 0.5  # share of the accuracy asked for that trial cases may use
 _TO_LEARN = 64  # times finer steps tell how long the phases of a case last
 _AT_ONCE = 1e-9  # of a flight
+_MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare kernel may fly it
 EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
 Say = Callable[[str], None]
@@ -63,6 +70,12 @@ class Flight:
     notes: list[str] = field(default_factory=list)
     spares: tuple[Spare, ...] = ()
 
+    @property
+    def has_pacing_spare(self) -> bool:
+        """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
+        in which an event comes late than ever finer steps."""
+        return any(spare.care == ANY_ORDER for spare in self.spares)
+
     def by(self, spare: Spare, announce: Say | None) -> "Flight":
         """The same by a spare kernel, whose stages are the phases."""
         kernel = spare.make(announce)
@@ -92,9 +105,10 @@ def fly(
     again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
     bodies = len(campaign.plan.bodies)
     for spare in flight.spares:
-        # it would help no more than they did
         finer = (block.status == FINER_STEPS) & motion_is_finite(block.outcomes, bodies)
-        lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & ~finer)
+        # least squares would help these no more than finer steps did
+        helped = ~finer | (spare.care != LEAST_SQUARES)
+        lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & helped)
         if len(lost):
             other = flight.by(spare, announce)
             _put(block, lost, fly_once(campaign, other, draws[lost], room))
@@ -199,7 +213,7 @@ def _fly_hard(
         return Again(_largest(change), finer=len(hard))
     finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
     left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
-    for number in left:
+    for number in [] if flight.has_pacing_spare else left:
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
     flown = block.flown[hard]
@@ -253,7 +267,13 @@ def _settle(
         else flight.scale
     )
     return settle(
-        fly_some, len(which), 1.0, SAFE * campaign.scene.solver.accuracy, scale, decisive(columns)
+        fly_some,
+        len(which),
+        1.0,
+        SAFE * campaign.scene.solver.accuracy,
+        scale,
+        decisive(columns),
+        _MOST_LOST if flight.has_pacing_spare else HALVINGS,
     )
 
 

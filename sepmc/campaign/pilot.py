@@ -40,7 +40,7 @@ from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
-from sepmc.routines.layout import FINER_STEPS, USUAL
+from sepmc.routines.layout import FINER_STEPS, LEAST_SQUARES, USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
@@ -193,11 +193,10 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
         kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
     )
     for spare in left:
-        if (
-            2 * np.count_nonzero((block.status < FINER_STEPS) & (block.status >= spare.care))
-            >= np.count_nonzero(block.status < 0)
-            > 0
-        ):
+        helped = (block.status < 0) & (block.status >= spare.care)
+        if spare.care == LEAST_SQUARES:  # it would help no more than finer steps did
+            helped &= block.status < FINER_STEPS
+        if 2 * np.count_nonzero(helped) >= np.count_nonzero(block.status < 0) > 0:
             return spare.care
     return None
 

@@ -99,14 +99,21 @@ def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> 
 
 
 def settle(
-    fly: Fly, count: int, step: float, goal: float, scale: np.ndarray, decides: np.ndarray
+    fly: Fly,
+    count: int,
+    step: float,
+    goal: float,
+    scale: np.ndarray,
+    decides: np.ndarray,
+    most_lost: int = HALVINGS,
 ) -> Settled:
     """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by
     no more than the goal.
 
     ``fly`` is called with a step and the numbers of the cases that have not settled, so its last
     call for a case is at the step told. Outcomes that do not ``decides`` (o,) do not count. A case
-    whose changes have stopped falling is left as it is.
+    whose changes have stopped falling is left as it is, and so is one that is still lost after
+    ``most_lost`` halvings.
     """
     left = np.arange(count)
     outcomes, status = fly(step, left)
@@ -114,7 +121,7 @@ def settle(
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-    for _ in range(HALVINGS):
+    for halving in range(1, HALVINGS + 1):
         step *= 0.5
         finer, finer_status = fly(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
@@ -127,7 +134,8 @@ def settle(
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
         change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
         outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now
-        left = left[(agreed[left] < _AGREEMENTS) & (stale[left] < _PATIENCE)]
+        lost = (finer_status == Status.UNRESOLVED) & (halving >= most_lost)
+        left = left[(agreed[left] < _AGREEMENTS) & (stale[left] < _PATIENCE) & ~lost]
         if not len(left):
             break
     return Settled(steps, status, change, agreed >= _AGREEMENTS)

@@ -15,7 +15,7 @@ from sepmc.kernel.emit import emit
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.structure import brief_transient, make_shape
-from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -71,7 +71,9 @@ def fly_single(
             return flight.fly()
         except _LostError as lost:
             more = [spare for spare in shape.spares if spare <= lost.status]
-            if not more or (lost.status == FINER_STEPS and flight.finite):
+            if lost.status == FINER_STEPS and flight.finite:  # least squares would not help
+                more = [spare for spare in more if spare == ANY_ORDER]
+            if not more:
                 return flight.lost(lost.status)
             care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
 
@@ -241,7 +243,8 @@ class _SingleFlight:
             raise _LostError(FINER_STEPS)
         self._compile_for(float(steps.max()))
         found, status, _ = self._once(steps)
-        if status < FINER_STEPS:
+        spared = steps.max() > _HOPELESS and ANY_ORDER in self.shape.spares
+        if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _LostError(status)
         return found, status
 

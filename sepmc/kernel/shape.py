@@ -274,10 +274,12 @@ class Shape:
     def spares(self) -> list[int]:
         """With what care kernels may fly cases that one of this shape loses: in which joints are
         late beyond the next event or fail, or bodies leave their layer of air though that was not
-        foreseen; in which rows cease to follow from others, or come to."""
+        foreseen, or an event comes much later than it is foretold; in which rows cease to follow
+        from others, or come to."""
         lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(
             self.failing
         )
+        lost = lost or any(stage.events and stage.stops == 1 for stage in self.stages)
         lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
         found = [at.ANY_ORDER] if lost and not self.any_order else []
         return found + (

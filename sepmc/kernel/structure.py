@@ -116,6 +116,8 @@ def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
         stage.stops = (
             1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
         )
+        # lanes then go each at their own pace: an event may come much later than it is foretold
+        stage.stops = max(stage.stops, 2) if any_order and stage.events else stage.stops
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
