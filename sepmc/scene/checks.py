@@ -160,7 +160,7 @@ def _check_initial(scene: Scene, problems: Problems) -> None:
         problems.add(
             "initial.yaw_deg",
             "must lie within +-89 deg (the attitude angles are singular at 90)",
-            math.degrees(initial.yaw),
+            float(f"{math.degrees(initial.yaw):.12g}"),
         )
     if holds_ground(scene) and initial.speed != 0.0:
         problems.add(
