@@ -731,18 +731,17 @@ def test_a_stroke_near_the_turning_point(pair, stroke):
 def test_strokes_near_the_turning_point(pair):
     """Cases that reach it and cases that do not, all with the status and the time of the closed
     form; none is lost."""
-    campaign = pair(
-        swinging(0.0195, 6.6) | {"dispersion": {"spring.s.force_N": {"uniform": [6.4, 6.8]}}}
-    )
+    laws = {"spring.s.force_N": {"uniform": [6.4, 6.8]}}
+    campaign = pair(swinging(0.0195, 6.6) | {"dispersion": laws, "solver.accuracy": 1e-6})
     with flown_plainly():
-        table = campaign.run(cases=6).to_pandas()
+        table = campaign.run(cases=4).to_pandas()
     size = table["in_spring_s_force_N"].to_numpy() / 675.0
     reached = 2.0 * size > 0.0195
-    assert 0 < reached.sum() < 6
+    assert 0 < reached.sum() < 4
     assert list(table["status"]) == list(np.where(reached, "ok", "never-released"))
     assert_allclose(
         table["release_time_s"][reached],
         np.arccos(1.0 - 0.0195 / size[reached]) / 30.0,
         rtol=0,
-        atol=1e-9,
+        atol=1e-7,
     )

@@ -213,7 +213,7 @@ def _fly_hard(
         return Again(_largest(change), finer=len(hard))
     finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
     left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
-    for number in [] if flight.has_pacing_spare else left:
+    for number in left:
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
     flown = block.flown[hard]
