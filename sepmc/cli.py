@@ -46,6 +46,12 @@ _OUT = click.option(
 )
 _OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
 _NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
+_CHECK = click.option(
+    "--check",
+    "must_pass",
+    is_flag=True,
+    help="Exit code 1 unless the cases show all that the file requires.",
+)
 _BRIEF = click.option("--brief", is_flag=True, help="A row for each group of lines only.")
 _QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
@@ -91,12 +97,7 @@ def main() -> None:
     is_flag=True,
     help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.",
 )
-@click.option(
-    "--check",
-    "must_pass",
-    is_flag=True,
-    help="Exit code 1 unless the cases show all that the file requires.",
-)
+@_CHECK
 @_QUIET
 def campaign(
     file: str,
@@ -132,8 +133,7 @@ def campaign(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
         loaded = _load(file, settings)
-        if must_pass and not loaded.file.requirements:
-            raise click.UsageError(f"--check needs a [[requirement]] in {file}")
+        _check_required(loaded, must_pass)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
 
@@ -262,7 +262,8 @@ def run(
 
 @main.command(short_help="Statistics of RUN again, from its files alone.")
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-def stats(folder: Path) -> None:
+@_CHECK
+def stats(folder: Path, must_pass: bool) -> None:
     """Compute and print the statistics of RUN again, from its files alone."""
     with plain_errors(False):
         from sepmc.campaign import store
@@ -280,7 +281,8 @@ def stats(folder: Path) -> None:
             )
         for note in manifest.get("notes", ()):
             click.echo(f"warning: {note}", err=True)
-        code = tell_results(folder, loaded, summary, click.echo, plots=False)
+        _check_required(loaded, must_pass)
+        code = tell_results(folder, loaded, summary, click.echo, plots=False, check=must_pass)
     sys.exit(code)
 
 
@@ -553,6 +555,12 @@ def bench(
             overwrite=overwrite,
         )
         speaker(quiet)(f"wrote {folder}")
+
+
+def _check_required(campaign: "Campaign", must_pass: bool) -> None:
+    """There is nothing to check where nothing is required."""
+    if must_pass and not campaign.file.requirements:
+        raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")
 
 
 def _undispersed(campaign: "Campaign") -> list[str]:

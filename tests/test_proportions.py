@@ -55,6 +55,13 @@ def test_needed_as_published(share, confidence):
         assert (allowed(n, share, confidence), allowed(n - 1, share, confidence)) == (k, k - 1)
 
 
+def test_more_cases_than_a_number_of_32_bits():
+    """For a billionth, log(0.1) / log(1 - 1e-9)."""
+    assert needed(0, 1.0 - 1e-9, 0.9) == pytest.approx(math.log(0.1) / math.log1p(-1e-9), rel=1e-7)
+    many = needed(300, 1.0 - 1e-7, 0.9)
+    assert allowed(many, 1.0 - 1e-7, 0.9) == 300
+
+
 def test_interval_against_sums():
     """Each end is the probability at which so many, or so few, have 2.5 %."""
     for n in (1, 2, 7, 59, ALL):

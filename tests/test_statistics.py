@@ -399,8 +399,8 @@ def test_yes_or_no_is_a_share():
     cases = {"case": np.arange(n), "status": np.array(["ok"] * n, dtype=object)}
     cases |= {"gap_recontact": np.zeros(n), "speed_m_s": np.arange(float(n))}
     text = summary_text(statistics(cases, ["gap_recontact", "speed_m_s"]), {"ok": n})
-    assert "gap_recontact: 0 of 5000 cases; of all cases < 6.0e-04 (95 %)" in text
+    assert "gap_recontact: 0 of 5000 ok cases; of all such < 6.0e-04 (95 %)" in text
     assert "speed_m_s" in text
     cases["gap_recontact"][:190] = 1.0
     text = summary_text(statistics(cases, ["gap_recontact"]), {"ok": n})
-    assert "gap_recontact: 190 of 5000 cases; of all cases 0.033 to 0.044 (95 %)" in text
+    assert "gap_recontact: 190 of 5000 ok cases; of all such 0.033 to 0.044 (95 %)" in text

@@ -8,9 +8,14 @@ and Pearson, Biometrika 26 (1934) 404.
 import math
 
 import numpy as np
-from scipy.special import bdtr, betaincinv
+from scipy.special import betainc, betaincinv
 
 CONFIDENCE = 0.95  # of what is printed unless a requirement has its own
+
+
+def cumulative(k: int, n: int, p: float) -> float:
+    """BinCDF(k; n, p): probability that at most k of n cases meet what one does with p."""
+    return 1.0 if k >= n else float(betainc(n - k, k + 1.0, 1.0 - p))
 
 
 def interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -36,6 +41,11 @@ def at_most(k: int, n: int, confidence: float = CONFIDENCE) -> float:
     """What a probability that was met k times in n cases does not exceed, with a confidence:
     one-sided, so that 0 of n reads 1 - (1 - confidence)^(1 / n)."""
     return _upper(k, n, 1.0 - confidence)
+
+
+def at_least(k: int, n: int, confidence: float = CONFIDENCE) -> float:
+    """What a probability that was met k times in n cases does not fall below, with a confidence."""
+    return _lower(k, n, 1.0 - confidence)
 
 
 def _lower(k: int, n: int, risk: float) -> float:
@@ -66,7 +76,7 @@ def allowed(n: int, share: float, confidence: float) -> int:
     risk, low, high = 1.0 - confidence, -1, n
     while high - low > 1:  # BinCDF rises with k
         middle = (low + high) // 2
-        low, high = (middle, high) if bdtr(middle, n, 1.0 - share) <= risk else (low, middle)
+        low, high = (middle, high) if cumulative(middle, n, 1.0 - share) <= risk else (low, middle)
     return low
 
 
@@ -74,11 +84,11 @@ def needed(k: int, share: float, confidence: float) -> int:
     """Cases that show a requirement in spite of k violations: the smallest n with BinCDF(k; n, 1 -
     share) <= 1 - confidence. For k = 0, log(1 - confidence) / log(share)."""
     risk, low, high = 1.0 - confidence, k, k + 1
-    while bdtr(k, high, 1.0 - share) > risk:  # BinCDF falls with n
+    while cumulative(k, high, 1.0 - share) > risk:  # BinCDF falls with n
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if bdtr(k, middle, 1.0 - share) <= risk else (middle, high)
+        low, high = (low, middle) if cumulative(k, middle, 1.0 - share) <= risk else (middle, high)
     return high
 
 

@@ -1,29 +1,31 @@
 """Whether the cases of a campaign show what is required of it.
 
-A case violates a requirement if its outcome is beyond the bound. So does a case that did not come
-to its end, or does not have the outcome: it has not shown that it holds. Method: Hanson and Beard,
+A case violates a requirement if its outcome is beyond the bound. A case that did not come to its
+end, or does not have the outcome, has shown neither: it counts as a violation where the requirement
+is to be shown, and not where it is to be refuted. Method: Hanson and Beard,
 NASA/TP-2010-216447: n cases show a requirement if they have no more violations than a just
 insufficient system would have with a probability of 1 - confidence (`sepmc.analysis.proportions`).
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import allowed, at_most, interval, needed
+from sepmc.analysis.proportions import allowed, at_least, at_most, cumulative, interval, needed
 from sepmc.analysis.statistics import WIDTH, rounded
 from sepmc.scene.model import Requirement
 from sepmc.schema import is_yes_or_no
 
+_KEPT = "\N{NO-BREAK SPACE}"
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
 # Cases nearest to a bound of which it is known how near: more of them within the numerical error
 # leave no verdict.
-_NEAR = 1000
+_NEAR = 65536
 
 
 # of outcomes by name, as shares of their size or of a scale if that is larger; and these scales, in
@@ -106,11 +108,12 @@ class Verdict:
 
     ``verdict`` : pass; fail: shown not to hold, with the same confidence; not shown: neither; no
     verdict, and ``why``
-    ``violations`` of ``cases``, ``allowed`` of them (-1: too few cases), ``missing``: those that
-    did not come to their end or have no such outcome
+    ``violations`` of ``cases``, ``allowed`` of them (-1: too few cases); ``missing``: those of them
+    that did not come to their end or have no such outcome, of which it is not known
     ``more`` : further cases, none of which violates, that would show it; 0 if it passes
-    ``share_low``, ``share_high`` : 95 % interval of the share that violates (Clopper-Pearson);
-    ``share_at_most`` : with the confidence of the requirement
+    ``share_low``, ``share_high`` : 95 % interval of the share that violates (Clopper-Pearson), from
+    no and from all cases of which it is not known; ``share_at_least``, ``share_at_most``: each with
+    the confidence of the requirement
     ``design_value`` : what the required share of all cases does not pass, with the confidence: an
     order statistic; None if the cases are too few, or there are two bounds
     ``worst``, ``worst_case`` : the outcome that is worst, and its case
@@ -132,6 +135,7 @@ class Verdict:
     more: int
     share_low: float
     share_high: float
+    share_at_least: float
     share_at_most: float
     design_value: float | None
     worst: float | None
@@ -169,7 +173,7 @@ def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Ve
     may = allowed(n, item.probability, item.confidence) if n else -1
     error = _error_at(item, errors)
     verdict, why = _verdict(tally, error, audit_failed)
-    low, high = interval(k, n) if n else (0.0, 1.0)
+    known = k - tally.missing
     return Verdict(
         item.name,
         item.metric,
@@ -184,8 +188,9 @@ def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Ve
         may,
         tally.missing,
         0 if k <= may else needed(k, item.probability, item.confidence) - n,
-        low,
-        high,
+        interval(known, n)[0] if n else 0.0,
+        interval(k, n)[1] if n else 1.0,
+        at_least(known, n, item.confidence) if n else 0.0,
         at_most(k, n, item.confidence) if n else 1.0,
         _known(design),
         _known(tally.worst[0]),
@@ -214,31 +219,35 @@ def _verdict(tally: Tally, error: float, audit_failed: bool) -> tuple[str, str]:
         return NONE, "no case was flown"
     if audit_failed:
         return NONE, "the audit failed"
+    if tally.missing == n:
+        return NONE, "no case came to its end with this outcome"
     if math.isnan(error):
         return NONE, "the numerical error of this outcome is not known"
     doubt = tally.in_doubt(error)
-    found = {_shown(k, n, item) for k in doubt} if doubt is not None else set()
+    found = {_shown(k, tally.missing, n, item) for k in doubt} if doubt is not None else set()
     if len(found) != 1:
         return NONE, (
-            f"cases are nearer to the bound than the numerical error of {error:.1e}; ask for a "
-            "finer solver.accuracy"
+            f"cases nearer to the bound than the numerical error of {error:.1e} decide; a finer "
+            "solver.accuracy may tell, but for times and places of extremes"
         )
     return found.pop(), ""
 
 
-def _shown(k: int, n: int, item: Requirement) -> str:
-    """What k violations in n cases show."""
+def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
+    """What k violations in n cases show, of which so many are ``missing``."""
     if k <= allowed(n, item.probability, item.confidence):
         return PASS
-    # so many violations would be as improbable of a system that is just sufficient
-    low = 1.0 - at_most(n - k, n, item.confidence)
-    return FAIL if low > 1.0 - item.probability else NOT_SHOWN
+    # a system that is just sufficient would rarely have so many that are known
+    rarely = 1.0 - item.confidence
+    as_many = 1.0 - cumulative(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
+    return FAIL if as_many <= rarely else NOT_SHOWN
 
 
 def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     """Verdicts by the name of their requirement."""
-    frame = pd.DataFrame([verdict.to_dict() for verdict in verdicts])
-    return frame.set_index("name") if len(frame) else frame
+    names = [field.name for field in fields(Verdict)]
+    rows = [verdict.to_dict() for verdict in verdicts]
+    return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
 
 
 def text(verdicts: Sequence[Verdict], units: Mapping[str, str]) -> str:
@@ -261,38 +270,44 @@ def sentence(item: Requirement | Verdict, unit: str) -> str:
 
 def _told(v: Verdict, unit: str) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
+    on_status = v.at_least is None and v.at_most is None
+    unknown = "ended in another way" if on_status else "have no such outcome"
     lines = [
         sentence(v, unit),
         f"{v.violations} of {v.cases} cases violate it, "
         + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
-        + (f"; {v.missing} of them have no such outcome" if v.missing else "")
-        + f"; of all cases {_violating(v, confidence)}",
+        + (f"; {v.missing} of them {unknown}" if v.missing else ""),
     ]
+    if v.verdict == NONE:
+        lines.insert(1, v.why)
+    else:
+        lines[-1] += f"; of all cases {_violating(v)} do ({confidence})"
     if v.verdict == NOT_SHOWN:
         lines.append(f"{v.more} more cases, none of which violates it, would show it")
-    if v.worst is not None:
+    if v.worst is not None and not is_yes_or_no(v.metric):
         said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
-        if v.design_value is not None:
+        if v.design_value is not None and v.verdict != NONE:
             sign = ">=" if v.at_least is not None else "<="
             said += (
                 f"; {required} of all cases are {sign} {_number(v.design_value)}{_spaced(unit)}, "
                 f"with {confidence}"
             )
         lines.append(said)
-    if v.why:
-        lines.insert(1, v.why)
     head, indent = f"  {v.verdict.upper():10s}  ", " " * 14
     return "\n".join(
-        fill(line, WIDTH, initial_indent=indent if i else head, subsequent_indent=indent)
+        fill(
+            line.replace(" %", _KEPT + "%"),
+            WIDTH,
+            initial_indent=indent if i else head,
+            subsequent_indent=indent,
+        ).replace(_KEPT, " ")
         for i, line in enumerate(lines)
     )
 
 
-def _violating(v: Verdict, confidence: str) -> str:
+def _violating(v: Verdict) -> str:
     """What share of all cases violates a requirement."""
-    if v.verdict == FAIL:
-        return f"{_share(v.share_low)} to {_share(v.share_high)} do (95 %)"
-    return f"< {_share(v.share_at_most)} do ({confidence})"
+    return f"> {_share(v.share_at_least)}" if v.verdict == FAIL else f"< {_share(v.share_at_most)}"
 
 
 def _percent(share: float) -> str:

@@ -439,7 +439,9 @@ def _shares_text(shares: pd.DataFrame) -> str:
         k = round(n * mean) if n else 0
         low, high = interval(k, int(n)) if n else (0.0, 1.0)
         share = f"< {at_most(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
-        lines.append(f"  {name}: {k} of {n} cases; of all cases {share} ({100.0 * CONFIDENCE:g} %)")
+        lines.append(
+            f"  {name}: {k} of {n} ok cases; of all such {share} ({100.0 * CONFIDENCE:g} %)"
+        )
     return "\n".join(lines)
 
 

@@ -21,7 +21,7 @@ from sepmc.scene.model import Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
-from sepmc.schema import Status, outcome_columns
+from sepmc.schema import Status, is_yes_or_no, outcome_columns
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = ("name", "title", "dispersion", "requirement", "reference")
@@ -200,6 +200,10 @@ def _check_requirement(requirement: Requirement, scene: Scene, problems: Problem
         )
     elif low is None and high is None:
         problems.add(place, "needs at_least or at_most")
+    elif is_yes_or_no(requirement.metric) and (
+        (low or 0.0) <= 0.0 and (1.0 if high is None else high) >= 1.0
+    ):
+        problems.add(place, "holds in every case: this outcome is 0 or 1; at_most = 0 allows no 1")
     elif low is not None and high is not None and low > high:
         problems.add(f"{place}.at_most", f"must be at least at_least = {low:g}", high)
 
