@@ -329,11 +329,18 @@ def draw_figures(
     ]
     # yes or no has no density
     varied = [name for name in varied if not is_yes_or_no(str(name))]
-    outcomes = (
+    bounds: dict[str, list[float]] = {}
+    for item in loaded.file.requirements:
+        if item.metric in units and not is_yes_or_no(item.metric):
+            at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
+            bounds[item.metric] = bounds.get(item.metric, []) + at
+    others = (
         [name for name in loaded.reference if name in units]
         if loaded.reference
         else sorted(varied, key=_interest)
     )
+    # what is required comes first
+    outcomes = [*bounds, *(name for name in others if name not in bounds)]
     if len(outcomes) > _DRAWN and not every:
         say(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
@@ -345,6 +352,7 @@ def draw_figures(
         units,
         loaded.reference,
         source=source,
+        required=bounds,
     )
 
 

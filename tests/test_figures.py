@@ -11,7 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
-from sepmc.report.figures import campaign_figures, run_figures
+from sepmc.analysis.statistics import histogram
+from sepmc.report.figures import campaign_figures, histogram_figures, run_figures
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
 REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
@@ -398,3 +399,14 @@ def test_pyplot_stays_out():
     """It would cost import time, and may look for a display."""
     code = "import sys, sepmc.report.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_required_bounds_are_marked(drawn, tmp_path):
+    """A line at the bound, in the panel of its outcome, which comes first."""
+    found = {name: histogram(np.linspace(0.0, 10.0, 100)) for name in ("gap_mm", "speed_m_s")}
+    histogram_figures(found, tmp_path, {"speed_m_s": "m/s"}, required={"speed_m_s": [4.0]})
+    first, second = drawn["histograms.png"].axes
+    assert first.get_xlabel() == "speed (m/s)"
+    marked = [line.get_xdata()[0] for line in first.lines if line.get_label() == "required bound"]
+    assert marked == [4.0]
+    assert "required bound" not in [line.get_label() for line in second.lines]

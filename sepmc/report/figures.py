@@ -140,13 +140,17 @@ def histogram_figures(
     reference: Mapping[str, Mapping[str, float]] | None = None,
     labels: Mapping[str, str] | None = None,
     source: str = "reference",
+    required: Mapping[str, Sequence[float]] | None = None,
 ) -> list[Path]:
     """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome
-    without values (None) is left out."""
+    without values (None) is left out. Bounds that are ``required`` of an outcome are marked."""
     folder, reference, labels, written = _made(folder), reference or {}, labels or {}, []
+    required = required or {}
     values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, _words(name, units.get(name, ""))) for name in values}
-    overview = [name for name in values if name in reference] or list(values)[:OVERVIEW]
+    overview = [name for name in values if name in reference or name in required]
+    overview += [name for name in values if not reference and name not in overview]
+    overview = overview[: len(reference) + len(required) if reference else OVERVIEW]
     sheets = [(f"hist_{name}.png", [name]) for name in values] + (
         [("histograms.png", overview)] if overview else []
     )
@@ -163,6 +167,7 @@ def histogram_figures(
                 units.get(name, ""),
                 reference.get(name, {}),
                 source,
+                required.get(name, ()),
             )
         for ax in axes[len(names) :]:
             ax.remove()
@@ -336,10 +341,16 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
 
 
 def _histogram(
-    ax: Axes, found: Histogram, words: str, unit: str, reference: Mapping[str, float], source: str
+    ax: Axes,
+    found: Histogram,
+    words: str,
+    unit: str,
+    reference: Mapping[str, float],
+    source: str,
+    required: Sequence[float],
 ) -> None:
-    """Density histogram of an outcome, with the normal density of equal mean and sigma, and the
-    reference."""
+    """Density histogram of an outcome, with the normal density of equal mean and sigma, the
+    reference, and the bounds that are required."""
     mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
     if spread:
         ax.hist(
@@ -363,6 +374,8 @@ def _histogram(
                 ax.axvline(
                     reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text
                 )
+    for bound in required:
+        ax.axvline(bound, color=GREEN, linestyle="-", linewidth=2.2, label="required bound")
     ax.set_title(
         f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(),
         fontsize=9,
