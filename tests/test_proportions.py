@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import binom
 
 from sepmc.analysis.proportions import (
     allowed,
@@ -104,6 +105,15 @@ def test_coverage_of_percentiles(n, share):
     below = cumulative(n, share) if n <= ALL else None
     if below is not None:
         assert below[low] <= 0.025 < below[low + 1]
+
+
+@pytest.mark.parametrize("share", [0.00135, 0.05, 0.5, 0.99, 0.99865])
+def test_places_of_percentiles_against_the_law(share):
+    """Each end misses with at most 2.5 %, and the next place with more: by scipy."""
+    for n in (1, 2, 59, 200, 741, 10_000, 3_000_000):
+        low, high = percentile_ranks(n, share)
+        assert binom.cdf(low, n, share) <= 0.025 < binom.cdf(low + 1, n, share)
+        assert binom.sf(high, n, share) <= 0.025 < binom.sf(high - 1, n, share)
 
 
 def test_design_value():
