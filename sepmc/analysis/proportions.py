@@ -6,6 +6,7 @@ and Pearson, Biometrika 26 (1934) 404.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -121,6 +122,7 @@ def design_value(values: np.ndarray, share: float, confidence: float, upper: boo
     return float(np.partition(values, at)[at])
 
 
+@lru_cache(maxsize=256)
 def percentile_ranks(n: int, share: float, confidence: float = CONFIDENCE) -> tuple[int, int]:
     """Places of the two order statistics that hold a percentile between them.
 
