@@ -16,6 +16,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.engine.door import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate.plain import flown_plainly
 
 TREE = tomllib.loads(
     (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
@@ -294,7 +295,7 @@ def test_a_tail_that_may_not_be(key):
     campaign = Campaign(
         parse_campaign(TAIL, "tail.toml", {"dispersion": {key: {"normal": [0.03, 0.03]}}})
     )
-    with interpreted():
+    with flown_plainly():
         table = campaign.run().to_pandas()
     bad = (table[campaign.input_columns[0].name] < 0.0).to_numpy()
     assert 1 <= bad.sum() <= 8
@@ -318,7 +319,7 @@ def test_a_load_that_ends_before_it_starts():
     }
     laws = {"load.gust.start_s": {"uniform": 0.1}, "load.gust.end_s": {"uniform": 0.05}}
     campaign = Campaign(parse_campaign(TAIL | {"load": [load]}, "early.toml", {"dispersion": laws}))
-    with interpreted():
+    with flown_plainly():
         table = campaign.run(cases=20).to_pandas()
     early = (table["in_load_gust_end_s"] <= table["in_load_gust_start_s"]).to_numpy()
     assert 1 <= early.sum() <= 10
