@@ -266,6 +266,6 @@ def test_three_compiled_scenes():
 def test_a_scene_that_failed_once(path):
     """A scene that the gate found and shrank, flown as the gate flies it."""
     with flown_plainly():
-        verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem)
+        verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem, 2)
     assert not verdict.not_flown
     assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])
