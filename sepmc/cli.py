@@ -174,6 +174,10 @@ def campaign(
     type=click.IntRange(min=0),
     help="Dispersed case to fly; default the nominal.",
 )
+@click.option("--least", metavar="OUTCOME", help="With a run folder: its case of least OUTCOME.")
+@click.option(
+    "--greatest", metavar="OUTCOME", help="With a run folder: its case of greatest OUTCOME."
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the case, instead of the file's.")
 @click.option(
     "--every-s",
@@ -190,6 +194,8 @@ def campaign(
 def run(
     file: str,
     number: int | None,
+    least: str | None,
+    greatest: str | None,
     seed: int | None,
     every_s: float,
     out: Path | None,
@@ -198,8 +204,8 @@ def run(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Fly one case of FILE and write its time history; with a run folder as FILE, --case replays
-    one of its cases. Exit code 1 if its status is not ok."""
+    """Fly one case of FILE and write its time history; with a run folder as FILE, --case, --least
+    or --greatest replays one of its cases. Exit code 1 if its status is not ok."""
     say = speaker(quiet)
     with plain_errors(quiet):
         loaded = _load(file, settings)
@@ -208,6 +214,11 @@ def run(
         from sepmc.engine.door import check_every
 
         check_every(every_s, loaded.scene, "--every-s")
+        if least or greatest:
+            if (number, seed) != (None, None) or (least and greatest):
+                raise click.UsageError("give one of --case, --least and --greatest, and no --seed")
+            number = _extreme(Path(file), loaded, least or greatest or "", bool(least))
+            say(f"{file}: case {number} has the {'least' if least else 'greatest'} of them")
         _check_held(Path(file), number, seed)
         case = loaded.nominal() if number is None else loaded.case(number, seed)
         folder = out or store.next_folder(
@@ -606,6 +617,23 @@ def list_campaigns() -> None:
 
     for name, path in shipped_campaigns().items():
         click.echo(f"{name:24s} {tomllib.loads(path.read_text(encoding='utf-8')).get('title', '')}")
+
+
+def _extreme(folder: Path, loaded: "Campaign", outcome: str, least: bool) -> int:
+    """The case of a run folder with the least or greatest value of an outcome."""
+    from sepmc.campaign import store
+    from sepmc.scene.messages import nearest
+
+    known = [column.name for column in loaded.outcome_columns]
+    if outcome not in known:
+        raise store.StoreError(f"{outcome}: no such outcome; {nearest(outcome, known)}")
+    manifest_with_rows(folder)
+    rows = store.read_cases(folder, columns=["case", "status", outcome])
+    there = ((rows["status"] == "ok") & rows[outcome].notna()).to_numpy()
+    if not there.any():
+        raise store.StoreError(f"{folder}: no ok case has {outcome}")
+    numbers, values = rows["case"].to_numpy()[there], rows[outcome].to_numpy()[there]
+    return int(numbers[values.argmin() if least else values.argmax()])
 
 
 def _check_held(file: Path, number: int | None, seed: int | None) -> None:
