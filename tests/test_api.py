@@ -258,9 +258,12 @@ def test_case_of_a_result(result):
             result.case(wrong)
 
 
-def test_simulate_takes_a_case(campaign):
-    with pytest.raises(ValueError, match=r"case = 3: must be a Case, such as case\(3\) gives"):
-        campaign.simulate(3)
+def test_simulate_takes_a_case_or_its_number(campaign):
+    one, other = campaign.simulate(3, 0.1), campaign.simulate(campaign.case(3), 0.1)
+    assert one.attrs["outcomes"] == other.attrs["outcomes"]
+    for wrong in (-1, 1.5, "3"):
+        with pytest.raises(ValueError, match=f"case = {wrong!r}: must be |case = -1: must be "):
+            campaign.simulate(wrong)
 
 
 def test_reference_of_an_unknown_outcome(campaign):

@@ -159,12 +159,12 @@ class Campaign(Definition):
 
     def simulate(
         self,
-        case: Case | None = None,
+        case: Case | int | None = None,
         step_s: float = 0.001,
         announce: Callable[[str], None] | None = None,
     ) -> pd.DataFrame:
-        """Time history of one case (the nominal if None), a row every ``step_s`` and two at each
-        phase boundary.
+        """Time history of one case (the nominal if None, or that of a number), a row every
+        ``step_s`` and two at each phase boundary.
 
         Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no
         outcome by more than ``solver.accuracy``: by the kernel written for the scene, as plain
@@ -181,10 +181,8 @@ class Campaign(Definition):
             sentences on what deserves a look.
         """
         check_every(step_s, self.scene)
-        if not isinstance(case, Case | None):
-            raise InputError(
-                f"case = {case!r}: must be a Case, such as case({case!r}) gives, or None"
-            )
+        if case is not None and not isinstance(case, Case):
+            case = self.case(whole("case", case, 0))
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
