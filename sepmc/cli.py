@@ -283,6 +283,7 @@ def stats(folder: Path, must_pass: bool) -> None:
             raise store.StoreError(f"{folder}: is a single run, which has no statistics")
         manifest = manifest_with_rows(folder)
         loaded = _load(str(folder), (), warn=False)
+        _check_required(loaded, must_pass)
         summary = summary_of(folder, loaded)
         if not manifest.get("complete", True):
             held = sum(summary.counts.values())
@@ -292,7 +293,6 @@ def stats(folder: Path, must_pass: bool) -> None:
             )
         for note in manifest.get("notes", ()):
             click.echo(f"warning: {note}", err=True)
-        _check_required(loaded, must_pass)
         code = tell_results(folder, loaded, summary, click.echo, plots=False, check=must_pass)
     sys.exit(code)
 

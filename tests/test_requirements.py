@@ -40,7 +40,7 @@ def verdict(values, requirement=CLEAR, statuses=None, error=1e-9, audit=None):
         )
     found = []
     for summary in (rows, stream):
-        found += summary.verdicts({"gap_mm": (error, 1.0)})
+        found += summary.verdicts({"gap_mm": (error, 1.0)}, summary.audit())
     assert found[0] == found[1]
     return found[0]
 

@@ -115,11 +115,24 @@ def design_value(values: np.ndarray, share: float, confidence: float, upper: boo
     value : float
         The (k + 1)-th worst of the values, k as `allowed`; NaN if they are too few.
     """
-    rank = allowed(len(values), share, confidence)
-    if rank < 0:
-        return math.nan
-    at = len(values) - 1 - rank if upper else rank
-    return float(np.partition(values, at)[at])
+    place = design_place(len(values), share, confidence, upper)
+    return math.nan if place is None else float(ranked(values, np.array([place]))[0])
+
+
+def design_place(
+    count: int, share: float, confidence: float, upper: bool, missing: int = 0
+) -> int | None:
+    """Place of the `design_value` among so many rising values, if ``missing`` more cases are worse
+    than all of them; None if there is none."""
+    worse = allowed(count + missing, share, confidence) - missing
+    if not 0 <= worse < count:
+        return None
+    return count - 1 - worse if upper else worse
+
+
+def ranked(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values at places (k,) among all (n,), rising, from 0."""
+    return np.partition(values, places)[places]
 
 
 @lru_cache(maxsize=256)

@@ -8,7 +8,7 @@ insufficient system would have with a probability of 1 - confidence (`sepmc.anal
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from textwrap import fill
 from typing import Any
@@ -16,7 +16,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import allowed, at_least, at_most, cumulative, interval, needed
+from sepmc.analysis.proportions import (
+    allowed,
+    at_least,
+    at_most,
+    cumulative,
+    design_place,
+    interval,
+    needed,
+)
 from sepmc.analysis.statistics import WIDTH, rounded
 from sepmc.scene.model import Requirement
 from sepmc.schema import is_yes_or_no
@@ -148,15 +156,16 @@ class Verdict:
         return asdict(self)
 
 
-def design_place(tally: Tally, count: int) -> int | None:
-    """Place of the design value among so many rising outcomes; None if there is none."""
+def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.ndarray]) -> float:
+    """The design value among so many outcomes, ``ranked`` by rising places; NaN if there is
+    none."""
     item = tally.requirement
     if (item.at_least is None) == (item.at_most is None):  # on a status, or between two bounds
-        return None
-    worse = allowed(tally.cases, item.probability, item.confidence) - tally.missing
-    if not 0 <= worse < count:
-        return None
-    return worse if item.at_least is not None else count - 1 - worse
+        return math.nan
+    place = design_place(
+        count, item.probability, item.confidence, item.at_most is not None, tally.missing
+    )
+    return math.nan if place is None else float(ranked(np.array([place]))[0])
 
 
 def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Verdict:
@@ -166,7 +175,7 @@ def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Ve
     ----------
     tally : of all cases
     errors : of outcomes
-    design : the outcome at the `design_place`; NaN if there is none
+    design : the `design_value`; NaN if there is none
     audit_failed : whether the run's audit did
     """
     item, n, k = tally.requirement, tally.cases, tally.violations

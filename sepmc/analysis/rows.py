@@ -1,14 +1,15 @@
 """Statistics of cases whose rows are there, column by column."""
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from sepmc.analysis import statistics as of
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_place, judge
+from sepmc.analysis.proportions import ranked
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, judge
 from sepmc.analysis.stream import NAMED, Stream
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
@@ -64,9 +65,10 @@ class Rows:
         """See `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
-    def verdicts(self, errors: Errors) -> list[Verdict]:
-        """Verdicts on the requirements; outcomes have such numerical ``errors``."""
-        failed = bool((self.audit()["beyond"] > 0).any())
+    def verdicts(self, errors: Errors, audit: pd.DataFrame) -> list[Verdict]:
+        """Verdicts on the requirements, given the ``audit``; outcomes have such numerical
+        ``errors``."""
+        failed = bool((audit["beyond"] > 0).any())
         return [self._verdict(item, errors, failed) for item in self.requirements]
 
     def _verdict(self, item: Requirement, errors: Errors, failed: bool) -> Verdict:
@@ -76,8 +78,7 @@ class Rows:
         design = np.nan
         if values is not None:
             known = values[self._ok & ~np.isnan(values)]
-            place = design_place(tally, len(known))
-            design = np.nan if place is None else float(np.partition(known, place)[place])
+            design = design_value(tally, len(known), partial(ranked, known))
         return judge(tally, errors, design, failed)
 
     def histogram(self, name: str) -> of.Histogram | None:

@@ -16,6 +16,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sepmc.analysis.proportions import ranked
+
 ROOM = 65536  # values kept before they are counted: 0.5 MB for each outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
@@ -61,7 +63,7 @@ class Sketch:
     def ranked(self, places: np.ndarray) -> np.ndarray:
         """Values at places (k,) among all, rising, from 0."""
         if self._grid is None:
-            return np.partition(self._waiting[: self._filled], places)[places]
+            return ranked(self._waiting[: self._filled], places)
         self._count()
         return self._grid.ranked(places)
 

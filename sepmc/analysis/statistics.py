@@ -7,13 +7,14 @@ that case does not have (no release time, say): it is left out of that outcome a
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks
+from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
 from sepmc.schema import is_yes_or_no
 
 OK = "ok"
@@ -186,7 +187,7 @@ def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
     # between two infinities there is no number, and the table then says NaN
     with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
-    row |= percentile_ends(x.size, lambda places: np.partition(x, places)[places])
+    row |= percentile_ends(x.size, partial(ranked, x))
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.moments import Moments
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_place, judge
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, judge
 from sepmc.analysis.sketch import Sketch
 from sepmc.analysis.statistics import (
     PERCENTILES,
@@ -152,18 +152,16 @@ class Stream:
         self._flush()
         return audit_table(self.audits)
 
-    def verdicts(self, errors: Errors) -> list[Verdict]:
+    def verdicts(self, errors: Errors, audit: pd.DataFrame) -> list[Verdict]:
         """As `sepmc.analysis.rows.Rows.verdicts`; design values are those of a `Sketch`."""
-        failed = bool((self.audit()["beyond"] > 0).any())
+        failed = bool((audit["beyond"] > 0).any())
         return [judge(t, errors, self._design(t), failed) for t in self.tallies]
 
     def _design(self, tally: Tally) -> float:
         name = tally.requirement.metric
-        count = self.moments[name].n if name in self.moments else 0
-        place = design_place(tally, count)
-        if place is None:
+        if name not in self.moments:
             return float("nan")
-        return float(self.sketches[name].ranked(np.array([place]))[0])
+        return design_value(tally, self.moments[name].n, self.sketches[name].ranked)
 
     def histogram(self, name: str) -> Histogram | None:
         """Histogram of an outcome, or None if it has no value or an infinite one."""

@@ -115,7 +115,7 @@ class Result:
         `sepmc.analysis.requirements.Verdict`."""
         told = self.accuracy.errors if self.accuracy else {}
         errors = with_scales(self.campaign, told, self.kept.summary.statistics())
-        return requirements.table(self.kept.summary.verdicts(errors))
+        return requirements.table(self.kept.summary.verdicts(errors, self.kept.summary.audit()))
 
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is

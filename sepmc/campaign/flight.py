@@ -105,10 +105,8 @@ def fly(
     again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
     bodies = len(campaign.plan.bodies)
     for spare in flight.spares:
-        finer = (block.status == FINER_STEPS) & motion_is_finite(block.outcomes, bodies)
-        # least squares would help these no more than finer steps did
-        helped = ~finer | (spare.care != LEAST_SQUARES)
-        lost = np.flatnonzero((block.status < 0) & (block.status >= spare.care) & helped)
+        finite = motion_is_finite(block.outcomes, bodies)
+        lost = np.flatnonzero(helped(block.status, spare.care, finite))
         if len(lost):
             other = flight.by(spare, announce)
             _put(block, lost, fly_once(campaign, other, draws[lost], room))
@@ -122,6 +120,13 @@ def fly(
     block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
     block.again = again
     return block
+
+
+def helped(status: np.ndarray, care: int, finite: np.ndarray) -> np.ndarray:
+    """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
+    steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
+    finer = (status == FINER_STEPS) & finite
+    return (status < 0) & (status >= care) & ~(finer & (care == LEAST_SQUARES))
 
 
 def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:

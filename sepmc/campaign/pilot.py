@@ -31,6 +31,7 @@ from sepmc.campaign.flight import (
     Spare,
     fly,
     fly_once,
+    helped,
     history_rows,
 )
 from sepmc.campaign.remarks import remarks
@@ -40,7 +41,7 @@ from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
-from sepmc.routines.layout import FINER_STEPS, LEAST_SQUARES, USUAL
+from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
@@ -193,10 +194,8 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
         kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
     )
     for spare in left:
-        helped = (block.status < 0) & (block.status >= spare.care)
-        if spare.care == LEAST_SQUARES:  # it would help no more than finer steps did
-            helped &= block.status < FINER_STEPS
-        if 2 * np.count_nonzero(helped) >= np.count_nonzero(block.status < 0) > 0:
+        flown = np.count_nonzero(helped(block.status, spare.care, np.array(True)))
+        if 2 * flown >= np.count_nonzero(block.status < 0) > 0:
             return spare.care
     return None
 

@@ -8,7 +8,14 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
-from sepmc.campaign.flight import EVERY_S, Say, final_status, motion_is_finite, usual_lengths
+from sepmc.campaign.flight import (
+    EVERY_S,
+    Say,
+    final_status,
+    helped,
+    motion_is_finite,
+    usual_lengths,
+)
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.kernel.emit import emit
@@ -70,9 +77,8 @@ def fly_single(
         try:
             return flight.fly()
         except _LostError as lost:
-            more = [spare for spare in shape.spares if spare <= lost.status]
-            if lost.status == FINER_STEPS and flight.finite:  # least squares would not help
-                more = [spare for spare in more if spare == ANY_ORDER]
+            status, finite = np.array(lost.status), np.array(flight.finite)
+            more = [spare for spare in shape.spares if helped(status, spare, finite)]
             if not more:
                 return flight.lost(lost.status)
             care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES

@@ -148,9 +148,9 @@ def histogram_figures(
     required = required or {}
     values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, _words(name, units.get(name, ""))) for name in values}
-    overview = [name for name in values if name in reference or name in required]
-    overview += [name for name in values if not reference and name not in overview]
-    overview = overview[: len(reference) + len(required) if reference else OVERVIEW]
+    ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
+    chosen = [name for name in ordered if name in reference or name in required]
+    overview = (chosen if reference else []) or ordered[:OVERVIEW]
     sheets = [(f"hist_{name}.png", [name]) for name in values] + (
         [("histograms.png", overview)] if overview else []
     )
