@@ -82,6 +82,11 @@ def main() -> None:
     "--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's."
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
+@click.option(
+    "--sampler",
+    type=click.Choice(("random", "lhs", "sobol")),
+    help="How cases are drawn, instead of the file's run.sampler.",
+)
 @_OUT
 @click.option(
     "--threads",
@@ -103,6 +108,7 @@ def campaign(
     file: str,
     cases: int | None,
     seed: int | None,
+    sampler: str | None,
     out: Path | None,
     threads: int | None,
     settings: tuple[str, ...],
@@ -132,7 +138,7 @@ def campaign(
             raise click.UsageError(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
-        loaded = _load(file, settings)
+        loaded = _load(file, (*settings, f"run.sampler={sampler}") if sampler else settings)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
@@ -330,7 +336,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
     out. Flies nothing."""
     with plain_errors(False):
         loaded = _load(file, settings)
-        from sepmc.campaign import cases, pilot
+        from sepmc.campaign import pilot
         from sepmc.kernel.emit import features
         from sepmc.kernel.structure import make_shape
 
@@ -339,7 +345,7 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             return
         from sepmc.analysis.requirements import sentence
         from sepmc.campaign.chunks import implausible_note
-        from sepmc.campaign.remarks import of_file
+        from sepmc.campaign.remarks import of_file, sampled
         from sepmc.kernel.describe import lines
 
         settings_of_run = loaded.scene.run
@@ -365,7 +371,10 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
-        click.echo(f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}")
+        click.echo(
+            f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}, "
+            f"sampler {settings_of_run.sampler}"
+        )
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
             numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
@@ -373,6 +382,9 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
                 f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) "
                 f"{dispersion.parameter.unit}"
             )
+        for copula in loaded.file.copulas:
+            keys = [loaded.file.dispersions[place].parameter.key for place in copula.places]
+            click.echo(f"    together: {', '.join(keys)}")
         required, units = (
             loaded.file.requirements,
             {c.name: c.unit for c in loaded.outcome_columns},
@@ -380,9 +392,10 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         click.echo(f"  required     {len(required) or 'nothing'}")
         for item in required:
             click.echo("    " + sentence(item, units.get(item.metric, "")))
-        drawn = cases.draw(loaded.file.dispersions, settings_of_run.seed, 0, settings_of_run.cases)
+        drawn = loaded.draw(0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        for warning in of_file(loaded) + ([note] if note else []) + _redundant(loaded):
+        warned = [*sampled(settings_of_run.sampler, settings_of_run.cases), *of_file(loaded)]
+        for warning in warned + ([note] if note else []) + _redundant(loaded):
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")
 

@@ -167,7 +167,9 @@ def tell_results(
     errors = {name: _number(error) for name, error in accuracy.get("errors", {}).items()}
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
-    verdicts = summary.verdicts(with_scales(loaded, errors, table), audited)
+    verdicts = summary.verdicts(
+        with_scales(loaded, errors, table), audited, loaded.scene.run.sampler
+    )
     told = [verdict.to_dict() for verdict in verdicts]
     store.write_statistics(folder, table, counts, units, audited, summary.failed, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"

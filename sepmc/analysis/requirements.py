@@ -168,7 +168,19 @@ def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.nda
     return math.nan if place is None else float(ranked(np.array([place]))[0])
 
 
-def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Verdict:
+def doubt(audit: pd.DataFrame, sampler: str) -> str:
+    """Why the cases of a run can show nothing, whatever they are; empty if they can."""
+    if (audit["beyond"] > 0).any():
+        return "the audit failed"
+    if sampler != "random":
+        return (
+            f"cases of run.sampler = {sampler!r} do not come independently of each other, so "
+            "they show nothing with a confidence; fly random ones"
+        )
+    return ""
+
+
+def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdict:
     """The verdict on a requirement.
 
     Parameters
@@ -176,12 +188,12 @@ def judge(tally: Tally, errors: Errors, design: float, audit_failed: bool) -> Ve
     tally : of all cases
     errors : of outcomes
     design : the `design_value`; NaN if there is none
-    audit_failed : whether the run's audit did
+    none : why there can be no verdict; see `doubt`
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
     may = allowed(n, item.probability, item.confidence) if n else -1
     error = _error_at(item, errors)
-    verdict, why = _verdict(tally, error, audit_failed)
+    verdict, why = _verdict(tally, error, none)
     known = k - tally.missing
     return Verdict(
         item.name,
@@ -222,12 +234,12 @@ def _error_at(item: Requirement, errors: Errors) -> float:
     return share * max(*bounds, scale)
 
 
-def _verdict(tally: Tally, error: float, audit_failed: bool) -> tuple[str, str]:
+def _verdict(tally: Tally, error: float, none: str) -> tuple[str, str]:
     item, n = tally.requirement, tally.cases
     if not n:
         return NONE, "no case was flown"
-    if audit_failed:
-        return NONE, "the audit failed"
+    if none:
+        return NONE, none
     if tally.missing == n:
         return NONE, "no case came to its end with this outcome"
     if math.isnan(error):

@@ -9,7 +9,7 @@ import pandas as pd
 
 from sepmc.analysis import statistics as of
 from sepmc.analysis.proportions import ranked
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, judge
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, doubt, judge
 from sepmc.analysis.stream import NAMED, Stream
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
@@ -65,13 +65,15 @@ class Rows:
         """See `sepmc.analysis.statistics.audit`."""
         return of.audit(self.cases, self.bounds, self.audits)
 
-    def verdicts(self, errors: Errors, audit: pd.DataFrame) -> list[Verdict]:
-        """Verdicts on the requirements, given the ``audit``; outcomes have such numerical
-        ``errors``."""
-        failed = bool((audit["beyond"] > 0).any())
-        return [self._verdict(item, errors, failed) for item in self.requirements]
+    def verdicts(
+        self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
+    ) -> list[Verdict]:
+        """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
+        such numerical ``errors``."""
+        why = doubt(audit, sampler)
+        return [self._verdict(item, errors, why) for item in self.requirements]
 
-    def _verdict(self, item: Requirement, errors: Errors, failed: bool) -> Verdict:
+    def _verdict(self, item: Requirement, errors: Errors, why: str) -> Verdict:
         tally, labels = Tally(item), np.asarray(self.cases["status"])
         values = of.column(self.cases, item.metric) if item.metric in self.outcomes else None
         tally.add(np.asarray(self.cases["case"]), self._ok, values, labels == item.metric)
@@ -79,7 +81,7 @@ class Rows:
         if values is not None:
             known = values[self._ok & ~np.isnan(values)]
             design = design_value(tally, len(known), partial(ranked, known))
-        return judge(tally, errors, design, failed)
+        return judge(tally, errors, design, why)
 
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.moments import Moments
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, judge
+from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, doubt, judge
 from sepmc.analysis.sketch import Sketch
 from sepmc.analysis.statistics import (
     PERCENTILES,
@@ -152,10 +152,12 @@ class Stream:
         self._flush()
         return audit_table(self.audits)
 
-    def verdicts(self, errors: Errors, audit: pd.DataFrame) -> list[Verdict]:
+    def verdicts(
+        self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
+    ) -> list[Verdict]:
         """As `sepmc.analysis.rows.Rows.verdicts`; design values are those of a `Sketch`."""
-        failed = bool((audit["beyond"] > 0).any())
-        return [judge(t, errors, self._design(t), failed) for t in self.tallies]
+        why = doubt(audit, sampler)
+        return [judge(t, errors, self._design(t), why) for t in self.tallies]
 
     def _design(self, tally: Tally) -> float:
         name = tally.requirement.metric

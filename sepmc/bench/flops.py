@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from sepmc.bench import apart
-from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import kernel_text
 from sepmc.engine import cache, interpreted
@@ -144,7 +143,7 @@ def evaluations_here(
     called = make_shape(campaign.plan, campaign.dispersed).names.of["phase"]
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
-    drawn = cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, 1) * campaign.factors
+    drawn = campaign.draw(0, 1) * campaign.factors
     fly_cases(
         kernel,
         campaign.plan,

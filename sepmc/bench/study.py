@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign import cases
 from sepmc.campaign.accuracy import scene_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import Flight, fly, relative_error
@@ -167,6 +166,4 @@ class Way:
 
 def drawn(campaign: Campaign, count: int) -> np.ndarray:
     """The first ``count`` cases of a campaign, (count, d), SI."""
-    return (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
-    )
+    return campaign.draw(0, count) * campaign.factors

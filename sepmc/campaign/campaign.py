@@ -115,13 +115,14 @@ class Result:
         `sepmc.analysis.requirements.Verdict`."""
         told = self.accuracy.errors if self.accuracy else {}
         errors = with_scales(self.campaign, told, self.kept.summary.statistics())
-        return requirements.table(self.kept.summary.verdicts(errors, self.kept.summary.audit()))
+        sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
+        return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
 
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
         flown = sum(self.kept.summary.counts.values())
-        found = self.campaign.case(whole("case", number, 0, flown - 1), self.seed)
+        found = self.campaign.case(whole("case", number, 0, flown - 1), self.seed, flown)
         run = msgspec.structs.replace(found.scene.run, cases=flown, seed=self.seed)
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
 
@@ -360,6 +361,11 @@ class Campaign(Definition):
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; "
                     "use --overwrite or another --out"
                 )
+        if self.scene.run.sampler == "lhs" and manifest.get("cases") != total:
+            raise store.StoreError(
+                f"{folder}: is a Latin hypercube of {manifest.get('cases')} cases, which cannot be "
+                f"continued to {total}; use --overwrite or another --out"
+            )
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:
             raise store.StoreError(

@@ -15,11 +15,11 @@ from typing import Any, Self
 import numpy as np
 
 from sepmc import schema
-from sepmc.campaign import cases, store
+from sepmc.campaign import store
 from sepmc.campaign.accuracy import SAFETY, Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
-from sepmc.campaign.remarks import unmet, unsettled
+from sepmc.campaign.remarks import sampled, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 from sepmc.schema import Status
 
@@ -130,7 +130,7 @@ class Chunks:
     def _fly(self, first: int, end: int) -> Piece:
         campaign, clock = self.campaign, time.perf_counter
         t0 = clock()
-        drawn = cases.draw(campaign.file.dispersions, self.seed, first, end - first)
+        drawn = campaign.draw(first, end - first, self.seed, self.total)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
@@ -259,6 +259,7 @@ class Chunks:
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
         found = [
             *([note] if note else []),
+            *sampled(self.campaign.scene.run.sampler, self.total),
             *unmet(told, fixed),
             *unsettled(self.unsettled, self.finer),
         ]

@@ -185,10 +185,22 @@ class Definition:
         }
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
-    def case(self, number: int, seed: int | None = None) -> Case:
-        """Case ``number`` of the campaign, fully resolved in SI, drawn without the others."""
-        number = whole("case", number, 0)
-        drawn = cases.draw(self.file.dispersions, self._seed(seed), number, 1)[0]
+    def draw(
+        self, first: int, count: int, seed: int | None = None, total: int | None = None
+    ) -> np.ndarray:
+        """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
+        says that they are drawn, in the units of its keys."""
+        run = self.scene.run
+        plan = cases.Plan(run.sampler, run.cases if total is None else total, self.file.copulas)
+        return cases.draw(self.file.dispersions, self._seed(seed), first, count, plan)
+
+    def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
+        """Case ``number`` of the campaign, or of so many cases in ``total``, fully resolved in SI,
+        drawn without the others. Raises InputError if there is no such case: a Latin hypercube has
+        no other cases than its own."""
+        total = self.scene.run.cases if total is None else total
+        number = whole("case", number, 0, total - 1 if self.scene.run.sampler == "lhs" else None)
+        drawn = self.draw(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
             for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)

@@ -42,6 +42,22 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
     return found + together(campaign.scene, outcomes, "the nominal case")
 
 
+def sampled(sampler: str, cases: int) -> Iterator[str]:
+    """Sentences on cases that are not drawn independently of each other."""
+    if sampler == "random":
+        return
+    yield (
+        f"run.sampler = {sampler!r}: intervals are those of as many random cases, mostly too wide; "
+        "requirements get no verdict"
+    )
+    if sampler == "sobol" and cases & (cases - 1):
+        below = 1 << (cases.bit_length() - 1)
+        yield (
+            f"a Sobol sequence is balanced after a power of two: fly {below} or {2 * below} cases, "
+            f"not {cases}"
+        )
+
+
 def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
     """A sentence for each load that does nothing, and for a tail-off that never begins; the
     parameters at these paths are ``dispersed``."""

@@ -305,6 +305,7 @@ class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
     seed: Annotated[int, NotNegative] = 0
+    sampler: Literal["random", "lhs", "sobol"] = "random"
     history_step: Time = 0.0  # 0: no histories
     chunk: Annotated[int, Meta(ge=1)] = 16384
 
@@ -348,6 +349,15 @@ class Law(_Table, frozen=True, kw_only=True):
     weights: tuple[float, ...] | None = None
     truncate_sigma: Annotated[float, Positive] | None = None
     relative: bool = False
+
+
+class Correlation(_Table, frozen=True, kw_only=True):
+    """Dispersed parameters that vary together, by a Gaussian copula: either the correlation of all
+    pairs of their normal scores, or a matrix of these."""
+
+    parameters: tuple[str, ...]
+    coefficient: Annotated[float, Meta(ge=-1.0, le=1.0)] | None = None
+    matrix: tuple[tuple[float, ...], ...] | None = None
 
 
 class Expected(_Table, frozen=True, kw_only=True):

@@ -14,28 +14,32 @@ import tomli_w
 
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
+from sepmc.scene.correlation import Copula
+from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
-from sepmc.scene.model import Law, Reference, Requirement, Scene
+from sepmc.scene.model import Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_OWN_TABLES = ("name", "title", "dispersion", "requirement", "reference")
+_OWN_TABLES = ("name", "title", "dispersion", "correlation", "requirement", "reference")
 
 
 @dataclass(frozen=True)
 class CampaignFile:
-    """A campaign as read: the scene, what varies, what is required, what to compare with, the TOML
-    tree it came from, and sentences on values that were set to no effect on its cases."""
+    """A campaign as read: the scene, what varies, and what of that together, what is required, what
+    to compare with, the TOML tree it came from, and sentences on values that were set to no effect
+    on its cases."""
 
     name: str
     title: str
     scene: Scene
     dispersions: tuple[Dispersion, ...]
+    copulas: tuple[Copula, ...]
     requirements: tuple[Requirement, ...]
     reference: Reference | None
     tree: dict[str, Any]
@@ -148,11 +152,14 @@ def parse_campaign(
         else None
     )
     requirements = read_array(Requirement, tree.get("requirement", []), "requirement", problems)
+    correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
     check_scene(scene, problems)
     dispersions = resolve(scene, laws, problems)
     for dispersion in dispersions:
         check_dispersion(dispersion, scene, problems)
+    if len(dispersions) == len(laws):
+        copulas = resolve_correlations(correlations, scene, dispersions, problems)
     if reference is not None:
         _check_reference(reference, scene, problems)
     for requirement in requirements:
@@ -165,6 +172,7 @@ def parse_campaign(
         tree.get("title", ""),
         scene,
         dispersions,
+        copulas,
         requirements,
         reference,
         tree,

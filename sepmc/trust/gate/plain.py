@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign import cases, pilot
+from sepmc.campaign import pilot
 from sepmc.campaign.accuracy import achieved, relative_error, scales, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, usual_lengths
@@ -44,7 +44,7 @@ def _plan(
     campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None
 ) -> Flight:
     scene = campaign.scene
-    draws = campaign.in_si(cases.draw(campaign.file.dispersions, scene.run.seed, 0, _CASES))
+    draws = campaign.in_si(campaign.draw(0, _CASES))
     kernel = load_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
