@@ -27,6 +27,7 @@ from sepmc.cli_output import (
     single_error_text,
     speaker,
     summary_of,
+    tell_drivers,
     tell_results,
     timing_line,
 )
@@ -84,7 +85,7 @@ def main() -> None:
 @click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
 @click.option(
     "--sampler",
-    type=click.Choice(("random", "lhs", "sobol")),
+    type=click.Choice(("random", "lhs", "sobol", "saltelli")),
     help="How cases are drawn, instead of the file's run.sampler.",
 )
 @_OUT
@@ -323,6 +324,21 @@ def plot(folder: Path, every: bool) -> None:
             written = draw_figures(folder, loaded, summary, every=every, say=warn)
         for path in written:
             click.echo(path)
+
+
+@main.command(short_help="What drives the outcomes of RUN, and what its failures have in common.")
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
+@_NO_PLOTS
+def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
+    """Which inputs drive each OUTCOME of RUN, or the four that matter most: first-order indices
+    (of a Saltelli campaign total ones too), rank and partial rank correlation, and the means where
+    the input is lowest and highest. Then which inputs, and pairs of inputs, set apart the cases
+    that violate a requirement or did not come to their end. Writes drivers.csv, causes.csv and
+    drivers.png into RUN."""
+    with plain_errors(False):
+        manifest_with_rows(folder)
+        tell_drivers(folder, _load(str(folder), (), warn=False), outcomes, plots=not no_plots)
 
 
 @main.command()

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sepmc.schema import is_yes_or_no
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -312,7 +314,6 @@ def draw_figures(
     twelve by rank, into a run folder; returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
-    from sepmc.schema import is_yes_or_no
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
@@ -324,25 +325,11 @@ def draw_figures(
         written = band_figures(
             histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units
         )
-    varied = [
-        name
-        for name, low, high in zip(table.index, table["min"], table["max"], strict=True)
-        if _varies(low, high)
-    ]
-    # yes or no has no density
-    varied = [name for name in varied if not is_yes_or_no(str(name))]
     bounds: dict[str, list[float]] = {}
     for item in loaded.file.requirements:
-        if item.metric in units and not is_yes_or_no(item.metric):
-            at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
-            bounds[item.metric] = bounds.get(item.metric, []) + at
-    others = (
-        [name for name in loaded.reference if name in units]
-        if loaded.reference
-        else sorted(varied, key=_interest)
-    )
-    # what is required comes first
-    outcomes = [*bounds, *(name for name in others if name not in bounds)]
+        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
+        bounds[item.metric] = bounds.get(item.metric, []) + at
+    outcomes = telling_outcomes(loaded, table)
     if len(outcomes) > _DRAWN and not every:
         say(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
@@ -356,6 +343,78 @@ def draw_figures(
         source=source,
         required=bounds,
     )
+
+
+def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
+    """Outcomes in the order in which a review asks for them: what is required, then what the
+    campaign compares with a reference, or, without one, what varies, by rank. Those that are yes or
+    no, which have no density, are left out."""
+    there = [str(name) for name in table.index if not is_yes_or_no(str(name))]
+    required = [item.metric for item in loaded.file.requirements if item.metric in there]
+    if loaded.reference:
+        others = [name for name in loaded.reference if name in there]
+    else:
+        ends = zip(table["min"][there], table["max"][there], strict=True)
+        varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
+        others = sorted(varied, key=_interest)
+    return list(dict.fromkeys([*required, *others]))
+
+
+_DRIVEN = 4  # outcomes whose drivers are told unless some are named
+
+
+def tell_drivers(
+    folder: Path,
+    loaded: "Campaign",
+    named: tuple[str, ...],
+    plots: bool,
+    say: Callable[[str], None] = click.echo,
+) -> None:
+    """What drives the outcomes ``named``, or those that matter most, and what sets apart the cases
+    that violate a requirement or did not come to their end: to the screen, to ``drivers.csv`` and
+    ``causes.csv``, and as a figure."""
+    import pandas as pd
+
+    from sepmc.analysis import causes, drivers
+    from sepmc.campaign import store
+    from sepmc.scene.messages import nearest
+    from sepmc.scene.model import Requirement
+    from sepmc.schema import Status
+
+    summary, rows = summary_of(folder, loaded), store.CaseColumns(folder)
+    table, known = summary.statistics(), [column.name for column in loaded.outcome_columns]
+    for name in named:
+        if name not in known:
+            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+    keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
+    sampler, found = loaded.scene.run.sampler, {}
+    for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
+        try:
+            found[name] = drivers.drivers(rows, list(keys), name, sampler)
+        except ValueError as error:
+            click.echo(f"warning: {error}", err=True)
+            continue
+        say(drivers.text(found[name], name, keys))
+    failed = [
+        label for label, count in summary.counts.items() if count and label != Status.OK.label
+    ]
+    items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
+    apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
+    for item in items:
+        violations = int(causes.violating(item, rows)[0].sum())
+        if violations:
+            what = f"{item.name}, {violations} of {rows.rows} cases"
+            say(causes.text(what, apart[item.name], keys))
+    if found:
+        driven = pd.concat(found, names=["outcome", "input"]).reset_index()
+        store.write_text(folder / "drivers.csv", driven.to_csv(index=False))
+    store.write_text(folder / "causes.csv", causes.table(apart).to_csv(index=False))
+    if plots and found:
+        from sepmc.report.driver_figures import tornado_figure
+
+        units = {c.name: c.unit for c in loaded.outcome_columns}
+        about = f"{loaded.name}, {rows.rows} cases"
+        say(f"wrote {tornado_figure(found, folder, units, keys, about)}")
 
 
 _INTERESTING = (

@@ -25,7 +25,7 @@ from sepmc.analysis.proportions import (
     interval,
     needed,
 )
-from sepmc.analysis.statistics import WIDTH, rounded
+from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
 from sepmc.scene.model import Requirement
 from sepmc.schema import is_yes_or_no
 
@@ -108,6 +108,15 @@ def margins(values: np.ndarray, requirement: Requirement) -> np.ndarray:
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)
     above = high - values if high is not None else np.where(np.isnan(values), np.nan, math.inf)
     return np.minimum(below, above)
+
+
+def violating(requirement: Requirement, cases: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Which cases of a table (n_cases,) violate a requirement, and of which of them it is known."""
+    labels = np.asarray(cases["status"], dtype=object)
+    if requirement.metric in cases:
+        margin = margins(column(cases, requirement.metric), requirement)
+        return margin < 0.0, ok_rows(cases) & ~np.isnan(margin)
+    return labels == requirement.metric, np.ones(len(labels), dtype=bool)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis import requirements
+from sepmc.analysis import causes, drivers, requirements
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
+from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.chunks import Chunks
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
@@ -25,7 +26,8 @@ from sepmc.campaign.sinks import Kept
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.schema import Status
 
@@ -117,6 +119,29 @@ class Result:
         errors = with_scales(self.campaign, told, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
         return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
+
+    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
+        """How much each input drives an outcome, a row each; see
+        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary."""
+        if outcome not in self.outcomes:
+            raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
+        sampler = self.campaign.scene.run.sampler
+        return drivers.drivers(self._rows(), self._inputs, outcome, sampler, indices)
+
+    def causes(self, name: str) -> list[causes.Cause]:
+        """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
+        a status; see `sepmc.analysis.causes.causes`."""
+        rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
+        statuses = [status.label for status in Status if status is not Status.OK]
+        if name not in known and name not in statuses:
+            said = nearest(name, [*known, *statuses])
+            raise InputError(f"{name}: no such requirement or status; {said}")
+        item = known.get(name) or Requirement(name=name, metric=name)
+        return causes.of_requirement(item, rows, self._inputs)
+
+    @property
+    def _inputs(self) -> list[str]:
+        return [column.name for column in self.campaign.input_columns]
 
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
@@ -281,6 +306,7 @@ class Campaign(Definition):
         total = settings.cases if cases is None else whole("cases", cases, 1, 10**9)
         seed = self._seed(seed)
         threads = check_threads(threads)
+        self.drawn_as(total)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
@@ -361,10 +387,12 @@ class Campaign(Definition):
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; "
                     "use --overwrite or another --out"
                 )
-        if self.scene.run.sampler == "lhs" and manifest.get("cases") != total:
+        sampler, held = self.scene.run.sampler, manifest.get("cases")
+        if sampler in OF_ITS_SIZE and held != total:
+            what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
             raise store.StoreError(
-                f"{folder}: is a Latin hypercube of {manifest.get('cases')} cases, which cannot be "
-                f"continued to {total}; use --overwrite or another --out"
+                f"{folder}: is {what} of {held} cases, which cannot be continued to {total}; use "
+                "--overwrite or another --out"
             )
         done = store.cases_done(folder)
         if len(done) and done[-1] >= total:

@@ -4,7 +4,8 @@ Every dispersed parameter has a Philox stream of its own, keyed by the seed and 
 without unit. Case i uses number i of each stream: one more parameter, or more cases, changes no
 other draw, and any case can be drawn alone. A Latin hypercube puts case i into the stratum that a
 permutation of the cases gives it; a Sobol sequence gives every parameter a dimension, in the order
-of the file.
+of the file; a Saltelli design is made of groups of cases, a Sobol point each and what it becomes
+when one parameter after the other is taken from a second point.
 """
 
 import hashlib
@@ -18,7 +19,7 @@ import numpy as np
 from sepmc.scene import parameters
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
-from sepmc.scene.model import Scene
+from sepmc.scene.model import SALTELLI, Scene
 
 _RARE = 1e-6  # of the probability of a law: less is beyond its ends
 _PER_BLOCK = 4  # Philox 4x64 gives four numbers per counter value
@@ -28,8 +29,8 @@ _TOP = 1.0 - 2.0**-53  # the largest number below 1
 
 @dataclass(frozen=True)
 class Plan:
-    """How cases are drawn: at random, as a Latin hypercube of ``cases`` cases, or along a Sobol
-    sequence; and which parameters vary together."""
+    """How cases are drawn: at random, along a Sobol sequence, or, of ``cases`` cases, as a Latin
+    hypercube or a Saltelli design; and which parameters vary together."""
 
     sampler: str = "random"
     cases: int = 0
@@ -37,6 +38,7 @@ class Plan:
 
 
 RANDOM = Plan()
+OF_ITS_SIZE = ("lhs", "saltelli")  # samplers whose cases depend on how many there are
 
 
 def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
@@ -83,6 +85,37 @@ def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
         return points.random(count).T + 2.0 ** -(_BITS + 1)
 
 
+@lru_cache(maxsize=1)
+def _saltelli(dimensions: int, seed: int, cases: int) -> np.ndarray:
+    """A Saltelli design (dimensions, cases)."""
+    from SALib.sample import sobol  # noqa: PLC0415  (1 s that other samplers do not need)
+
+    about = {
+        "num_vars": dimensions,
+        "names": [str(k) for k in range(dimensions)],
+        "bounds": [[0.0, 1.0]] * dimensions,
+    }
+    groups = cases // (dimensions + 2)
+    with warnings.catch_warnings():  # of groups that are no power of two
+        warnings.simplefilter("ignore", UserWarning)
+        u = sobol.sample(about, groups, calc_second_order=False, seed=seed)
+    return np.clip(u.T, 2.0 ** -(_BITS + 1), _TOP)
+
+
+def size_fault(plan: Plan, dimensions: int) -> str:
+    """What is wrong with the number of cases of a plan; empty if nothing is."""
+    size = dimensions + 2
+    if plan.sampler != SALTELLI or (dimensions and plan.cases % size == 0):
+        return ""
+    if not dimensions:
+        return "a Saltelli design needs a [dispersion]"
+    groups = max(2, 1 << (plan.cases // size).bit_length())
+    return (
+        f"a Saltelli design of {dimensions} dispersed parameters has groups of {size} cases: "
+        f"give a multiple, best {size * groups // 2} or {size * groups}"
+    )
+
+
 def probabilities(
     paths: Sequence[str], seed: int, first: int, count: int, plan: Plan = RANDOM
 ) -> np.ndarray:
@@ -97,6 +130,8 @@ def probabilities(
     """
     if plan.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)
+    elif plan.sampler == SALTELLI and paths:
+        u = _saltelli(len(paths), seed, plan.cases)[:, first : first + count].copy()
     else:
         u = np.empty((len(paths), count))
         for row, path in zip(u, paths, strict=True):

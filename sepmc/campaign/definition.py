@@ -17,7 +17,7 @@ from sepmc.kernel.plan import Plan, apart, make_plan
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import SceneError
+from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement, Scene
 from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
@@ -190,16 +190,26 @@ class Definition:
     ) -> np.ndarray:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
         says that they are drawn, in the units of its keys."""
+        return cases.draw(
+            self.file.dispersions, self._seed(seed), first, count, self.drawn_as(total)
+        )
+
+    def drawn_as(self, total: int | None = None) -> cases.Plan:
+        """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
         plan = cases.Plan(run.sampler, run.cases if total is None else total, self.file.copulas)
-        return cases.draw(self.file.dispersions, self._seed(seed), first, count, plan)
+        if fault := cases.size_fault(plan, len(self.file.dispersions)):
+            raise InputError(f"cases = {plan.cases}: {fault}")
+        return plan
 
     def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
         """Case ``number`` of the campaign, or of so many cases in ``total``, fully resolved in SI,
-        drawn without the others. Raises InputError if there is no such case: a Latin hypercube has
-        no other cases than its own."""
+        drawn without the others. Raises InputError if there is no such case: a Latin hypercube or
+        a Saltelli design has no other cases than its own."""
         total = self.scene.run.cases if total is None else total
-        number = whole("case", number, 0, total - 1 if self.scene.run.sampler == "lhs" else None)
+        number = whole(
+            "case", number, 0, total - 1 if self.scene.run.sampler in cases.OF_ITS_SIZE else None
+        )
         drawn = self.draw(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)

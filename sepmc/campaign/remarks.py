@@ -12,7 +12,7 @@ from sepmc.campaign.flight import Flight
 from sepmc.campaign.overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import Scene
+from sepmc.scene.model import SALTELLI, Scene
 
 _NAMED = 3  # outcomes that a sentence names
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
@@ -45,6 +45,12 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
 def sampled(sampler: str, cases: int) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other."""
     if sampler == "random":
+        return
+    if sampler == SALTELLI:
+        yield (
+            "run.sampler = 'saltelli': cases repeat each other but for one parameter, so intervals "
+            "are too narrow and requirements get no verdict; sepmc drivers tells its indices"
+        )
         return
     yield (
         f"run.sampler = {sampler!r}: intervals are those of as many random cases, mostly too wide; "

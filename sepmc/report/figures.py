@@ -1,9 +1,5 @@
 """Figures of a campaign and of a single run, after Figs 2 to 11 of Wang, Li, Liu, Journal of System
 Simulation 31(4), 2019.
-
-Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles and tints
-carry the same message in grey print. Legends, phase names and numbers stand outside the axes, so
-nothing covers data. No pyplot: a figure here has no window and no state.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,13 +11,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
+from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, in_words, made, save, sheet
 
-BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 BANDS = (
     ("min", "max", "#dce9f5", "min to max"),
     ("p1", "p99", "#a9cdea", "1 to 99 %"),
@@ -124,10 +118,10 @@ def band_figures(
 ) -> list[Path]:
     """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
     the caller's to leave out."""
-    folder, labels, written = _made(folder), labels or {}, []
+    folder, labels, written = made(folder), labels or {}, []
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
-            label = f"{labels.get(name, _words(joint) + words)} ({units.get(name, unit)})"
+            label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
             file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}.png"
             written.append(_bands(histories, name, label, folder / file))
     return written
@@ -144,10 +138,10 @@ def histogram_figures(
 ) -> list[Path]:
     """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome
     without values (None) is left out. Bounds that are ``required`` of an outcome are marked."""
-    folder, reference, labels, written = _made(folder), reference or {}, labels or {}, []
+    folder, reference, labels, written = made(folder), reference or {}, labels or {}, []
     required = required or {}
     values = {name: found for name, found in histograms.items() if found}
-    words_of = {name: labels.get(name, _words(name, units.get(name, ""))) for name in values}
+    words_of = {name: labels.get(name, in_words(name, units.get(name, ""))) for name in values}
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
     chosen = [name for name in ordered if name in reference or name in required]
     overview = (chosen if reference else []) or ordered[:OVERVIEW]
@@ -156,7 +150,7 @@ def histogram_figures(
     )
     for file, names in sheets:
         columns = min(3, len(names)) if file == "histograms.png" else 1
-        figure, axes = _sheet(
+        figure, axes = sheet(
             -(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
         )
         for ax, name in zip(axes, names, strict=False):
@@ -171,7 +165,7 @@ def histogram_figures(
             )
         for ax in axes[len(names) :]:
             ax.remove()
-        written.append(_save(figure, folder / file))
+        written.append(save(figure, folder / file))
     return written
 
 
@@ -201,7 +195,7 @@ def run_figures(
         ``angles.png``, ``axial_acceleration.png``, ``separation.png``; those without data are left
         out.
     """
-    folder, written = _made(folder), []
+    folder, written = made(folder), []
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
         there = [
@@ -218,25 +212,29 @@ def run_figures(
         return [(f"{stem}_{axis}_{unit}", f"${symbol}_{axis}$") for axis in "xyz"]
 
     def of_bodies(quantity: str, label: str) -> Panel:
-        return Panel(label, [(f"{body}_{quantity}", _words(body)) for body in bodies], BY_BODY)
+        return Panel(label, [(f"{body}_{quantity}", in_words(body)) for body in bodies], BY_BODY)
 
     for body in bodies:
         for kind, unit, shown, symbol in (("force", "N", "N", "F"), ("moment", "N_m", "N m", "M")):
             stems = {joint: f"{joint}_{kind}_on_{body}" for joint in joints}
             panels = [
                 Panel(
-                    f"{kind} at {_words(j)} ({shown})", components(stem, unit, symbol), BY_COMPONENT
+                    f"{kind} at {in_words(j)} ({shown})",
+                    components(stem, unit, symbol),
+                    BY_COMPONENT,
                 )
                 for j, stem in stems.items()
             ]
             page(
                 f"{kind}_on_{body}.png",
-                f"Constraint {kind} on {_words(body)}, in the axes of the joint's first body",
+                f"Constraint {kind} on {in_words(body)}, in the axes of the joint's first body",
                 panels,
             )
     rates = [
         Panel(
-            f"{_words(body)} (deg/s)", components(f"{body}_omega", "deg_s", r"\omega"), BY_COMPONENT
+            f"{in_words(body)} (deg/s)",
+            components(f"{body}_omega", "deg_s", r"\omega"),
+            BY_COMPONENT,
         )
         for body in bodies
     ]
@@ -256,72 +254,17 @@ def run_figures(
         [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
     )
     curves = [
-        Panel(f"{_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),))
+        Panel(f"{in_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),))
         for name, joint, words, unit in _curves(history)
     ]
     page("separation.png", "Separation", curves)
     return written
 
 
-def _made(folder: Path) -> Path:
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _words(name: str, unit: str = "") -> str:
-    """A column's name in words, without the unit it ends with."""
-    suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
-    return (name.removesuffix(suffix) if unit else name).replace("_", " ")
-
-
-def _sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair
-    of axes, in inches."""
-    figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    for ax in axes:
-        ax.spines[["top", "right"]].set_visible(False)
-        ax.grid(True, color="#dddddd", linewidth=0.6)
-        ax.set_axisbelow(True)
-        ax.tick_params(labelsize=9)
-        ax.ticklabel_format(useOffset=False)
-        # a "1e7" above the axes would lie on the names of phases
-        ax.ticklabel_format(axis="y", scilimits=(-5, 8))
-        ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    return figure, axes
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    """Gather one legend below all axes, and write. The file carries no software name: equal data
-    give equal bytes."""
-    entries = {
-        text: handle
-        for ax in figure.axes
-        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
-        if text
-    }
-    if entries:
-        # a handle with its spaces, and 9 pt letters
-        inches = sum(0.55 + 0.072 * len(text) for text in entries)
-        columns = -(-len(entries) // int(np.ceil(inches / figure.get_figwidth())))
-        style = {"frameon": False, "fontsize": 9, "columnspacing": 1.2}
-        figure.legend(
-            list(entries.values()),
-            list(entries),
-            loc="outside lower center",
-            ncols=columns,
-            **style,
-        )
-    figure.savefig(path, dpi=150, metadata={"Software": None})
-    return path
-
-
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path:
     """Envelope, percentile bands, median and a few single cases of a quantity over time."""
     curves = percentile_curves(histories, column).dropna(how="all")
-    figure, (ax,) = _sheet(1, 1, (6.4, 4.4))
+    figure, (ax,) = sheet(1, 1, (6.4, 4.4))
     for low, high, tint, text in BANDS:
         ax.fill_between(
             curves.index, curves[low], curves[high], color=tint, linewidth=0, label=text
@@ -337,7 +280,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
     figure.suptitle(f"{title[:1].upper()}{title[1:]}, n {len(numbers)}", fontsize=11)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def _histogram(
@@ -399,7 +342,7 @@ def _time_page(
 ) -> Path:
     """Panels over one time axis, with the phases."""
     rows = -(-len(panels) // columns)
-    figure, axes = _sheet(
+    figure, axes = sheet(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
     )
     phases = _phases(history)
@@ -430,7 +373,7 @@ def _time_page(
     for ax in axes[len(panels) :]:
         ax.remove()
     figure.suptitle(title, fontsize=11)
-    return _save(figure, path)
+    return save(figure, path)
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
@@ -452,7 +395,7 @@ def _name_phases(ax: Axes, phases: Iterable[tuple[str, float, float]], inches: f
     )
     for name, start, end in phases:
         ax.annotate(
-            _words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
+            in_words(name), ((start + end) / 2, 1.0), (0, 3), xycoords=ax.get_xaxis_transform(),
             textcoords="offset points", fontsize=8,
             ha="left" if slant else "center", va="bottom", rotation=35 if slant else 0,
             rotation_mode="anchor", color="#555555",

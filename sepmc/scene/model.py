@@ -301,11 +301,14 @@ class Initial(_Table, frozen=True, kw_only=True):
     path_reference: Angle | None = None  # zero of `alpha_ref`; None: nominal pitch - alpha
 
 
+SALTELLI = "saltelli"
+
+
 class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
     seed: Annotated[int, NotNegative] = 0
-    sampler: Literal["random", "lhs", "sobol"] = "random"
+    sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
     history_step: Time = 0.0  # 0: no histories
     chunk: Annotated[int, Meta(ge=1)] = 16384
 

@@ -19,7 +19,7 @@ from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
-from sepmc.scene.model import Correlation, Law, Reference, Requirement, Scene
+from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
@@ -160,6 +160,12 @@ def parse_campaign(
         check_dispersion(dispersion, scene, problems)
     if len(dispersions) == len(laws):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
+        if copulas and scene.run.sampler == SALTELLI:
+            problems.add(
+                "run.sampler",
+                "needs parameters that vary independently, without [[correlation]]",
+                scene.run.sampler,
+            )
     if reference is not None:
         _check_reference(reference, scene, problems)
     for requirement in requirements:

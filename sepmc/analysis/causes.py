@@ -1,0 +1,211 @@
+"""Which inputs, and which pairs of them, set the cases that violate something apart from the
+rest.
+
+An input is cut into parts of equally many cases, a pair into cells. What the part or cell of a case
+tells of whether the case violates is their mutual information; against what chance would tell, n
+cases give a chi-square of 2 n times it (the G-test: Sokal and Rohlf, Biometry, 17). A pair is named
+where each of its inputs tells something that the other does not.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from textwrap import fill
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.requirements import violating
+from sepmc.analysis.statistics import WIDTH, column
+from sepmc.scene.model import Requirement
+
+_PARTS = (2, 8)  # fewest and most parts of an input
+_EACH = 1.0  # violations for each part of an input, or cell of a pair, on average: with fewer the
+# G-test finds too little; by 12 of them and more chance comes out right within a factor of three
+_CHANCE = 1e-3  # that anything at all is named of what has no cause
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An input, or a pair, and where its violations are.
+
+    ``inputs`` : one or two names
+    ``information`` : share of what there is to know of violations, 0 to 1
+    ``chance`` : probability that so much is told by inputs that have nothing to do with it
+    ``region`` : of each input the least and greatest value of the part with the largest share of
+        violations
+    ``inside``, ``violations`` : violations in that part and all; ``cases`` : cases in that part
+    """
+
+    inputs: tuple[str, ...]
+    information: float
+    chance: float
+    region: tuple[tuple[float, float], ...]
+    inside: int
+    violations: int
+    cases: int
+
+
+def causes(
+    cases: Mapping[str, np.ndarray], inputs: Sequence[str], violates: np.ndarray
+) -> list[Cause]:
+    """Inputs and pairs that set violating cases apart, what tells most first.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+    inputs : names of the dispersed inputs
+    violates : ndarray, shape (n_cases,), bool
+    """
+    n, k = len(violates), int(np.count_nonzero(violates))
+    if k in (0, n):
+        return []
+    each = min(k, n - k) / _EACH
+    parts, coarse = _cut(cases, inputs, each), _cut(cases, inputs, np.sqrt(each))
+    told = {name: _information(part.of, part.number, violates) for name, part in parts.items()}
+    pairs = list(combinations(parts, 2))
+    tests, known = len(parts) + len(pairs), _information(violates.astype(int), 2, violates)
+    found = []
+
+    def name_if_sure(within: dict[str, _Parts], bits: float, more: float, freedoms: int) -> None:
+        chance = min(1.0, tests * _chance(2.0 * n * more, freedoms))
+        if chance < _CHANCE:
+            share = bits / known
+            found.append(_cause(within, share, chance, violates))
+
+    for name, part in parts.items():
+        name_if_sure({name: part}, told[name], told[name], part.number - 1)
+    coarsely = {name: _information(part.of, part.number, violates) for name, part in coarse.items()}
+    for one, two in pairs:
+        a, b = coarse[one], coarse[two]
+        both = _information(a.of * b.number + b.of, a.number * b.number, violates)
+        # what the second tells within each part of the first, and the other way round
+        more = min(
+            (both - coarsely[one], a.number * (b.number - 1)),
+            (both - coarsely[two], b.number * (a.number - 1)),
+            key=lambda each: -_chance(2.0 * n * each[0], each[1]),
+        )
+        name_if_sure({one: a, two: b}, both, *more)
+    return sorted(found, key=lambda cause: -cause.information)
+
+
+def of_requirement(
+    requirement: Requirement, cases: Mapping[str, np.ndarray], inputs: Sequence[str]
+) -> list[Cause]:
+    """Causes of the violations of a requirement among the cases of which it is known."""
+    violates, known = violating(requirement, cases)
+    return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
+
+
+def _cut(
+    cases: Mapping[str, np.ndarray], inputs: Sequence[str], most: float
+) -> dict[str, "_Parts"]:
+    """The inputs that vary, each in so many parts at most."""
+    count = int(np.clip(most, *_PARTS))
+    every = {name: _Parts(column(cases, name), count) for name in inputs}
+    return {name: part for name, part in every.items() if part.number > 1}
+
+
+class _Parts:
+    """An input cut into parts of equally many cases, at most so many: in which each case lies."""
+
+    def __init__(self, values: np.ndarray, most: int):
+        edges = np.unique(values)
+        if len(edges) > most:
+            edges = np.unique(np.quantile(values, np.arange(most) / most, method="lower"))
+        self.values, self.number = values, len(edges)
+        self.of = np.searchsorted(edges, values, side="right") - 1
+
+
+def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
+    """Mutual information of the cell of a case, and whether it violates, natural units."""
+    counts = np.array(
+        [np.bincount(cells[which], minlength=number) for which in (violates, ~violates)]
+    )
+    shares = counts / len(cells)
+    expected = shares.sum(axis=0) * shares.sum(axis=1, keepdims=True)
+    there = shares > 0.0
+    return float(np.sum(shares[there] * np.log(shares[there] / expected[there])))
+
+
+def _chance(statistic: float, freedoms: int) -> float:
+    """Probability that chi-square is larger."""
+    from scipy.special import chdtrc  # noqa: PLC0415  (0.1 s)
+
+    return float(chdtrc(freedoms, max(statistic, 0.0)))
+
+
+def _cause(
+    within: Mapping[str, _Parts], share: float, chance: float, violates: np.ndarray
+) -> Cause:
+    """What is told of an input or pair: where the share of violations is largest."""
+    cells, number = np.zeros(len(violates), dtype=np.int64), 1
+    for part in within.values():
+        cells, number = cells * part.number + part.of, number * part.number
+    inside, cases = (
+        np.bincount(cells[violates], minlength=number),
+        np.bincount(cells, minlength=number),
+    )
+    at = int(np.argmax(inside / np.maximum(cases, 1)))
+    here = cells == at
+    region = tuple(
+        (float(part.values[here].min()), float(part.values[here].max())) for part in within.values()
+    )
+    return Cause(
+        tuple(within),
+        float(np.clip(share, 0.0, 1.0)),
+        chance,
+        region,
+        int(inside[at]),
+        int(np.count_nonzero(violates)),
+        int(cases[at]),
+    )
+
+
+def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
+    """Causes of what is violated, by its name, a row each; a pair has a second input."""
+    rows = [
+        {
+            "violated": name,
+            "input": one.inputs[0],
+            "low": one.region[0][0],
+            "high": one.region[0][1],
+            "second_input": one.inputs[1] if len(one.inputs) > 1 else "",
+            "second_low": one.region[1][0] if len(one.inputs) > 1 else np.nan,
+            "second_high": one.region[1][1] if len(one.inputs) > 1 else np.nan,
+            "information": one.information,
+            "chance": one.chance,
+            "inside": one.inside,
+            "cases": one.cases,
+            "violations": one.violations,
+        }
+        for name, causes_of in found.items()
+        for one in causes_of
+    ]
+    columns = pd.Index(
+        ["violated", "input", "low", "high", "second_input", "second_low", "second_high",
+         "information", "chance", "inside", "cases", "violations"]
+    )  # fmt: skip
+    return pd.DataFrame(rows, columns=columns)
+
+
+def text(what: str, found: Sequence[Cause], keys: Mapping[str, str], most: int = 5) -> str:
+    """Causes as an engineer reads them in a terminal; inputs by their ``keys``."""
+    if not found:
+        return f"{what}: no input or pair of inputs sets these cases apart from the rest"
+    lines = [f"{what}: what sets these cases apart from the rest"]
+    for one in found[:most]:
+        where = " and ".join(
+            f"{keys.get(name, name)} {low:.5g} to {high:.5g}"
+            for name, (low, high) in zip(one.inputs, one.region, strict=True)
+        )
+        lines.append(
+            fill(
+                f"{100.0 * one.information:.0f} % explained: {one.inside} of the {one.violations} "
+                f"are among the {one.cases} cases with {where}",
+                WIDTH,
+                initial_indent="  ",
+                subsequent_indent="      ",
+            )
+        )
+    return "\n".join(lines)

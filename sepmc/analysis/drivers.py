@@ -1,0 +1,182 @@
+"""Which inputs drive an outcome, from the rows of a campaign.
+
+Rank correlation (Spearman 1904) and partial rank correlation, in which the other inputs are held
+fixed (Saltelli et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), tell direction and strength
+of what rises or falls all along; the first-order index, the share of the outcome's variance that an
+input explains by itself, also what does not. Between the lowest and the highest tenth of an input
+the outcome's mean swings from one end of its tornado bar to the other. A Saltelli campaign also
+gives total indices: with all that an input does together with others.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis.statistics import column, ok_rows, rounded
+from sepmc.scene.model import SALTELLI
+
+_FEWEST = 20  # cases from which anything is told
+_TENTH = 0.1  # of the cases, at either end of an input
+_RESAMPLES = 30  # bootstrap, of first-order indices
+_TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
+COLUMNS = (
+    "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "first", "first_low",
+    "first_high", "total", "total_low", "total_high",
+)  # fmt: skip
+
+
+def drivers(
+    cases: Mapping[str, np.ndarray],
+    inputs: Sequence[str],
+    outcome: str,
+    sampler: str = "random",
+    indices: bool = True,
+) -> pd.DataFrame:
+    """How much each input drives an outcome.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+        ``status``, the inputs and the outcome; rows that are not ``ok`` or do not have the outcome
+        are left out.
+    inputs : names of the dispersed inputs
+    outcome : name of a column
+    sampler : how the cases were drawn; those of ``saltelli`` give total indices
+    indices : whether to compute first-order indices, which take longest
+
+    Returns
+    -------
+    DataFrame, a row per input, what drives most first
+        ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
+        65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
+        of the cases in which the input is lowest and highest, in its unit; ``first`` with a 95 %
+        interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur 2012; Saltelli et al. 2010);
+        ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``. ``attrs["mean"]`` is
+        the outcome's mean.
+
+    Raises
+    ------
+    ValueError
+        If the outcome does not vary, or too few cases have it.
+    """
+    y = column(cases, outcome)
+    there = ok_rows(cases) & np.isfinite(y)
+    if np.count_nonzero(there) < _FEWEST:
+        raise ValueError(f"{outcome}: fewer than {_FEWEST} cases have it")
+    x = np.array([column(cases, name) for name in inputs]).reshape(len(inputs), len(y))
+    varied = [i for i, row in enumerate(x[:, there]) if row.min() < row.max()]
+    if not varied or y[there].min() == y[there].max():
+        raise ValueError(f"{outcome}: does not vary, or no input does")
+    names = [inputs[i] for i in varied]
+    table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
+    known, outcomes = x[varied][:, there], y[there]
+    _by_rank(table, known, outcomes)
+    tenths = [_tails(row, outcomes) for row in known]
+    table[["mean_low", "mean_high"]] = tenths
+    if sampler == SALTELLI:
+        _by_saltelli(table, len(inputs), varied, np.where(there, y, np.nan))
+    elif indices:
+        _by_frequency(table, known, outcomes)
+    table.attrs["mean"] = float(outcomes.mean())
+    strength = table["first"].where(table["first"].notna(), table["rank"] ** 2)
+    return table.loc[strength.sort_values(ascending=False, kind="stable").index]
+
+
+def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
+    """Rank correlations of inputs (d, n) with an outcome (n,)."""
+    from scipy.stats import rankdata  # noqa: PLC0415  (1 s)
+
+    ranks = np.array([rankdata(row) for row in (*x, y)])
+    correlation = np.corrcoef(ranks)
+    rank = correlation[-1, :-1]
+    width = _TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
+    within = np.arctanh(np.clip(rank, -1.0 + 1e-15, 1.0 - 1e-15))
+    table["rank"], table["rank_low"] = rank, np.tanh(within - width)
+    table["rank_high"] = np.tanh(within + width)
+    if np.linalg.cond(correlation[:-1, :-1]) < 1e10:
+        # an outcome that follows from the inputs altogether leaves nothing unexplained
+        precision = np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation)))
+        scale = np.sqrt(np.diag(precision))
+        table["partial"] = -precision[-1, :-1] / (scale[-1] * scale[:-1])
+
+
+def _tails(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Means of an outcome where an input is lowest, and highest."""
+    low, high = np.quantile(x, (_TENTH, 1.0 - _TENTH))
+    return float(y[x <= low].mean()), float(y[x >= high].mean())
+
+
+def _by_frequency(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
+    """First-order indices from any cases."""
+    from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
+
+    found = rbd_fast.analyze(_problem(list(table.index)), x.T, y, num_resamples=_RESAMPLES, seed=1)
+    # a part half as large was resampled
+    _put(table, "first", found["S1"], np.array(found["S1_conf"]) / np.sqrt(2.0))
+
+
+def _by_saltelli(table: pd.DataFrame, inputs: int, varied: list[int], y: np.ndarray) -> None:
+    """First-order and total indices from whole groups of a Saltelli campaign."""
+    from SALib.analyze import sobol  # noqa: PLC0415  (1 s)
+
+    size = inputs + 2
+    groups = y[: len(y) // size * size].reshape(-1, size)
+    groups = groups[np.isfinite(groups).all(axis=1)]
+    if not len(groups):
+        raise ValueError("no group of the Saltelli campaign is whole")
+    about = _problem([str(k) for k in range(inputs)])
+    found = sobol.analyze(about, groups.ravel(), calc_second_order=False, seed=1)
+    _put(table, "first", found["S1"][varied], found["S1_conf"][varied])
+    _put(table, "total", found["ST"][varied], found["ST_conf"][varied])
+
+
+def _problem(names: list[str]) -> dict[str, object]:
+    """Inputs as SALib is told of them."""
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+
+
+def _put(table: pd.DataFrame, name: str, found: Sequence[float], half: np.ndarray) -> None:
+    index = np.asarray(found, dtype=float)
+    table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
+
+
+def text(table: pd.DataFrame, outcome: str, keys: Mapping[str, str], most: int = 8) -> str:
+    """What drives an outcome, as an engineer reads it in a terminal; inputs by their ``keys``."""
+    head = ["input", "first-order", "total", "rank", "partial", "mean, lowest to highest tenth"]
+    scale = float(np.nanmax(np.abs(table["mean_high"] - table["mean_low"])))
+    rows = [
+        [
+            keys.get(str(name), str(name)),
+            _with_half(row, "first"),
+            _with_half(row, "total"),
+            f"{row['rank']:.2f}",
+            f"{row['partial']:.2f}",
+            f"{rounded(row['mean_low'], scale)} to {rounded(row['mean_high'], scale)}",
+        ]
+        for name, row in table.head(most).iterrows()
+    ]
+    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
+    rows = [[row[k] for k in kept] for row in [head, *rows]]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(kept))]
+    lines = [
+        "  ".join(
+            [
+                row[0].ljust(widths[0]),
+                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
+            ]
+        )
+        for row in rows
+    ]
+    left = len(table) - most
+    return "\n".join(
+        [f"what drives {outcome}", *("  " + line for line in lines)]
+        + ([f"  and {left} inputs that do less"] if left > 0 else [])
+    )
+
+
+def _with_half(row: pd.Series, name: str) -> str:
+    """An index and half its interval; nothing if it is not known."""
+    if np.isnan(row[name]):
+        return ""
+    return f"{row[name]:.3f} +- {row[f'{name}_high'] - row[name]:.3f}"

@@ -1,0 +1,54 @@
+"""Tornado charts: how far the mean of an outcome swings with each of the inputs that drive it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+
+from sepmc.report.style import BLUE, VERMILION, in_words, made, save, sheet
+
+_BARS = 8  # inputs of an outcome
+
+
+def tornado_figure(
+    found: Mapping[str, pd.DataFrame],
+    folder: Path,
+    units: Mapping[str, str],
+    keys: Mapping[str, str],
+    about: str,
+) -> Path:
+    """Draw a tornado chart for each outcome into ``drivers.png``; returns its path.
+
+    Parameters
+    ----------
+    found : mapping of outcome to what `sepmc.analysis.drivers.drivers` tells of it
+    folder : made if it is not there
+    units : of the outcomes
+    keys : mapping of input column to the path that the file has for it
+    about : the campaign, for the title
+    """
+    columns = min(2, len(found))
+    figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
+    for ax, (outcome, table) in zip(axes, found.items(), strict=False):
+        top = table.assign(swing=(table["mean_high"] - table["mean_low"]).abs())
+        top = top.sort_values("swing", ascending=False, kind="stable").head(_BARS)[::-1]
+        places = range(len(top))
+        middle = table.attrs["mean"]
+        for end, colour, hatch, text in (
+            ("mean_low", BLUE, "", "input in its lowest tenth"),
+            ("mean_high", VERMILION, "//", "input in its highest tenth"),
+        ):
+            ax.barh(
+                places, top[end] - middle, left=middle, color=colour, hatch=hatch,
+                edgecolor="white", height=0.7, label=text,
+            )  # fmt: skip
+        ax.axvline(middle, color="#555555", linewidth=0.8)
+        ax.set_yticks(places, [keys.get(str(name), str(name)) for name in top.index], fontsize=8)
+        ax.grid(axis="y", visible=False)
+        unit = units.get(outcome, "")
+        name = in_words(outcome, unit)
+        ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
+    for ax in axes[len(found) :]:
+        ax.remove()
+    figure.suptitle(f"What drives the outcomes of {about}", fontsize=11)
+    return save(figure, made(folder) / "drivers.png")

@@ -1,0 +1,72 @@
+"""The one style of all figures of runs: axes, colours, legends, words.
+
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles and tints
+carry the same message in grey print. Legends, phase names and numbers stand outside the axes, so
+nothing covers data. No pyplot: a figure here has no window and no state.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+
+
+def made(folder: Path) -> Path:
+    """A folder, made if it is not there."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def in_words(name: str, unit: str = "") -> str:
+    """A column's name in words, without the unit it ends with."""
+    suffix = "_" + unit.replace("/", "_").replace(" ", "_").replace("²", "2").replace("^", "")
+    return (name.removesuffix(suffix) if unit else name).replace("_", " ")
+
+
+def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair
+    of axes, in inches."""
+    figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(True, color="#dddddd", linewidth=0.6)
+        ax.set_axisbelow(True)
+        ax.tick_params(labelsize=9)
+        ax.ticklabel_format(useOffset=False)
+        # a "1e7" above the axes would lie on the names of phases
+        ax.ticklabel_format(axis="y", scilimits=(-5, 8))
+        ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    return figure, axes
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Gather one legend below all axes, and write. The file carries no software name: equal data
+    give equal bytes."""
+    entries = {
+        text: handle
+        for ax in figure.axes
+        for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
+        if text
+    }
+    if entries:
+        # a handle with its spaces, and 9 pt letters
+        inches = sum(0.55 + 0.072 * len(text) for text in entries)
+        columns = -(-len(entries) // int(np.ceil(inches / figure.get_figwidth())))
+        style = {"frameon": False, "fontsize": 9, "columnspacing": 1.2}
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=columns,
+            **style,
+        )
+    figure.savefig(path, dpi=150, metadata={"Software": None})
+    return path
