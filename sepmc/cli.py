@@ -27,7 +27,6 @@ from sepmc.cli_output import (
     single_error_text,
     speaker,
     summary_of,
-    tell_drivers,
     tell_results,
     timing_line,
 )
@@ -273,7 +272,13 @@ def run(
         if not no_plots:
             from sepmc.report.figures import run_figures
 
-            run_figures(history, folder, loaded.plan.bodies, list(loaded.plan.joints))
+            run_figures(
+                history,
+                folder,
+                loaded.plan.bodies,
+                list(loaded.plan.joints),
+                f"{loaded.name}, {'nominal case' if number is None else f'case {number}'}",
+            )
         say(f"wrote {folder}")
     sys.exit(0 if status is schema.Status.OK else 1)
 
@@ -316,7 +321,11 @@ def plot(folder: Path, every: bool) -> None:
         history = store.read_history(folder)
         if history is not None:
             manifest = store.read_manifest(folder)
-            written = run_figures(history, folder, manifest["bodies"], manifest["joints"])
+            number = manifest["case"]
+            about = (
+                f"{manifest['campaign']}, {'nominal case' if number is None else f'case {number}'}"
+            )
+            written = run_figures(history, folder, manifest["bodies"], manifest["joints"], about)
         else:
             manifest_with_rows(folder)
             loaded = _load(str(folder), (), warn=False)
@@ -337,8 +346,25 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
     that violate a requirement or did not come to their end. Writes drivers.csv, causes.csv and
     drivers.png into RUN."""
     with plain_errors(False):
+        from sepmc.cli_report import tell_drivers
+
         manifest_with_rows(folder)
         tell_drivers(folder, _load(str(folder), (), warn=False), outcomes, plots=not no_plots)
+
+
+@main.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--no-replay", is_flag=True, help="Do not fly the worst cases again.")
+@_QUIET
+def report(folder: Path, no_replay: bool, quiet: bool) -> None:
+    """Write the report of RUN, report.html: verdicts, statistics, figures, what drives the
+    outcomes, the worst cases over time, and how it was flown, in one page that needs no network."""
+    say = speaker(quiet)
+    with plain_errors(quiet):
+        from sepmc.cli_report import tell_report
+
+        manifest_with_rows(folder)
+        say(f"wrote {tell_report(folder, _load(str(folder), (), warn=False), not no_replay, say)}")
 
 
 @main.command()

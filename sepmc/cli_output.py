@@ -309,21 +309,28 @@ def draw_figures(
     table: "pd.DataFrame | None" = None,
     every: bool = False,
     say: Callable[[str], None] = click.echo,
+    page: Path | None = None,
 ) -> list[Path]:
     """Draw bands of stored histories and histograms of outcomes, of ``every`` one or of the first
-    twelve by rank, into a run folder; returns their paths."""
+    twelve by rank, into the run folder; those of a ``page``, in one style for it, into that folder
+    instead. Returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     table = summary.statistics() if table is None else table
+    about, into, suffix = about_run(folder), page or folder, ".svg" if page else ".png"
     written = []
     histories = store.read_histories(folder, _BANDED)
     if histories is not None:
         frame = store.read_cases(folder, _BANDED, ["case", "status"])
         written = band_figures(
-            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])], folder, units
+            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])],
+            into,
+            units,
+            about=about,
+            suffix=suffix,
         )
     bounds: dict[str, list[float]] = {}
     for item in loaded.file.requirements:
@@ -337,12 +344,23 @@ def draw_figures(
         outcomes = outcomes[:_DRAWN]
     return written + histogram_figures(
         {name: summary.histogram(name) for name in outcomes},
-        folder,
+        into,
         units,
         loaded.reference,
         source=source,
         required=bounds,
+        about=about,
+        suffix=suffix,
+        alone=page is None,
     )
+
+
+def about_run(folder: Path) -> str:
+    """What a run is called in the titles of figures."""
+    from sepmc.campaign import store
+
+    manifest = store.read_manifest(folder)
+    return f"{manifest['campaign']}, {manifest['cases']} cases, seed {manifest['seed']}"
 
 
 def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
@@ -358,63 +376,6 @@ def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
         varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
         others = sorted(varied, key=_interest)
     return list(dict.fromkeys([*required, *others]))
-
-
-_DRIVEN = 4  # outcomes whose drivers are told unless some are named
-
-
-def tell_drivers(
-    folder: Path,
-    loaded: "Campaign",
-    named: tuple[str, ...],
-    plots: bool,
-    say: Callable[[str], None] = click.echo,
-) -> None:
-    """What drives the outcomes ``named``, or those that matter most, and what sets apart the cases
-    that violate a requirement or did not come to their end: to the screen, to ``drivers.csv`` and
-    ``causes.csv``, and as a figure."""
-    import pandas as pd
-
-    from sepmc.analysis import causes, drivers
-    from sepmc.campaign import store
-    from sepmc.scene.messages import nearest
-    from sepmc.scene.model import Requirement
-    from sepmc.schema import Status
-
-    summary, rows = summary_of(folder, loaded), store.CaseColumns(folder)
-    table, known = summary.statistics(), [column.name for column in loaded.outcome_columns]
-    for name in named:
-        if name not in known:
-            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
-    keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
-    sampler, found = loaded.scene.run.sampler, {}
-    for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
-        try:
-            found[name] = drivers.drivers(rows, list(keys), name, sampler)
-        except ValueError as error:
-            click.echo(f"warning: {error}", err=True)
-            continue
-        say(drivers.text(found[name], name, keys))
-    failed = [
-        label for label, count in summary.counts.items() if count and label != Status.OK.label
-    ]
-    items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
-    apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
-    for item in items:
-        violations = int(causes.violating(item, rows)[0].sum())
-        if violations:
-            what = f"{item.name}, {violations} of {rows.rows} cases"
-            say(causes.text(what, apart[item.name], keys))
-    if found:
-        driven = pd.concat(found, names=["outcome", "input"]).reset_index()
-        store.write_text(folder / "drivers.csv", driven.to_csv(index=False))
-    store.write_text(folder / "causes.csv", causes.table(apart).to_csv(index=False))
-    if plots and found:
-        from sepmc.report.driver_figures import tornado_figure
-
-        units = {c.name: c.unit for c in loaded.outcome_columns}
-        about = f"{loaded.name}, {rows.rows} cases"
-        say(f"wrote {tornado_figure(found, folder, units, keys, about)}")
 
 
 _INTERESTING = (

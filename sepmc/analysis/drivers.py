@@ -18,7 +18,8 @@ from sepmc.scene.model import SALTELLI
 
 _FEWEST = 20  # cases from which anything is told
 _TENTH = 0.1  # of the cases, at either end of an input
-_RESAMPLES = 30  # bootstrap, of first-order indices
+# bootstrap, of first-order indices; what Student's law of so few makes of 1.96
+_RESAMPLES, _WIDER = 12, 2.2010 / 1.9600
 _TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
 COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "first", "first_low",
@@ -79,8 +80,9 @@ def drivers(
     elif indices:
         _by_frequency(table, known, outcomes)
     table.attrs["mean"] = float(outcomes.mean())
-    strength = table["first"].where(table["first"].notna(), table["rank"] ** 2)
-    return table.loc[strength.sort_values(ascending=False, kind="stable").index]
+    # a large index of few cases may be none
+    order = np.lexsort((-table["rank"].abs(), -table["first_low"].clip(lower=0.0).fillna(0.0)))
+    return table.iloc[order]
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
@@ -112,8 +114,9 @@ def _by_frequency(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
 
     found = rbd_fast.analyze(_problem(list(table.index)), x.T, y, num_resamples=_RESAMPLES, seed=1)
-    # a part half as large was resampled
-    _put(table, "first", found["S1"], np.array(found["S1_conf"]) / np.sqrt(2.0))
+    # halves of the cases were resampled
+    half = np.array(found["S1_conf"]) * _WIDER / np.sqrt(2.0)
+    _put(table, "first", found["S1"], half)
 
 
 def _by_saltelli(table: pd.DataFrame, inputs: int, varied: list[int], y: np.ndarray) -> None:

@@ -337,7 +337,11 @@ def _told(v: Verdict, unit: str) -> str:
 
 def _violating(v: Verdict) -> str:
     """What share of all cases violates a requirement."""
-    return f"> {_share(v.share_at_least)}" if v.verdict == FAIL else f"< {_share(v.share_at_most)}"
+    return (
+        f"> {share_text(v.share_at_least)}"
+        if v.verdict == FAIL
+        else f"< {share_text(v.share_at_most)}"
+    )
 
 
 def _percent(share: float) -> str:
@@ -348,8 +352,9 @@ def _spaced(unit: str) -> str:
     return f" {unit}" if unit not in ("", "1") else ""
 
 
-def _share(share: float) -> str:
-    return f"{share:.1e}" if share < 0.01 else f"{share:.2g}"
+def share_text(share: float) -> str:
+    """A share of cases in two digits."""
+    return f"{share:.1e}" if 0.0 < share < 0.01 else f"{share:.2g}"
 
 
 def _number(value: float) -> str:

@@ -402,7 +402,7 @@ def summary_text(
     if len(shares):
         parts.append(_shares_text(shares))
     if len(stats):
-        parts.append(_layout(list(stats.index), _groups(stats, units)))
+        parts.append(_layout(list(stats.index), groups(stats, units)))
     if stats["n"].between(1, _TAIL_CASES - 1).any():
         parts.append(
             f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
@@ -419,10 +419,10 @@ def summary_text(
             f"Beside {called} (dev: here minus {called}; mean, max and min in its sigmas, "
             "sigma in percent)"
         )
-        groups = [
+        beside = [
             (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
         ]
-        parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), groups)]
+        parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), beside)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -446,10 +446,10 @@ def _shares_text(shares: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def _groups(
+def groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
-    """Columns of the main table as (heading, {column: cells})."""
+    """The main table of `statistics` in text: columns as (heading, {column: cells})."""
 
     def column(name: str) -> list[str]:
         return [

@@ -16,8 +16,10 @@ def tornado_figure(
     units: Mapping[str, str],
     keys: Mapping[str, str],
     about: str,
+    suffix: str = ".png",
 ) -> Path:
-    """Draw a tornado chart for each outcome into ``drivers.png``; returns its path.
+    """Draw a tornado chart for each outcome into ``drivers.png``, or with another ``suffix``;
+    returns its path.
 
     Parameters
     ----------
@@ -51,4 +53,4 @@ def tornado_figure(
     for ax in axes[len(found) :]:
         ax.remove()
     figure.suptitle(f"What drives the outcomes of {about}", fontsize=11)
-    return save(figure, made(folder) / "drivers.png")
+    return save(figure, made(folder) / f"drivers{suffix}")

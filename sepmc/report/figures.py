@@ -115,15 +115,17 @@ def band_figures(
     folder: Path,
     units: Mapping[str, str],
     labels: Mapping[str, str] | None = None,
+    about: str = "",
+    suffix: str = ".png",
 ) -> list[Path]:
     """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
-    the caller's to leave out."""
+    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
     folder, labels, written = made(folder), labels or {}, []
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
             label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
-            file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}.png"
-            written.append(_bands(histories, name, label, folder / file))
+            file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
+            written.append(_bands(histories, name, label, folder / file, about))
     return written
 
 
@@ -135,9 +137,13 @@ def histogram_figures(
     labels: Mapping[str, str] | None = None,
     source: str = "reference",
     required: Mapping[str, Sequence[float]] | None = None,
+    about: str = "",
+    suffix: str = ".png",
+    alone: bool = True,
 ) -> list[Path]:
-    """Draw histograms of outcomes, each alone and side by side; see `campaign_figures`. An outcome
-    without values (None) is left out. Bounds that are ``required`` of an outcome are marked."""
+    """Draw histograms of outcomes side by side, and each ``alone`` too; see `campaign_figures`. An
+    outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
+    marked. ``about``: what stands in titles; ``suffix``: of the files."""
     folder, reference, labels, written = made(folder), reference or {}, labels or {}, []
     required = required or {}
     values = {name: found for name, found in histograms.items() if found}
@@ -145,11 +151,10 @@ def histogram_figures(
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
     chosen = [name for name in ordered if name in reference or name in required]
     overview = (chosen if reference else []) or ordered[:OVERVIEW]
-    sheets = [(f"hist_{name}.png", [name]) for name in values] + (
-        [("histograms.png", overview)] if overview else []
-    )
+    sheets = [(f"hist_{name}", [name]) for name in values if alone]
+    sheets += [("histograms", overview)] if overview else []
     for file, names in sheets:
-        columns = min(3, len(names)) if file == "histograms.png" else 1
+        columns = min(3, len(names)) if file == "histograms" else 1
         figure, axes = sheet(
             -(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
         )
@@ -165,12 +170,18 @@ def histogram_figures(
             )
         for ax in axes[len(names) :]:
             ax.remove()
-        written.append(save(figure, folder / file))
+        figure.suptitle(about, fontsize=11)
+        written.append(save(figure, folder / f"{file}{suffix}"))
     return written
 
 
 def run_figures(
-    history: pd.DataFrame, folder: Path, bodies: Sequence[str], joints: Sequence[str]
+    history: pd.DataFrame,
+    folder: Path,
+    bodies: Sequence[str],
+    joints: Sequence[str],
+    about: str = "",
+    suffix: str = ".png",
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -187,6 +198,10 @@ def run_figures(
         Where the files go; made if it is not there.
     bodies, joints : sequence of str
         Names; a joint that does not touch a body has no columns for it.
+    about : str
+        What stands in titles: the campaign and its case.
+    suffix : str
+        Of the files.
 
     Returns
     -------
@@ -205,7 +220,13 @@ def run_figures(
         ]
         if there:
             written.append(
-                _time_page(history, folder / file, title, there, min(columns, len(there)))
+                _time_page(
+                    history,
+                    folder / f"{file}{suffix}",
+                    f"{about}: {title}" if about else title,
+                    there,
+                    min(columns, len(there)),
+                )
             )
 
     def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
@@ -226,7 +247,7 @@ def run_figures(
                 for j, stem in stems.items()
             ]
             page(
-                f"{kind}_on_{body}.png",
+                f"{kind}_on_{body}",
                 f"Constraint {kind} on {in_words(body)}, in the axes of the joint's first body",
                 panels,
             )
@@ -238,9 +259,9 @@ def run_figures(
         )
         for body in bodies
     ]
-    page("rates.png", "Angular rates in body axes", rates)
+    page("rates", "Angular rates in body axes", rates)
     page(
-        "angles.png",
+        "angles",
         "Attitude",
         [
             of_bodies(f"{angle}_deg", f"{angle} (deg)")
@@ -249,7 +270,7 @@ def run_figures(
         2,
     )
     page(
-        "axial_acceleration.png",
+        "axial_acceleration",
         "Axial acceleration of the centre of mass, gravity included",
         [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
     )
@@ -257,11 +278,11 @@ def run_figures(
         Panel(f"{in_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),))
         for name, joint, words, unit in _curves(history)
     ]
-    page("separation.png", "Separation", curves)
+    page("separation", "Separation", curves)
     return written
 
 
-def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path:
+def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
     """Envelope, percentile bands, median and a few single cases of a quantity over time."""
     curves = percentile_curves(histories, column).dropna(how="all")
     figure, (ax,) = sheet(1, 1, (6.4, 4.4))
@@ -279,7 +300,8 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path) -> Path
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
-    figure.suptitle(f"{title[:1].upper()}{title[1:]}, n {len(numbers)}", fontsize=11)
+    words = f"{title[:1].upper()}{title[1:]}, n {len(numbers)}"
+    figure.suptitle(f"{about}: {words}" if about else words, fontsize=11)
     return save(figure, path)
 
 
@@ -292,19 +314,25 @@ def _histogram(
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Density histogram of an outcome, with the normal density of equal mean and sigma, the
-    reference, and the bounds that are required."""
+    """Density histogram of an outcome, with its extremes, the normal density of equal mean and
+    sigma where it is like one, the reference, and the bounds that are required."""
     mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
     if spread:
         ax.hist(
             found.edges[:-1], bins=list(found.edges), weights=found.counts, density=True,
             color="#a9cdea", edgecolor="white", linewidth=0.4, label="cases",
         )  # fmt: skip
-        grid = np.linspace(
-            min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300
-        )
-        normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-        ax.plot(grid, normal, color=BLACK, linewidth=1.4, label="normal, same mean and sigma")
+        # a bar of one case is too low to be seen
+        ax.plot(
+            [found.low, found.high], [0.0, 0.0], linestyle="", marker="^", markersize=6,
+            color=BLACK, clip_on=False, label="least and greatest",
+        )  # fmt: skip
+        if _is_bell(found):
+            grid = np.linspace(
+                min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300
+            )
+            normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+            ax.plot(grid, normal, color=BLACK, linewidth=1.4, label="normal, same mean and sigma")
     else:  # a density of equal values does not exist
         ax.axvline(found.low, color=BLUE, linewidth=4, label="all cases")
         ax.set_yticks([])
@@ -317,12 +345,16 @@ def _histogram(
                 ax.axvline(
                     reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text
                 )
-    for bound in required:
+    reach = found.high - found.low
+    near = [b for b in required if not spread or found.low - reach <= b <= found.high + reach]
+    for bound in near:
         ax.axvline(bound, color=GREEN, linestyle="-", linewidth=2.2, label="required bound")
-    ax.set_title(
-        f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip(),
-        fontsize=9,
+    title = (
+        f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
     )
+    far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
+    # drawn, it would leave a line of the histogram
+    ax.set_title(title + (f"\nrequired bound {far} is far outside" if far else ""), fontsize=9)
     if len(rounded(mean, sigma, 2)) > 6:  # ticks so long would run into each other
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     # wider, it would run into its neighbour in the overview
@@ -335,6 +367,19 @@ def _histogram(
             if unit
             else "density"
         )
+
+
+_UNLIKE = 0.06  # probability that may lie elsewhere, beyond what chance moves
+
+
+def _is_bell(found: Histogram) -> bool:
+    """Whether a histogram is much like a normal law of its mean and sigma."""
+    from scipy.special import ndtr  # noqa: PLC0415  (0.1 s)
+
+    law = np.diff(ndtr((found.edges - found.mean) / found.sigma))
+    chance = np.sqrt(len(law) / (2.0 * np.pi * found.n))
+    apart = 0.5 * np.abs(found.counts / found.n - law).sum()
+    return bool(apart < _UNLIKE + chance)
 
 
 def _time_page(

@@ -7,6 +7,7 @@ nothing covers data. No pyplot: a figure here has no window and no state.
 
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -48,8 +49,8 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, l
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Gather one legend below all axes, and write. The file carries no software name: equal data
-    give equal bytes."""
+    """Gather one legend below all axes, and write, as the name of the file ends. The file carries
+    no date and no software name: equal data give equal bytes."""
     entries = {
         text: handle
         for ax in figure.axes
@@ -68,5 +69,7 @@ def save(figure: Figure, path: Path) -> Path:
             ncols=columns,
             **style,
         )
-    figure.savefig(path, dpi=150, metadata={"Software": None})
+    said = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+    with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):
+        figure.savefig(path, dpi=150, metadata=said)
     return path

@@ -1,0 +1,186 @@
+"""What the command line tells of a run beyond its statistics: what drives it, and the report."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+
+from sepmc.analysis import causes, drivers
+from sepmc.analysis.rows import Rows
+from sepmc.analysis.statistics import audit_text, summary_text
+from sepmc.analysis.stream import Stream
+from sepmc.campaign import store
+from sepmc.campaign.accuracy import with_scales
+from sepmc.campaign.campaign import Campaign
+from sepmc.cli_output import about_run, accuracy_text, draw_figures, summary_of, telling_outcomes
+from sepmc.report import page
+from sepmc.report.driver_figures import tornado_figure
+from sepmc.report.figures import run_figures
+from sepmc.scene.messages import nearest
+from sepmc.scene.model import Requirement
+from sepmc.schema import Status
+
+_DRIVEN = 4  # outcomes whose drivers are told unless some are named
+_TOLD = 12  # outcomes in the report's table
+_REPLAYED = 2  # worst cases that the report shows over time
+_REPLAY_ROWS = 400
+
+
+@dataclass
+class Driven:
+    """What drives outcomes, by name, and what sets apart the cases that violate something, with a
+    sentence on how many these are; the paths of inputs in the file, by column."""
+
+    drivers: dict[str, pd.DataFrame]
+    causes: dict[str, list[causes.Cause]]
+    violated: dict[str, str]
+    keys: dict[str, str]
+
+    @property
+    def texts(self) -> tuple[list[str], list[str]]:
+        """Both as a terminal shows them."""
+        return (
+            [drivers.text(table, name, self.keys) for name, table in self.drivers.items()],
+            [
+                causes.text(said, self.causes[name], self.keys)
+                for name, said in self.violated.items()
+            ],
+        )
+
+
+def find_drivers(
+    folder: Path, loaded: Campaign, summary: Rows | Stream, named: tuple[str, ...] = ()
+) -> Driven:
+    """What drives the outcomes ``named``, or those that matter most, and what sets apart the cases
+    that violate a requirement or did not come to their end."""
+    rows, known = store.CaseColumns(folder), [column.name for column in loaded.outcome_columns]
+    for name in named:
+        if name not in known:
+            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+    keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
+    sampler, found = loaded.scene.run.sampler, {}
+    for name in named or telling_outcomes(loaded, summary.statistics())[:_DRIVEN]:
+        try:
+            found[name] = drivers.drivers(rows, list(keys), name, sampler)
+        except ValueError as error:
+            click.echo(f"warning: {error}", err=True)
+    failed = [
+        label for label, count in summary.counts.items() if count and label != Status.OK.label
+    ]
+    items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
+    apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
+    counts = {item.name: int(causes.violating(item, rows)[0].sum()) for item in items}
+    violated = {
+        name: f"{name}, {count} of {rows.rows} cases" for name, count in counts.items() if count
+    }
+    return Driven(found, apart, violated, keys)
+
+
+def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: bool) -> None:
+    """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure."""
+    driven = find_drivers(folder, loaded, summary_of(folder, loaded), named)
+    for text in [text for texts in driven.texts for text in texts]:
+        click.echo(text)
+    if driven.drivers:
+        table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
+        store.write_text(folder / "drivers.csv", table.to_csv(index=False))
+    store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
+    if plots:
+        for path in draw_drivers(driven, loaded, about_run(folder), folder):
+            click.echo(path)
+
+
+def draw_drivers(
+    driven: Driven, loaded: Campaign, about: str, into: Path, suffix: str = ".png"
+) -> list[Path]:
+    """Draw tornado charts, if there is anything to draw; returns the paths."""
+    units = {c.name: c.unit for c in loaded.outcome_columns}
+    if not driven.drivers:
+        return []
+    return [tornado_figure(driven.drivers, into, units, driven.keys, about, suffix)]
+
+
+def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[str], None]) -> Path:
+    """Write the report of a run, with its worst cases over time if wanted; returns its path."""
+    summary, manifest = summary_of(folder, loaded), store.read_manifest(folder)
+    table, audited = summary.statistics(loaded.reference), summary.audit()
+    accuracy: dict[str, Any] = manifest.get("accuracy") or {}
+    errors = {
+        name: math.inf if error is None else error
+        for name, error in accuracy.get("errors", {}).items()
+    }
+    verdicts = summary.verdicts(
+        with_scales(loaded, errors, table), audited, loaded.scene.run.sampler
+    )
+    driven, units = (
+        find_drivers(folder, loaded, summary),
+        {c.name: c.unit for c in loaded.outcome_columns},
+    )
+    about, texts = about_run(folder), driven.texts
+    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    sentences = {status.label: status.sentence for status in Status}
+    every = summary_text(table, summary.counts, units, source)
+    last = manifest["sessions"][-1]
+    report = page.Report(
+        name=loaded.name,
+        title=loaded.file.title,
+        facts=f"{about}, sampler {loaded.scene.run.sampler}; flown {last['finished'][:10]} by "
+        f"sepmc {last['sepmc']}; campaign {manifest['digest']}",
+        notes=manifest.get("notes", ()),
+        verdicts=verdicts,
+        counts=every.partition("\n")[0],
+        failures=[
+            f"{count} cases {label}: {sentences.get(label, '')}"
+            for label, count in summary.counts.items()
+            if count and label != Status.OK.label
+        ],
+        statistics=table,
+        telling=telling_outcomes(loaded, table)[:_TOLD],
+        units=units,
+        every=every,
+        accuracy=accuracy_text(
+            accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
+        )
+        if "errors" in accuracy
+        else "",
+        audit=audit_text(audited),
+        sessions=manifest["sessions"],
+        campaign=loaded.file.toml,
+        drivers=texts[0],
+        causes=texts[1],
+        replays=_worst(loaded, verdicts, manifest["seed"], say) if replays else [],
+    )
+    return page.write_report(
+        report,
+        folder / "report.html",
+        lambda into: draw_figures(folder, loaded, summary, table, say=lambda text: None, page=into),
+        lambda into: draw_drivers(driven, loaded, about, into, ".svg"),
+        lambda replay, into: _draw_replay(loaded, replay, into),
+    )
+
+
+def _worst(
+    loaded: Campaign, verdicts: list[Any], seed: int, say: Callable[[str], None]
+) -> list[page.Replay]:
+    """The worst cases of the requirements, flown again."""
+    worst = {v.worst_case: v for v in reversed(verdicts) if v.worst_case is not None}
+    found = []
+    for number, v in list(reversed(worst.items()))[:_REPLAYED]:
+        say(f"flies case {number} again, the worst of {v.name}")
+        every_s = loaded.scene.run.end_time / _REPLAY_ROWS
+        history = loaded.simulate(loaded.case(number, seed), every_s)
+        unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")
+        title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
+        found.append(page.Replay(title.rstrip(), history))
+    return found
+
+
+def _draw_replay(loaded: Campaign, replay: page.Replay, into: Path) -> list[Path]:
+    written = run_figures(
+        replay.history, into, loaded.plan.bodies, list(loaded.plan.joints), suffix=".svg"
+    )
+    return [path for path in written if path.stem in ("rates", "angles", "separation")]

@@ -1,0 +1,157 @@
+"""The report of a run: one HTML page that holds everything, figures as SVG among it, and asks
+nothing of a server."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pandas as pd
+
+from sepmc.analysis.requirements import FAIL, NOT_SHOWN, PASS, Verdict, sentence, share_text
+from sepmc.analysis.statistics import groups, rounded
+
+_STYLES = {PASS: "pass", FAIL: "fail"}
+
+
+@dataclass
+class Replay:
+    """A case that is shown over time."""
+
+    title: str
+    history: pd.DataFrame
+
+
+@dataclass
+class Report:
+    """What a report tells.
+
+    ``name``, ``title`` : of the campaign; ``facts``: one line on cases, seed and date
+    ``notes`` : warnings of the run
+    ``verdicts`` ; ``counts``: a line on statuses; ``failures``: a line on each but ok
+    ``statistics`` : table of `sepmc.analysis.statistics.statistics`; ``telling``: the outcomes that
+        come first; ``units``: by outcome; ``every``: the table as text
+    ``drivers``, ``causes`` : texts on each outcome, and on what is violated
+    ``replays`` : cases shown over time
+    ``accuracy``, ``audit`` : texts
+    ``sessions`` : of the manifest; ``campaign``: the file
+    """
+
+    name: str
+    title: str
+    facts: str
+    notes: Sequence[str]
+    verdicts: Sequence[Verdict]
+    counts: str
+    failures: Sequence[str]
+    statistics: pd.DataFrame
+    telling: Sequence[str]
+    units: Mapping[str, str]
+    every: str
+    accuracy: str
+    audit: str
+    sessions: Sequence[Mapping[str, Any]]
+    campaign: str
+    drivers: Sequence[str] = ()
+    causes: Sequence[str] = ()
+    replays: Sequence[Replay] = field(default_factory=list)
+
+
+def write_report(
+    report: Report,
+    path: Path,
+    draw_outcomes: Callable[[Path], list[Path]],
+    draw_drivers: Callable[[Path], list[Path]],
+    draw_replay: Callable[[Replay, Path], list[Path]],
+) -> Path:
+    """Write a report into a file; the figures are drawn by functions that write SVG files into a
+    folder and return their paths. Returns the path."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        replays = [
+            {"title": one.title, "figures": _embedded(draw_replay(one, folder))}
+            for one in report.replays
+        ]
+        figures = {
+            "outcome_figures": _embedded(draw_outcomes(folder)),
+            "driver_figures": _embedded(draw_drivers(folder)),
+        }
+    template = files("sepmc.report").joinpath("report.html.j2").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    columns, rows = _statistics(report.statistics, report.telling)
+    page = environment.from_string(template).render(
+        vars(report)
+        | figures
+        | {
+            "replays": replays,
+            "columns": columns,
+            "telling": rows,
+            "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
+            "sessions": [_session(one) for one in report.sessions],
+        }
+    )
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+_HALF = 700.0  # points: figures that are no wider stand side by side
+
+
+def _embedded(paths: Sequence[Path]) -> list[dict[str, str]]:
+    """SVG files as elements of a page, and the class of each by its width."""
+    found = []
+    for path in paths:
+        text = path.read_text(encoding="utf-8")
+        svg = text[text.index("<svg") :]
+        width = float(svg.partition(' width="')[2].partition("pt")[0])
+        found.append({"svg": svg, "style": "half" if width <= _HALF else "whole"})
+    return found
+
+
+def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the statistics of some outcomes."""
+    cells = [
+        (head, column)
+        for _, columns in groups(table.loc[list(names)], None)
+        for head, column in columns.items()
+    ]
+    rows = [[name, *(column[i] for _, column in cells)] for i, name in enumerate(names)]
+    return [head for head, _ in cells], rows
+
+
+def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
+    """A row of the table of requirements."""
+
+    def shown(value: float | None, case: str = "") -> str:
+        return "-" if value is None else f"{rounded(value, abs(value), 4)} {unit}{case}".strip()
+
+    return {
+        "verdict": v.verdict.upper(),
+        "style": _STYLES.get(v.verdict, "other"),
+        "sentence": sentence(v, unit),
+        "why": f"{v.more} more cases without a violation would show it"
+        if v.verdict == NOT_SHOWN
+        else v.why,
+        "violations": v.violations,
+        "cases": v.cases,
+        "allowed": v.allowed if v.allowed >= 0 else "too few cases",
+        "share": f"{share_text(v.share_low)} to {share_text(v.share_high)}",
+        "worst": shown(v.worst, f" ({v.worst_case})"),
+        "design": shown(v.design_value),
+    }
+
+
+def _session(one: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of the table of sessions."""
+    seconds = ", ".join(f"{stage} {s:.3g}" for stage, s in one.get("timing_s", {}).items())
+    packages = ", ".join(f"{name} {v}" for name, v in one.get("versions", {}).items())
+    return {
+        "started": one.get("started", ""),
+        "cases": one.get("cases_flown", ""),
+        "threads": one.get("threads", ""),
+        "seconds": seconds,
+        "versions": f"sepmc {one.get('sepmc', '')}, {packages}, {one.get('machine', '')}",
+    }
