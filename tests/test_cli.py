@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc as package
-from sepmc import cli
+from sepmc import cli, cli_checks
 from sepmc.campaign.campaign import Campaign
 
 CASES = 50
@@ -246,7 +246,7 @@ def test_interrupt_before_anything_is_flown(tmp_path, monkeypatch):
         cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
     assert (result.exit_code, "no case was flown yet" in result.stderr) == (130, True)
-    monkeypatch.setattr(cli, "_load", interrupted)
+    monkeypatch.setattr(cli_checks, "load_campaign", interrupted)
     result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
     assert (result.exit_code, result.stderr) == (130, "\ninterrupted\n")
 

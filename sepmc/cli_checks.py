@@ -1,0 +1,323 @@
+"""Commands about campaign files, about kernels, and about trust in both. Nothing heavy is imported
+until a command needs it."""
+
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sepmc.cli_options import BRIEF, QUIET, SETTINGS, load_campaign, redundant
+from sepmc.cli_output import counted, plain_errors, speaker
+
+
+@click.command(short_help="Write a starter campaign.")
+@click.argument("file", default="separation.toml", type=click.Path(path_type=Path))
+@click.option("--overwrite", is_flag=True, help="Replace FILE.")
+def template(file: Path, overwrite: bool) -> None:
+    """Write a commented campaign to start from into FILE (separation.toml): two stages, springs, a
+    motor, a clearance and two requirements. It can be flown as it is."""
+    from importlib.resources import files
+
+    with plain_errors(False):
+        from sepmc.scene.messages import InputError
+
+        if file.exists() and not overwrite:
+            raise InputError(f"{file}: is there already; give another name, or --overwrite")
+        text = files("sepmc").joinpath("template.toml").read_text(encoding="utf-8")
+        try:
+            file.write_text(text.replace("separation.toml", file.name), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{file}: cannot be written: {error.strerror}") from None
+        click.echo(f"wrote {file}; fly it with: sepmc campaign {file}")
+
+
+@click.command(name="list")
+def list_campaigns() -> None:
+    """List the campaigns that come with sepmc."""
+    import tomllib
+
+    from sepmc.scene.read import shipped_campaigns
+
+    for name, path in shipped_campaigns().items():
+        click.echo(f"{name:24s} {tomllib.loads(path.read_text(encoding='utf-8')).get('title', '')}")
+
+
+@click.command()
+@click.argument("file")
+@SETTINGS
+@click.option(
+    "--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module."
+)
+def check(file: str, settings: tuple[str, ...], code: bool) -> None:
+    """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
+    out. Flies nothing."""
+    with plain_errors(False):
+        loaded = load_campaign(file, settings)
+        from sepmc.campaign import pilot
+        from sepmc.kernel.emit import features
+        from sepmc.kernel.structure import make_shape
+
+        if code:
+            click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
+            return
+        from sepmc.analysis.requirements import sentence
+        from sepmc.campaign.chunks import implausible_note
+        from sepmc.campaign.remarks import of_file, sampled
+        from sepmc.kernel.describe import lines
+
+        settings_of_run = loaded.scene.run
+        click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
+        for line in lines(loaded.plan):
+            click.echo("  " + line)
+        shape = make_shape(loaded.plan, loaded.dispersed)
+        inside, outside = features(shape)
+        click.echo("  kernel       written for the scene (print it with --code)")
+        called = shape.names.back
+        for stage, stage_name in zip(shape.stages, pilot.stage_names(loaded), strict=True):
+            groups = [
+                " and ".join(called.get(body, body) for body in group)
+                for group in stage.groups
+                if len(group) > 1
+            ]
+            together = (
+                "; ".join(group + " turn as one" for group in groups) or "all turn by themselves"
+            )
+            rows = (
+                f", {len(stage.rows)} constraint rows solved" if stage.rows else ", nothing is held"
+            )
+            click.echo(f"    {stage_name:14s} {together}{rows}")
+        click.echo(f"    has in it      {', '.join(inside)}")
+        click.echo(f"    left out       {', '.join(outside)}")
+        click.echo(
+            f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}, "
+            f"sampler {settings_of_run.sampler}"
+        )
+        click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
+        for dispersion in loaded.file.dispersions:
+            numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
+            click.echo(
+                f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) "
+                f"{dispersion.parameter.unit}"
+            )
+        for copula in loaded.file.copulas:
+            keys = [loaded.file.dispersions[place].parameter.key for place in copula.places]
+            click.echo(f"    together: {', '.join(keys)}")
+        required, units = (
+            loaded.file.requirements,
+            {c.name: c.unit for c in loaded.outcome_columns},
+        )
+        click.echo(f"  required     {len(required) or 'nothing'}")
+        for item in required:
+            click.echo("    " + sentence(item, units.get(item.metric, "")))
+        drawn = loaded.draw(0, settings_of_run.cases)
+        note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
+        warned = [*sampled(settings_of_run.sampler, settings_of_run.cases), *of_file(loaded)]
+        for warning in warned + ([note] if note else []) + redundant(loaded):
+            click.echo(f"warning: {warning}", err=True)
+        click.echo("can be flown")
+
+
+@click.command(name="compile", short_help="Compile the kernel of FILE ahead.")
+@click.argument("file")
+@SETTINGS
+@click.option(
+    "--stats-only",
+    is_flag=True,
+    help="The kernel of a campaign with --stats-only, which keeps no histories.",
+)
+@click.option(
+    "--spares",
+    is_flag=True,
+    help="The kernels, too, that cases may need which the first one does not vouch for.",
+)
+@QUIET
+def compile_(
+    file: str, settings: tuple[str, ...], stats_only: bool, spares: bool, quiet: bool
+) -> None:
+    """Compile the kernel that flies campaigns of FILE into the cache, so that the first one starts
+    at once. Flies nothing."""
+    say = speaker(quiet)
+    with plain_errors(quiet):
+        loaded = load_campaign(file, settings)
+        from sepmc.campaign import pilot
+        from sepmc.engine.door import load_kernel
+        from sepmc.kernel.structure import make_shape
+        from sepmc.routines.layout import USUAL
+
+        history = loaded.scene.run.history_step > 0.0 and not stats_only
+        cares = [USUAL, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
+        start = time.perf_counter()
+        for care in cares:
+            load_kernel(pilot.kernel_text(loaded, history=history, care=care), say)
+        what = "its kernel is" if len(cares) == 1 else f"its {len(cares)} kernels are"
+        say(f"{loaded.name}: {what} in the cache, after {time.perf_counter() - start:.1f} s")
+
+
+@click.command(
+    short_help="Hold the engine against closed forms, other formulations and other engines."
+)
+@click.option(
+    "--peers",
+    is_flag=True,
+    help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.",
+)
+@click.option(
+    "--random",
+    "count",
+    type=click.IntRange(min=1),
+    help="Instead: fly so many random scenes, and each independently.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="With --random: the seed of the first scene.",
+)
+@click.option(
+    "--compiled",
+    type=click.IntRange(min=0),
+    default=0,
+    help="With --random: scenes whose kernels fly compiled as well.",
+)
+@BRIEF
+@QUIET
+def verify(
+    peers: bool, count: int | None, seed: int, compiled: int, brief: bool, quiet: bool
+) -> None:
+    """Hold the engine against closed forms, classical formulations and conservation laws: one
+    table, exit code 1 on any miss.
+
+    With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
+    With --random N, instead, N random scenes flown as a campaign flies them, and every row held
+    against an independent flight of its case.
+    """
+    with plain_errors(quiet):
+        if count is not None:
+            from sepmc.trust.gate import drive
+
+            found = drive.gate(count, seed, compiled, speaker(quiet))
+            click.echo(drive.table(found))
+            sys.exit(1 if any(map(drive.fails, found)) else 0)
+        from sepmc.trust import verify as suite
+
+        passed = all(
+            line.passes for line in _flown(suite, suite.CHECKS, suite.verify, brief, quiet)
+        )
+        if peers:
+            from sepmc.trust.peers import compare
+
+            text, agreed = compare.report(speaker(quiet))
+            click.echo("\n" + text)
+            passed = passed and agreed
+    sys.exit(0 if passed else 1)
+
+
+@click.command(
+    short_help="Fly purposely hard inputs and say which are accurate, flagged or silent."
+)
+@BRIEF
+@QUIET
+def stress(brief: bool, quiet: bool) -> None:
+    """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is
+    silently wrong."""
+    with plain_errors(quiet):
+        from sepmc.trust import stress as suite
+
+        lines = _flown(suite, suite.STRESSES, suite.stress, brief, quiet, here=("hour",))
+        click.echo(
+            "\nAn hour of torque-free motion in joints, by solver.drift:\n" + suite.hours_table()
+        )
+    sys.exit(0 if all(line.holds for line in lines) else 1)
+
+
+@click.command(short_help="Measure speed and accuracy of FILE on this machine.")
+@click.argument("file")
+@click.option(
+    "--peers",
+    is_flag=True,
+    help="Let other engines fly the same cases too; needs pip install 'sepmc[peers]'.",
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write; default runs/bench-NAME-N."
+)
+@click.option(
+    "--cases",
+    type=click.IntRange(min=1, max=10**7),
+    help="Cases that are timed; default 10000, with --quick 1000.",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    help="Times of which the median is taken; default 7, with --quick 3.",
+)
+@click.option("--threads", type=click.IntRange(min=1), help="Threads; default all cores.")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Fewer settings, and nothing that takes minutes: a look, not a measurement.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace the bench in --out.")
+@SETTINGS
+@QUIET
+def bench(
+    file: str,
+    peers: bool,
+    out: Path | None,
+    cases: int | None,
+    repeats: int | None,
+    threads: int | None,
+    quick: bool,
+    overwrite: bool,
+    settings: tuple[str, ...],
+    quiet: bool,
+) -> None:
+    """Measure speed and accuracy of FILE on this machine: error over time, cost of each feature,
+    scaling, time by stage.
+
+    Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with
+    bench.json and figures, into a folder.
+    """
+    with plain_errors(quiet):
+        if overwrite and out is None:
+            raise click.UsageError("--overwrite needs --out, the folder meant")
+        loaded = load_campaign(file, settings)
+        from sepmc.bench.bench import bench as measure
+        from sepmc.campaign import store
+
+        folder = out or store.next_folder(f"bench-{loaded.name}")
+        measure(
+            loaded,
+            folder,
+            speaker(quiet),
+            cases=cases,
+            repeats=repeats,
+            threads=threads,
+            quick=quick,
+            peers=peers,
+            overwrite=overwrite,
+        )
+        speaker(quiet)(f"wrote {folder}")
+
+
+def _flown(
+    suite: Any,
+    names: Iterable[str],
+    fly: Callable[..., list[Any]],
+    brief: bool,
+    quiet: bool,
+    here: Iterable[str] = (),
+) -> list[Any]:
+    """Fly the groups of a suite with a bar, and print its table, or a row for each group. Returns
+    all lines."""
+    from sepmc.trust.groups import side_by_side
+
+    names = list(names)
+    with counted(len(names), quiet) as progress:
+        groups = side_by_side(fly, names, here, progress)
+    lines = [line for group in groups.values() for line in group]
+    click.echo(suite.brief(groups) if brief else suite.table(lines))
+    return lines

@@ -1,0 +1,54 @@
+"""Options that commands share, and how they read a campaign."""
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+
+SETTINGS = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Put a value in place, e.g. body.upper.mass_kg=460.",
+)
+OUT = click.option(
+    "--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N."
+)
+OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
+NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")
+CHECK = click.option(
+    "--check",
+    "must_pass",
+    is_flag=True,
+    help="Exit code 1 unless the cases show all that the file requires.",
+)
+BRIEF = click.option("--brief", is_flag=True, help="A row for each group of lines only.")
+QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+
+
+def load_campaign(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign":
+    """Read and validate, before anything is written."""
+    from sepmc.scene.messages import SceneWarning
+    from sepmc.scene.read import parse_setting
+
+    given = dict(parse_setting(text) for text in settings)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        from sepmc.campaign.campaign import load
+
+        loaded = load(file, given)
+    for warning in caught if warn else ():
+        click.echo(f"warning: {warning.message}", err=True)
+    return loaded
+
+
+def redundant(campaign: "Campaign") -> list[str]:
+    """A sentence for each set of joints that hold a freedom twice."""
+    from sepmc.scene.redundancy import redundancies
+
+    return [found.sentence for found in redundancies(campaign.scene)]
