@@ -166,7 +166,7 @@ def tell_results(
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = store.read_manifest(folder).get("accuracy") or {}
-    errors = {name: _number(error) for name, error in accuracy.get("errors", {}).items()}
+    errors = errors_told(accuracy)
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
     verdicts = summary.verdicts(
@@ -230,6 +230,11 @@ def tell_results(
 def _error(number: float | None) -> str:
     """An error of the manifest as text."""
     return f"{_number(number):.1e}"
+
+
+def errors_told(accuracy: dict[str, Any]) -> dict[str, float]:
+    """Numerical errors of outcomes that a manifest tells of how its run was flown."""
+    return {name: _number(error) for name, error in accuracy.get("errors", {}).items()}
 
 
 def _number(error: float | None) -> float:

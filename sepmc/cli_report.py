@@ -1,23 +1,32 @@
 """What the command line tells of a run beyond its statistics: what drives it, and the report."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 import pandas as pd
 
-from sepmc.analysis import causes, drivers
+from sepmc.analysis import causes, compare, drivers
+from sepmc.analysis.requirements import Verdict
 from sepmc.analysis.rows import Rows
-from sepmc.analysis.statistics import audit_text, summary_text
+from sepmc.analysis.statistics import audit_text, column, ok_rows, summary_text
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import with_scales
 from sepmc.campaign.campaign import Campaign
-from sepmc.cli_output import about_run, accuracy_text, draw_figures, summary_of, telling_outcomes
+from sepmc.cli_output import (
+    about_run,
+    accuracy_text,
+    draw_figures,
+    errors_told,
+    summary_of,
+    telling_outcomes,
+)
 from sepmc.report import page
+from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.driver_figures import tornado_figure
 from sepmc.report.figures import run_figures
 from sepmc.scene.messages import nearest
@@ -104,18 +113,69 @@ def draw_drivers(
     return [tornado_figure(driven.drivers, into, units, driven.keys, about, suffix)]
 
 
+def tell_comparison(
+    folders: tuple[Path, Path], runs: tuple[Campaign, Campaign], out: Path | None
+) -> None:
+    """What differs between two runs, in their files, statuses, verdicts and outcomes: to the
+    screen, and to ``compare.csv`` and ``compare.png`` in a folder if one is given."""
+    rows = [store.CaseColumns(folder) for folder in folders]
+    summaries = [summary_of(folder, run) for folder, run in zip(folders, runs, strict=True)]
+    changed = compare.differences(runs[0].file.tree, runs[1].file.tree) or ["nothing"]
+    click.echo("what differs in the files\n" + "\n".join("  " + line for line in changed))
+    counts = [summary.counts for summary in summaries]
+    for label in dict.fromkeys([*counts[0], *counts[1]]):
+        click.echo(f"{label}: {counts[0].get(label, 0)} -> {counts[1].get(label, 0)} cases")
+    verdicts = [
+        {v.name: v for v in _verdicts(folder, run, summary)}
+        for folder, run, summary in zip(folders, runs, summaries, strict=True)
+    ]
+    for name in dict.fromkeys([*verdicts[0], *verdicts[1]]):
+        told = [
+            f"{found[name].verdict}, {found[name].violations} of {found[name].cases}"
+            if name in found
+            else "not required"
+            for found in verdicts
+        ]
+        click.echo(f"requirement {name}: {' -> '.join(told)}")
+    inputs = _common(*([c.name for c in run.input_columns] for run in runs))
+    outcomes = _common(*([c.name for c in run.outcome_columns] for run in runs))
+    table = compare.compare(rows[0], rows[1], inputs, outcomes)
+    telling = _common(telling_outcomes(runs[0], summaries[0].statistics()), outcomes)[:_TOLD]
+    click.echo(compare.text(table.loc[telling]))
+    if out is None:
+        return
+    store.make_writable(out)
+    store.write_text(out / "compare.csv", table.to_csv())
+    values = {}
+    for name in telling:
+        both = [column(cases, name)[ok_rows(cases)] for cases in rows]
+        one, two = (x[np.isfinite(x)] for x in both)
+        if len(one) and len(two):
+            values[name] = one, two
+    if values:
+        units = {c.name: c.unit for c in runs[0].outcome_columns}
+        names = str(folders[0]), str(folders[1])
+        click.echo(f"wrote {overlay_figure(values, out, units, names)}")
+
+
+def _common(one: list[str], two: list[str]) -> list[str]:
+    """Names that both lists have, in the order of the first."""
+    return [name for name in one if name in set(two)]
+
+
+def _verdicts(folder: Path, loaded: Campaign, summary: Rows | Stream) -> list[Verdict]:
+    """Verdicts on the requirements of a run."""
+    errors = errors_told(store.read_manifest(folder).get("accuracy") or {})
+    scaled = with_scales(loaded, errors, summary.statistics())
+    return summary.verdicts(scaled, summary.audit(), loaded.scene.run.sampler)
+
+
 def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[str], None]) -> Path:
     """Write the report of a run, with its worst cases over time if wanted; returns its path."""
     summary, manifest = summary_of(folder, loaded), store.read_manifest(folder)
     table, audited = summary.statistics(loaded.reference), summary.audit()
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
-    errors = {
-        name: math.inf if error is None else error
-        for name, error in accuracy.get("errors", {}).items()
-    }
-    verdicts = summary.verdicts(
-        with_scales(loaded, errors, table), audited, loaded.scene.run.sampler
-    )
+    verdicts = _verdicts(folder, loaded, summary)
     driven, units = (
         find_drivers(folder, loaded, summary),
         {c.name: c.unit for c in loaded.outcome_columns},

@@ -314,6 +314,25 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
         )
 
 
+@click.command(short_help="What differs between two runs.")
+@click.argument("one", metavar="RUN_A", type=click.Path(path_type=Path))
+@click.argument("two", metavar="RUN_B", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for compare.csv and compare.png."
+)
+def compare(one: Path, two: Path, out: Path | None) -> None:
+    """What differs between RUN_A and RUN_B: in their files, in statuses and verdicts, and in their
+    outcomes, with a 95 % interval of each difference: of pairs of cases, where both runs have the
+    same inputs in a case of the same number, as two runs of one seed have."""
+    with plain_errors(False):
+        from sepmc.cli_report import tell_comparison
+
+        manifest_with_rows(one)
+        manifest_with_rows(two)
+        first, second = (load_campaign(str(folder), (), warn=False) for folder in (one, two))
+        tell_comparison((one, two), (first, second), out)
+
+
 @click.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--no-replay", is_flag=True, help="Do not fly the worst cases again.")

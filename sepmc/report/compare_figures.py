@@ -1,0 +1,41 @@
+"""Outcomes of two runs over each other."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sepmc.report.style import BLUE, VERMILION, in_words, made, save, sheet
+
+
+def overlay_figure(
+    values: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    folder: Path,
+    units: Mapping[str, str],
+    names: tuple[str, str],
+) -> Path:
+    """Draw how outcomes of two runs are distributed into ``compare.png``; returns its path.
+
+    Parameters
+    ----------
+    values : mapping of outcome to its values in the first run (n,) and in the second (m,), finite
+    folder : made if it is not there
+    units : of the outcomes
+    names : of the runs
+    """
+    columns = min(3, len(values))
+    figure, axes = sheet(-(-len(values) // columns), columns, (3.8, 3.0))
+    for ax, (outcome, both) in zip(axes, values.items(), strict=False):
+        for x, colour, style, name in zip(both, (BLUE, VERMILION), ("-", "--"), names, strict=True):
+            ordered = np.sort(x)
+            share = np.arange(1, len(x) + 1) / len(x)
+            ax.step(ordered, share, where="post", color=colour, linestyle=style, label=name)
+        unit = units.get(outcome, "")
+        words = in_words(outcome, unit)
+        ax.set_xlabel(f"{words} ({unit})" if unit else words)
+        ax.set_ylabel("share of cases below")
+        ax.set_ylim(0.0, 1.0)
+    for ax in axes[len(values) :]:
+        ax.remove()
+    figure.suptitle(f"{names[0]} and {names[1]}", fontsize=11)
+    return save(figure, made(folder) / "compare.png")

@@ -1,0 +1,107 @@
+"""Two runs beside each other: pairs of cases, independent samples, files, verdicts."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+from scipy import stats
+
+import sepmc
+from sepmc import cli
+from sepmc.analysis.compare import compare, differences
+from sepmc.trust.gate.plain import flown_plainly
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+
+
+def table(x, y):
+    count = len(x)
+    status = np.array(["ok"] * count, dtype=object)
+    return {"case": np.arange(count), "status": status, "in_x": x, "y": y}
+
+
+def test_pairs():
+    """As scipy's paired interval; a case that is not ok in one run is no pair."""
+    rng = np.random.default_rng(1)
+    x, noise = rng.normal(size=200), 0.01 * rng.normal(size=200)
+    one, two = table(x, x), table(np.append(x, 0.0), np.append(1.001 * x + 0.1 + noise, 5.0))
+    one["status"][3] = two["status"][7] = "never-released"
+    row = compare(one, two, ["in_x"], ["y"]).loc["y"]
+    kept = np.delete(np.arange(200), [3, 7])
+    apart = (two["y"][:200] - one["y"])[kept]
+    assert row["pairs"] == 198
+    assert_allclose(row["difference"], apart.mean())
+    low, high = stats.norm.interval(0.95, apart.mean(), stats.sem(apart))
+    assert_allclose([row["low"], row["high"]], [low, high])
+    assert_allclose(row["mean_one"], np.delete(x, 3).mean())
+
+
+def test_independent_samples():
+    """Other inputs: no pairs, Welch's interval."""
+    rng = np.random.default_rng(2)
+    one, two = table(rng.normal(size=300), rng.normal(size=300)), None
+    two = table(rng.normal(size=400), 1.0 + 2.0 * rng.normal(size=400))
+    row = compare(one, two, ["in_x"], ["y"]).loc["y"]
+    assert row["pairs"] == 0
+    found = stats.ttest_ind(two["y"], one["y"], equal_var=False).confidence_interval(0.95)
+    assert_allclose([row["low"], row["high"]], [found.low, found.high], rtol=3e-3)
+
+
+def test_coverage():
+    """Of 1,000 repeats 95 % hold the true difference, within two standard errors: paired or
+    not."""
+    rng, held = np.random.default_rng(3), np.zeros(2)
+    for _ in range(1000):
+        x, other = rng.normal(size=(2, 150))
+        one = table(x, x)
+        y = x + 0.3 + 0.2 * rng.normal(size=150)
+        for k, two in enumerate((table(x, y), table(other, other + 0.3))):
+            row = compare(one, two, ["in_x"], ["y"]).loc["y"]
+            held[k] += row["low"] <= 0.3 <= row["high"]
+    assert_allclose(held / 1000, 0.95, atol=2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.005)
+
+
+def test_what_files_do_not_share():
+    one = {"run": {"cases": 5}, "spring": [{"name": "a", "force_N": 1.0}], "title": "t"}
+    two = {"run": {"cases": 6, "seed": 1}, "spring": [{"name": "a", "force_N": 2.0}]}
+    assert differences(one, two) == [
+        "run.cases: 5 -> 6",
+        "run.seed: - -> 1",
+        "spring.a.force_N: 1.0 -> 2.0",
+        "title: t -> -",
+    ]
+    assert differences(one, one) == []
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs of one seed, of which the second has a heavier lower stage."""
+    folder = tmp_path_factory.mktemp("compare")
+    fast = {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.4, "probability": 0.5}
+    with flown_plainly():
+        for name, mass in (("light", 0.0), ("heavy", 20.0)):
+            nominal = sepmc.load("table2").scene.body["lower"].mass
+            settings = {"requirement": [fast], "body.lower.mass_kg": nominal + mass}
+            settings["dispersion.body.lower.mass_kg"] = {"constant": nominal + mass}
+            sepmc.load("table2", settings).run(cases=25, seed=3, out=folder / name)
+    return folder
+
+
+def test_command(runs, tmp_path):
+    found = call("compare", runs / "light", runs / "heavy", "--out", tmp_path / "beside")
+    assert found.exit_code == 0, found.output
+    text = found.stdout
+    assert "body.lower.mass_kg: " in text
+    assert "ok: 25 -> 25 cases" in text
+    assert "requirement fast: pass, 0 of 25 -> " in text
+    kept = pd.read_csv(tmp_path / "beside" / "compare.csv", index_col="outcome")
+    row = kept.loc["separation_speed_m_s"]
+    # a heavier stage is slowed less: every pair says so, two means of 25 cases would not
+    assert row["high"] < 0.0
+    assert (tmp_path / "beside" / "compare.png").stat().st_size > 20_000
+    same = call("compare", runs / "light", runs / "light")
+    assert "what differs in the files\n  nothing\n" in same.stdout
+    assert call("compare", runs / "light", tmp_path).exit_code == 2
