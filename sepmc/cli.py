@@ -43,6 +43,7 @@ for _command in (
     cli_checks.template,
     cli_checks.list_campaigns,
     cli_checks.check,
+    cli_checks.draw,
     cli_checks.compile_,
     cli_checks.bench,
     cli_checks.verify,

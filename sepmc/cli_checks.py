@@ -120,6 +120,33 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         click.echo("can be flown")
 
 
+@click.command(short_help="Draw the vehicle of FILE.")
+@click.argument("file")
+@SETTINGS
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="PNG, SVG or PDF to write; default NAME.png."
+)
+@click.option("--overwrite", is_flag=True, help="Replace the drawing in --out.")
+def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
+    """Draw the vehicle of FILE as it starts, from the side, from above and from behind: outlines,
+    centres of mass, joints, springs, motors with their thrust."""
+    with plain_errors(False):
+        loaded = load_campaign(file, settings)
+        from sepmc.report.drawing import drawing
+        from sepmc.scene.messages import InputError
+
+        path = out or Path(f"{loaded.name}.png")
+        if path.suffix not in (".png", ".svg", ".pdf"):
+            raise InputError(f"{path}: must end with .png, .svg or .pdf")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path}: is there already; give another name, or --overwrite")
+        title = f"{loaded.name}: {loaded.file.title}" if loaded.file.title else loaded.name
+        try:
+            click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
 @click.command(name="compile", short_help="Compile the kernel of FILE ahead.")
 @click.argument("file")
 @SETTINGS

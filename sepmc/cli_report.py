@@ -27,6 +27,7 @@ from sepmc.cli_output import (
 )
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
+from sepmc.report.drawing import drawing
 from sepmc.report.driver_figures import tornado_figure
 from sepmc.report.figures import run_figures
 from sepmc.scene.messages import nearest
@@ -217,6 +218,9 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
     return page.write_report(
         report,
         folder / "report.html",
+        lambda into: [
+            drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
+        ],
         lambda into: draw_figures(folder, loaded, summary, table, say=lambda text: None, page=into),
         lambda into: draw_drivers(driven, loaded, about, into, ".svg"),
         lambda replay, into: _draw_replay(loaded, replay, into),

@@ -2,14 +2,22 @@
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
+import msgspec
+import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 
 import sepmc
 from sepmc import cli
+from sepmc.physics.propulsion import thrust_arm, thrust_direction
+from sepmc.report.drawing import _nozzle, _thrust, drawing
+from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
 
+EVERYTHING = Path(__file__).parent / "everything.toml"
 REQUIRED = [
     {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.53, "probability": 0.9},
     {"name": "slow", "metric": "separation_speed_m_s", "at_most": 10.0, "probability": 0.9},
@@ -67,8 +75,8 @@ def test_one_page(page):
     assert all(found.startswith("#") for found in tags.refers)
     assert "script" not in tags.count
     assert "A &lt; B &amp; &lt;script&gt;" in page
-    # outcomes over time and as histograms, drivers, three figures of each worst case
-    assert tags.count["svg"] == 2 + 1 + 1 + 3 * 2
+    # outcomes over time and as histograms, vehicle, drivers, three figures of each worst case
+    assert tags.count["svg"] == 2 + 1 + 1 + 1 + 3 * 2
     assert len(page) < 3e6
 
 
@@ -85,6 +93,44 @@ def test_what_it_says(page):
     assert "audit passed" in text
     assert "numerical error at most" in text
     assert "name = &#34;fast&#34;" in page  # the campaign file
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_drawing(tmp_path, ending):
+    """Of every shipped campaign; nothing is overwritten unasked."""
+    path = tmp_path / f"vehicle.{ending}"
+    assert call("draw", "srb", "--out", path).exit_code == 0
+    first = path.read_bytes()
+    assert len(first) > 10_000
+    again = call("draw", "srb", "--out", path)
+    assert (again.exit_code, "is there already" in again.stderr) == (2, True)
+    assert call("draw", "srb", "--out", path, "--overwrite").exit_code == 0
+    assert path.read_bytes() == first
+    assert call("draw", "srb", "--out", tmp_path / "vehicle.txt").exit_code == 2
+
+
+def test_every_campaign_can_be_drawn(tmp_path):
+    for name in (*shipped_campaigns(), str(EVERYTHING)):
+        campaign = sepmc.load(name)
+        path = tmp_path / f"{campaign.name}.svg"
+        drawing(campaign.scene, campaign.file.dispersions, campaign.name, path)
+        text = path.read_text(encoding="utf-8")
+        for part in campaign.scene.body:
+            assert part in text
+
+
+def test_thrust_is_drawn_as_it_acts():
+    """As the formulas that fly it have it."""
+    motors = sepmc.load("srb").scene.motor
+    assert any(motor.cant not in (0.0, np.pi) for motor in motors)
+    rng = np.random.default_rng(1)
+    for motor in motors:
+        motor = msgspec.structs.replace(motor, radius=rng.uniform(0.1, 2.0))
+        expected = thrust_direction.py_func(motor.cant, motor.clock, 0.0, 0.0)
+        assert_allclose(_thrust(motor), expected, atol=1e-15)
+        y, z = motor.offset
+        arm = thrust_arm.py_func((0.0, 0.0, 0.0), motor.station, motor.radius, motor.clock, y, z)
+        assert_allclose(_nozzle(motor), (-arm[0], *arm[1:]), atol=1e-15)
 
 
 def test_options(run, tmp_path):

@@ -27,8 +27,8 @@ def overlay_figure(
     figure, axes = sheet(-(-len(values) // columns), columns, (3.8, 3.0))
     for ax, (outcome, both) in zip(axes, values.items(), strict=False):
         for x, colour, style, name in zip(both, (BLUE, VERMILION), ("-", "--"), names, strict=True):
-            ordered = np.sort(x)
-            share = np.arange(1, len(x) + 1) / len(x)
+            ordered = np.sort(np.append(x, x.min()))  # from 0 up
+            share = np.arange(len(x) + 1) / len(x)
             ax.step(ordered, share, where="post", color=colour, linestyle=style, label=name)
         unit = units.get(outcome, "")
         words = in_words(outcome, unit)

@@ -63,6 +63,7 @@ class Report:
 def write_report(
     report: Report,
     path: Path,
+    draw_vehicle: Callable[[Path], list[Path]],
     draw_outcomes: Callable[[Path], list[Path]],
     draw_drivers: Callable[[Path], list[Path]],
     draw_replay: Callable[[Replay, Path], list[Path]],
@@ -76,6 +77,7 @@ def write_report(
             for one in report.replays
         ]
         figures = {
+            "vehicle_figures": _embedded(draw_vehicle(folder)),
             "outcome_figures": _embedded(draw_outcomes(folder)),
             "driver_figures": _embedded(draw_drivers(folder)),
         }

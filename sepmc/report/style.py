@@ -70,6 +70,8 @@ def save(figure: Figure, path: Path) -> Path:
             **style,
         )
     said = {"Date": None} if path.suffix == ".svg" else {"Software": None}
+    if path.suffix == ".pdf":
+        said = {"CreationDate": None, "Producer": None, "Creator": None}
     with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):
         figure.savefig(path, dpi=150, metadata=said)
     return path
