@@ -9,8 +9,17 @@ from typing import Any
 
 import click
 
-from sepmc.cli_options import BRIEF, QUIET, SETTINGS, load_campaign, redundant
+from sepmc.cli_options import (
+    BRIEF,
+    QUIET,
+    SETTINGS,
+    load_campaign,
+    redundant,
+    undispersed,
+)
 from sepmc.cli_output import counted, plain_errors, speaker
+
+_ROUGH = 1e-4  # accuracy of the flight that looks for slips
 
 
 @click.command(short_help="Write a starter campaign.")
@@ -51,9 +60,10 @@ def list_campaigns() -> None:
 @click.option(
     "--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module."
 )
-def check(file: str, settings: tuple[str, ...], code: bool) -> None:
+@click.option("--no-flight", is_flag=True, help="Do not fly the nominal case.")
+def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> None:
     """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
-    out. Flies nothing."""
+    out. Warns of what is probably a slip; for that its nominal case is flown, roughly."""
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign import pilot
@@ -115,6 +125,12 @@ def check(file: str, settings: tuple[str, ...], code: bool) -> None:
         drawn = loaded.draw(0, settings_of_run.cases)
         note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
         warned = [*sampled(settings_of_run.sampler, settings_of_run.cases), *of_file(loaded)]
+        warned += undispersed(loaded)
+        if not no_flight:
+            rough = loaded.with_settings({"solver.accuracy": _ROUGH})
+            flown = rough.simulate(step_s=rough.scene.run.end_time).attrs
+            click.echo(f"  nominal      {flown['status']}")
+            warned += [said for said in flown["notes"] if said not in warned]
         for warning in warned + ([note] if note else []) + redundant(loaded):
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")

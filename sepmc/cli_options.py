@@ -52,3 +52,10 @@ def redundant(campaign: "Campaign") -> list[str]:
     from sepmc.scene.redundancy import redundancies
 
     return [found.sentence for found in redundancies(campaign.scene)]
+
+
+def undispersed(campaign: "Campaign") -> list[str]:
+    """A sentence for a campaign whose cases do not differ."""
+    if campaign.file.dispersions:
+        return []
+    return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]

@@ -18,6 +18,7 @@ from sepmc.cli_options import (
     SETTINGS,
     load_campaign,
     redundant,
+    undispersed,
 )
 from sepmc.cli_output import (
     INTERRUPTED,
@@ -123,7 +124,7 @@ def campaign(
                     what = "no case was flown yet"
                 click.echo(f"\ninterrupted; {what}", err=True)
                 sys.exit(INTERRUPTED)
-        for note in result.notes + redundant(loaded) + _undispersed(loaded):
+        for note in result.notes + redundant(loaded) + undispersed(loaded):
             click.echo(f"warning: {note}", err=True)
         say(timing_line(result))
         code = tell_results(
@@ -222,7 +223,7 @@ def run(
             say(f"  {name:44s} {value:.9g}")
         for name, value in history.attrs["outcomes"].items():
             say(f"  {name:44s} {value:.9g}")
-        for note in history.attrs["notes"] + ([] if number is None else _undispersed(loaded)):
+        for note in history.attrs["notes"] + ([] if number is None else undispersed(loaded)):
             click.echo(f"warning: {note}", err=True)
         error = single_error_text(history.attrs["outcomes"], history.attrs["errors"], loaded)
         if error is not None:
@@ -353,13 +354,6 @@ def _check_required(campaign: "Campaign", must_pass: bool) -> None:
     """There is nothing to check where nothing is required."""
     if must_pass and not campaign.file.requirements:
         raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")
-
-
-def _undispersed(campaign: "Campaign") -> list[str]:
-    """A sentence for a campaign whose cases do not differ."""
-    if campaign.file.dispersions:
-        return []
-    return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]
 
 
 def _extreme(folder: Path, loaded: "Campaign", outcome: str, least: bool) -> int:

@@ -338,9 +338,9 @@ def _told(v: Verdict, unit: str) -> str:
 def _violating(v: Verdict) -> str:
     """What share of all cases violates a requirement."""
     return (
-        f"> {share_text(v.share_at_least)}"
+        f"> {share_text(v.share_at_least, math.floor)}"
         if v.verdict == FAIL
-        else f"< {share_text(v.share_at_most)}"
+        else f"< {share_text(v.share_at_most, math.ceil)}"
     )
 
 
@@ -352,9 +352,13 @@ def _spaced(unit: str) -> str:
     return f" {unit}" if unit not in ("", "1") else ""
 
 
-def share_text(share: float) -> str:
-    """A share of cases in two digits."""
-    return f"{share:.1e}" if 0.0 < share < 0.01 else f"{share:.2g}"
+def share_text(share: float, rounding: Callable[[float], int] = round) -> str:
+    """A share of cases in two digits; of a bound that is to hold as it is printed, by another
+    ``rounding``."""
+    if 0.0 < share < 1.0:
+        unit = 10.0 ** (math.floor(math.log10(share)) - 1)
+        share = rounding(share / unit * (1.0 - 1e-12 * (rounding is math.ceil))) * unit
+    return f"{share:.1e}" if 0.0 < share < 0.0095 else f"{share:.2g}"
 
 
 def _number(value: float) -> str:

@@ -13,6 +13,7 @@ from sepmc.campaign.overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import SALTELLI, Scene
+from sepmc.scene.slips import slips
 
 _NAMED = 3  # outcomes that a sentence names
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
@@ -25,6 +26,7 @@ def of_file(campaign: Definition) -> list[str]:
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
         *campaign.file.no_effect,
+        *slips(campaign.scene, campaign.file.dispersions),
         *idle(campaign.scene, dispersed),
         *overshooting(campaign.scene),
     ]

@@ -1,0 +1,212 @@
+"""What a scene says that is probably a slip: it can be flown, but no such vehicle or flight is
+known. Every sentence names place and value."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.model import GROUND, Part, Scene
+from sepmc.scene.parameters import value
+
+_FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
+_BESIDE = 2.0  # of the vehicle's length: how far off its axis things are at most
+_WIDE = 1.0  # half a law's range over its nominal
+_FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
+_HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
+_SCALE_HEIGHT, _GROUND_DENSITY = 7_000.0, 1.225
+_AGAINST = -0.5  # cosine: a spring that pushes its second body back toward the first
+_ROUND = np.arange(24) * (2.0 * math.pi / 24)
+# kinds of number that no law takes beyond zero
+_SIGNED = ("cg", "offset", "omega", "direction", "deflection", "products", "point", "axis", "clock",
+           "pitch", "yaw", "roll", "alpha", "force_factor")  # fmt: skip
+
+
+def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
+    """Sentences on what is probably a slip."""
+    return [
+        *_far_points(scene),
+        *_outside(scene),
+        *_wide_laws(scene, dispersions),
+        *_start(scene),
+        *_overlaps(scene),
+        *_springs(scene),
+        *_wind(scene, dispersions),
+        *_never(scene),
+    ]
+
+
+def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
+    """Layout points of a scene by the path of their key."""
+    found = {f"body.{name}.cg": body.cg for name, body in scene.body.items()}
+    found |= {f"joint.{name}.point": joint.point for name, joint in scene.joint.items()}
+    found |= {f"spring.{spring.name}.point": spring.point for spring in scene.spring}
+    found |= {
+        f"motor.{motor.name}.station": (motor.station, *motor.offset) for motor in scene.motor
+    }
+    found |= {f"load.{load.name}.point": load.point for load in scene.load if load.point}
+    for name, body in scene.body.items():
+        for number, part in enumerate(body.outline):
+            ends = [(s, *part.offset) for s in part.stations or ()] + list(part.points)
+            found |= {f"body.{name}.outline.{number} ({i})": end for i, end in enumerate(ends)}
+    return found
+
+
+def _far_points(scene: Scene) -> Iterator[str]:
+    """Points far from all others: millimetres taken for metres."""
+    points = _points(scene)
+    if len(points) < 3:
+        return
+    names, at = list(points), np.array(list(points.values()))
+    for i, name in enumerate(names):
+        others = np.delete(at, i, axis=0)
+        low, high = others.min(axis=0), others.max(axis=0)
+        extent = max(float((high - low).max()), 0.1)
+        beyond = float(np.maximum(low - at[i], at[i] - high).max())
+        if beyond > _FAR * extent:
+            yield (
+                f"{name} = {_list(at[i])} m lies {beyond:.3g} m away from all else, which takes "
+                f"{extent:.3g} m: is it in another unit?"
+            )
+
+
+def _outside(scene: Scene) -> Iterator[str]:
+    """Centres of mass far beside the axis, or a vehicle's length beyond the body's own outline."""
+    stations = [point[0] for point in _points(scene).values()]
+    length = max(max(stations) - min(stations), 1e-3)
+    for name, body in scene.body.items():
+        aside = math.hypot(body.cg[1], body.cg[2])
+        if aside > _BESIDE * length:
+            yield (
+                f"body.{name}.cg = {_list(body.cg)} m is {aside:.3g} m beside the axis of a "
+                f"vehicle of {length:.3g} m: is it in another unit?"
+            )
+
+
+def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Laws as wide as their nominal."""
+    for law in dispersions:
+        path = law.parameter.path
+        is_signed = path.startswith("load.") or any(part in path for part in _SIGNED)
+        if is_signed or law.law in ("discrete", "constant"):
+            continue
+        nominal = value(scene, path) / law.parameter.factor
+        low, high = law.reach
+        if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
+            yield (
+                f"dispersion of {law.sentence}: reaches {low:.4g} to {high:.4g} about a nominal of "
+                f"{nominal:.4g}; is a share meant, relative = true?"
+            )
+
+
+def _start(scene: Scene) -> Iterator[str]:
+    """Speeds, heights and dynamic pressures of no such flight."""
+    start = scene.initial
+    if start.speed > _FASTEST:
+        yield f"initial.speed = {start.speed:.4g} m/s: is the unit right?"
+    if start.altitude > _HIGHEST or start.altitude < _LOWEST:
+        yield f"initial.altitude = {start.altitude:.4g} m: is the unit right?"
+    if scene.environment.atmosphere == "us1976" and start.altitude < 86e3:
+        density = _GROUND_DENSITY * math.exp(-max(start.altitude, 0.0) / _SCALE_HEIGHT)
+        pressure = 0.5 * density * start.speed**2
+        if pressure > _HARDEST:
+            yield (
+                f"initial.speed = {start.speed:.4g} m/s at initial.altitude = {start.altitude:.4g} "
+                f"m is a dynamic pressure of {pressure:.2g} Pa; are both units right?"
+            )
+
+
+def _overlaps(scene: Scene) -> Iterator[str]:
+    """Outlines that lie in each other before anything moves."""
+    bodies = [(name, body.outline) for name, body in scene.body.items() if body.outline]
+    for i, (one, parts) in enumerate(bodies):
+        for two, others in bodies[i + 1 :]:
+            depth = max(
+                [_depth(a, b) for a in parts for b in others]
+                + [_depth(b, a) for a in parts for b in others]
+            )
+            if depth > 1e-3:
+                yield (
+                    f"outlines of {one} and {two} overlap at the start, by {1e3 * depth:.3g} mm at "
+                    "least"
+                )
+
+
+def _depth(part: Part, solid: Part) -> float:
+    """How deep rims or points of a part lie within a solid frustum, or beyond a hollow one's wall;
+    0 if they do not."""
+    if solid.stations is None or solid.radii is None or part.hollow:
+        return 0.0
+    at = np.array([*part.points, *_rims(part)])
+    (front, aft), (first, second) = solid.stations, solid.radii
+    if aft == front:
+        return 0.0
+    share = (at[:, 0] - front) / (aft - front)
+    radius = first + share * (second - first)
+    aside = np.hypot(at[:, 1] - solid.offset[0], at[:, 2] - solid.offset[1])
+    along = np.minimum(share, 1.0 - share) * abs(aft - front)
+    if solid.hollow:
+        through = aside - radius
+        return float(np.where((along > 0.0) & (through < 0.1 * radius), through, 0.0).max())
+    return float(np.minimum(along, radius - aside).max())
+
+
+def _rims(part: Part) -> Iterator[tuple[float, float, float]]:
+    for station, radius in zip(part.stations or (), part.radii or (), strict=True):
+        for angle in _ROUND:
+            y, z = part.offset
+            yield station, y + radius * math.cos(angle), z + radius * math.sin(angle)
+
+
+def _springs(scene: Scene) -> Iterator[str]:
+    """Springs that push their second body toward the first."""
+    for spring in scene.spring:
+        if spring.axis is None or GROUND in spring.bodies or spring.force <= 0.0:
+            continue
+        first, second = (np.array(scene.body[name].cg) for name in spring.bodies)
+        apart = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
+        axis = np.array(spring.axis)
+        size = float(np.linalg.norm(apart) * np.linalg.norm(axis))
+        if size and float(apart @ axis) < _AGAINST * size:
+            yield (
+                f"spring.{spring.name}.axis = {_list(spring.axis)} pushes {spring.bodies[1]} "
+                f"toward {spring.bodies[0]}: is it the other way round?"
+            )
+
+
+def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Wind that nothing feels."""
+    wind = scene.environment.wind
+    blows = wind.speed > 0.0 or wind.profile is not None
+    blows = blows or any(d.parameter.path == "environment.wind.speed" for d in dispersions)
+    if not blows:
+        return
+    if scene.environment.atmosphere == "none":
+        yield "environment.wind does nothing: environment.atmosphere is 'none'"
+    elif all(body.aerodynamics is None for body in scene.body.values()):
+        yield "environment.wind does nothing: no body has aerodynamics"
+
+
+def _never(scene: Scene) -> Iterator[str]:
+    """Outputs and clearances that wait for a joint that is never let go."""
+    last = scene.phase[-1].joints
+    let_go = {name for name in scene.joint if last.get(name, "free") == "free"}
+    let_go |= {release.joint for release in scene.release}
+    for joint in scene.output.tip_off:
+        if joint not in let_go:
+            yield f"output.tip_off: {joint} is never let go, so its rates then have no value"
+    for clearance in scene.clearance:
+        if clearance.after is not None and clearance.after not in let_go:
+            yield (
+                f"clearance.{clearance.name}.after: {clearance.after} is never let go, so the "
+                "clearance has no value"
+            )
+    held = {name for phase in scene.phase for name, kind in phase.joints.items() if kind != "free"}
+    for joint in scene.output.loads:
+        if joint not in held:
+            yield f"output.loads: {joint} holds nothing in any phase, so it carries nothing"
+
+
+def _list(numbers: Sequence[float]) -> str:
+    return "[" + ", ".join(f"{x:.4g}" for x in numbers) + "]"

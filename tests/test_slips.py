@@ -1,0 +1,113 @@
+"""Slips planted in shipped campaigns are named by `sepmc check`, with value and place; the shipped
+ones have none."""
+
+import warnings
+
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc import cli
+from sepmc.campaign.remarks import of_file
+from sepmc.scene.read import shipped_campaigns
+
+BACK = [-1.0, 0.0, 0.0]
+UNIT, OVERLAP, BACKWARD = "is it in another unit?", "overlap at the start", "the other way round?"
+WIDE, RIGHT = "is a share meant, relative = true?", "right?"
+BY_MASS = "dispersion.body.upper.mass_kg"
+PLANTED = [
+    # millimetres taken for metres
+    ("table2", {"body.upper.cg_m": [1316.2, 5.6, 0.1]}, "body.upper.cg", UNIT),
+    ("table2", {"body.lower.cg_m": [3561.7, 4.8, -2.9]}, "body.lower.cg", UNIT),
+    ("table2", {"body.upper.cg_m": [1.3162, 0.0056, 0.1]}, None, None),  # none
+    ("table2", {"body.upper.cg_m": [1.3162, 56.0, 0.0]}, "body.upper.cg", UNIT),
+    ("table2", {"joint.pins.point_m": [2400.0, 0.0, 0.0]}, "joint.pins.point", UNIT),
+    ("table2", {"motor.retro.station_m": 4500.0}, "motor.retro.station", UNIT),
+    ("spring-pushers", {"body.payload.cg_m": [1400.0, 0.0, 0.0]}, "body.payload.cg", UNIT),
+    ("spring-pushers", {"spring.upper_left.point_m": [2000.0, 320.0, -320.0]},
+     "spring.upper_left.point", UNIT),
+    ("spring-pushers", {"joint.clamp.point_m": [2000.0, 0.0, 0.0]}, "joint.clamp.point", UNIT),
+    ("residual-thrust", {"motor.residual.station_m": 21300.0}, "motor.residual.station", UNIT),
+    ("residual-thrust", {"body.lower.cg_m": [15000.0, 0.0, 0.0]}, "body.lower.cg", UNIT),
+    ("hyper-x", {"joint.guide.point_m": [3700.0, 0.0, 0.0]}, "joint.guide.point", UNIT),
+    ("missile-rail", {"motor.boost.station_m": 2850.0}, "motor.boost.station", UNIT),
+    # dispersions as wide as what they are about
+    ("table2", {BY_MASS: {"uniform": [1.0, 1000.0]}}, "mass_kg: uniform (1, 1000)", WIDE),
+    ("table2", {"dispersion.motor.retro.thrust_N": {"normal": 0.5, "relative": True}},
+     "motor.retro.thrust_N", WIDE),
+    ("spring-pushers", {"dispersion.spring.upper_left.force_N": {"normal": 1000.0}},
+     "spring.upper_left.force_N", WIDE),
+    ("table2", {"dispersion.body.upper.inertia_factor": {"normal": 0.6}}, "inertia_factor", WIDE),
+    # speeds and heights of no such flight
+    ("table2", {"initial.altitude_m": 700.0}, "initial.altitude = 700 m", RIGHT),
+    ("table2", {"initial.speed_m_s": 24480.0}, "initial.speed = 2.448e+04 m/s", RIGHT),
+    ("spring-pushers", {"initial.altitude_km": 5e5}, "initial.altitude = 5e+08 m", RIGHT),
+    ("hyper-x", {"initial.speed_m_s": 21073.0}, "initial.speed = 2.107e+04 m/s", RIGHT),
+    # bodies that lie in each other
+    ("residual-thrust",
+     {"body.upper.outline": [{"stations_m": [7.2, 8.8], "radii_m": [0.1, 0.84]}]},
+     "outlines of upper and lower", OVERLAP),
+    ("hyper-x", {"body.rv.outline": [{"stations_m": [0.0, 4.2], "radii_m": [0.05, 0.3]}]},
+     "outlines of rv and booster", OVERLAP),
+    # springs that push together
+    ("spring-pushers", {"spring.upper_left.axis": BACK}, "spring.upper_left.axis", BACKWARD),
+    ("residual-thrust", {"spring.pusher_1.axis": BACK}, "spring.pusher_1.axis", BACKWARD),
+    ("hyper-x", {"spring.piston_left.axis": BACK}, "spring.piston_left.axis", BACKWARD),
+    # wind that nothing feels
+    ("spring-pushers", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
+    ("residual-thrust", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
+    # what never has a value
+    ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
+     "output.tip_off: clamp", "never let go"),
+    ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],
+                         "dispersion.phase.locked.until.time_s": None},
+     "output.tip_off: rods", "never let go"),
+    ("spring-pushers", {"phase": [{"name": "free"}], "output": {"loads": ["clamp"]}},
+     "output.loads: clamp", "holds nothing"),
+]  # fmt: skip
+
+
+def loaded(name, settings):
+    tree = {path: value for path, value in settings.items() if value is not None}
+    for path in settings.keys() - tree:  # a law that the others leave without its parameter
+        laws = sepmc.load(name).file.tree["dispersion"]
+        tree["dispersion"] = {k: v for k, v in laws.items() if f"dispersion.{k}" != path}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return sepmc.load(name, tree)
+
+
+@pytest.mark.parametrize(("name", "settings", "place", "said"), PLANTED)
+def test_planted(name, settings, place, said):
+    """Named by place and value; one slip is one sentence, or one of each of its consequences."""
+    found = of_file(loaded(name, settings))
+    found = [one for one in found if "is what the nominal case flies with" not in one]
+    if place is None:
+        assert found == []
+        return
+    assert any(place in one and said in one for one in found), found
+
+
+def test_there_are_thirty():
+    assert sum(place is not None for _, _, place, _ in PLANTED) >= 30 - 2  # and two below
+
+
+@pytest.mark.parametrize("name", list(shipped_campaigns()))
+def test_shipped_campaigns_have_none(name):
+    assert of_file(sepmc.load(name)) == []
+
+
+def test_check_flies_the_nominal_case():
+    """A retro motor the other way round, and a campaign without dispersions."""
+    together = CliRunner().invoke(
+        cli.main,
+        ["check", "table2", "--set", "motor.retro.cant_deg=0", "--set", "run.end_time_s=2"],
+    )
+    assert together.exit_code == 0
+    assert "nominal      " in together.stdout
+    assert "never-released" in together.stdout or "ends with" in together.stderr
+    alone = CliRunner().invoke(cli.main, ["check", "table2", "--set", "dispersion={}"])
+    assert "nothing is dispersed" in alone.stderr
+    unflown = CliRunner().invoke(cli.main, ["check", "table2", "--no-flight"])
+    assert (unflown.exit_code, unflown.stderr) == (0, "")
+    assert "nominal " not in unflown.stdout
