@@ -63,7 +63,7 @@ def causes(
     each = min(k, n - k) / _EACH
     parts, coarse = _cut(cases, inputs, each), _cut(cases, inputs, np.sqrt(each))
     told = {name: _information(part.of, part.number, violates) for name, part in parts.items()}
-    pairs = list(combinations(parts, 2))
+    pairs = list(combinations(coarse, 2))
     tests, known = len(parts) + len(pairs), _information(violates.astype(int), 2, violates)
     found = []
 
