@@ -3,6 +3,7 @@ until a command needs it."""
 
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -127,7 +128,11 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         warned = [*sampled(settings_of_run.sampler, settings_of_run.cases), *of_file(loaded)]
         warned += undispersed(loaded)
         if not no_flight:
-            rough = loaded.with_settings({"solver.accuracy": _ROUGH})
+            from sepmc.scene.messages import SceneWarning
+
+            with warnings.catch_warnings():  # the file's are told already
+                warnings.simplefilter("ignore", SceneWarning)
+                rough = loaded.with_settings({"solver.accuracy": _ROUGH})
             flown = rough.simulate(step_s=rough.scene.run.end_time).attrs
             click.echo(f"  nominal      {flown['status']}")
             warned += [said for said in flown["notes"] if said not in warned]

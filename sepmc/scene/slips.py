@@ -164,6 +164,9 @@ def _springs(scene: Scene) -> Iterator[str]:
     for spring in scene.spring:
         if spring.axis is None or GROUND in spring.bodies or spring.force <= 0.0:
             continue
+        joints = (j for j in scene.joint.values() if set(j.bodies) == set(spring.bodies))
+        if any(joint.apart is not None for joint in joints):  # the file says where they part to
+            continue
         first, second = (np.array(scene.body[name].cg) for name in spring.bodies)
         apart = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
         axis = np.array(spring.axis)
