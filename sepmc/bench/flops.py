@@ -26,6 +26,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import kernel_text
 from sepmc.engine import cache, interpreted
 from sepmc.engine.door import fly_cases
+from sepmc.jit import BARE
 from sepmc.kernel.methods import method
 from sepmc.kernel.pieces import ALIKE, split
 from sepmc.kernel.structure import make_shape
@@ -94,7 +95,9 @@ def _each(text: str, phases: list[str]) -> dict[str, float]:
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
         with tempfile.TemporaryDirectory() as folder:
-            found[phase] = apart.call("flops:flops_here", [piece], {"SEPMC_CACHE_DIR": folder})
+            found[phase] = apart.call(
+                "flops:flops_here", [piece], {"SEPMC_CACHE_DIR": folder, BARE: "1"}
+            )
         if found[phase] is not None:
             kept.write_text(json.dumps(found[phase]), encoding="utf-8")
     return {phase: flops for phase, flops in found.items() if flops is not None}

@@ -87,6 +87,7 @@ RUN = {
     "end_time": REQUIRED,
     "cases": 0,
     "seed": 0,
+    "sampler": "",
     "history_step": 0.0,
     "chunk": 0,
 }  # of which only the first matters here
