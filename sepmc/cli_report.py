@@ -32,7 +32,7 @@ from sepmc.report.driver_figures import tornado_figure
 from sepmc.report.figures import run_figures
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import Requirement
-from sepmc.schema import Status
+from sepmc.schema import Status, is_yes_or_no
 
 _DRIVEN = 4  # outcomes whose drivers are told unless some are named
 _TOLD = 12  # outcomes in the report's table
@@ -231,7 +231,8 @@ def _worst(
     loaded: Campaign, verdicts: list[Any], seed: int, say: Callable[[str], None]
 ) -> list[page.Replay]:
     """The worst cases of the requirements, flown again."""
-    worst = {v.worst_case: v for v in reversed(verdicts) if v.worst_case is not None}
+    told = [v for v in verdicts if v.violations or not is_yes_or_no(v.metric)]
+    worst = {v.worst_case: v for v in reversed(told) if v.worst_case is not None}
     found = []
     for number, v in list(reversed(worst.items()))[:_REPLAYED]:
         say(f"flies case {number} again, the worst of {v.name}")
