@@ -126,6 +126,7 @@ def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], l
 
 def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
     """A row of the table of requirements."""
+    unit = "" if unit == "1" else unit
 
     def shown(value: float | None, case: str = "") -> str:
         return "-" if value is None else f"{rounded(value, abs(value), 4)} {unit}{case}".strip()
