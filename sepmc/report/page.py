@@ -129,7 +129,9 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
     unit = "" if unit == "1" else unit
 
     def shown(value: float | None, case: str = "") -> str:
-        return "-" if value is None else f"{rounded(value, abs(value), 4)} {unit}{case}".strip()
+        if value is None:
+            return "-"
+        return f"{rounded(value, abs(value), 4)} {unit}".rstrip() + case
 
     return {
         "verdict": v.verdict.upper(),
