@@ -18,6 +18,7 @@ from sepmc.schema import is_yes_or_no
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sepmc.analysis.requirements import Verdict
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
     from sepmc.campaign.campaign import Campaign, Result
@@ -160,7 +161,6 @@ def tell_results(
     from sepmc.analysis import requirements
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.campaign import store
-    from sepmc.campaign.accuracy import with_scales
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
@@ -169,9 +169,7 @@ def tell_results(
     errors = errors_told(accuracy)
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
-    verdicts = summary.verdicts(
-        with_scales(loaded, errors, table), audited, loaded.scene.run.sampler
-    )
+    verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     told = [verdict.to_dict() for verdict in verdicts]
     store.write_statistics(folder, table, counts, units, audited, summary.failed, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
@@ -230,6 +228,20 @@ def tell_results(
 def _error(number: float | None) -> str:
     """An error of the manifest as text."""
     return f"{_number(number):.1e}"
+
+
+def verdicts_of(
+    loaded: "Campaign",
+    summary: "Rows | Stream",
+    accuracy: dict[str, Any],
+    table: "pd.DataFrame",
+    audited: "pd.DataFrame",
+) -> "list[Verdict]":
+    """Verdicts on the requirements of a run, from its statistics and audit."""
+    from sepmc.campaign.accuracy import with_scales
+
+    errors = with_scales(loaded, errors_told(accuracy), table)
+    return summary.verdicts(errors, audited, loaded.scene.run.sampler)
 
 
 def errors_told(accuracy: dict[str, Any]) -> dict[str, float]:

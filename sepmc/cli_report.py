@@ -10,20 +10,18 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import causes, compare, drivers
-from sepmc.analysis.requirements import Verdict
 from sepmc.analysis.rows import Rows
 from sepmc.analysis.statistics import audit_text, column, ok_rows, summary_text
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
-from sepmc.campaign.accuracy import with_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.cli_output import (
     about_run,
     accuracy_text,
     draw_figures,
-    errors_told,
     summary_of,
     telling_outcomes,
+    verdicts_of,
 )
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
@@ -63,7 +61,11 @@ class Driven:
 
 
 def find_drivers(
-    folder: Path, loaded: Campaign, summary: Rows | Stream, named: tuple[str, ...] = ()
+    folder: Path,
+    loaded: Campaign,
+    summary: Rows | Stream,
+    table: pd.DataFrame,
+    named: tuple[str, ...] = (),
 ) -> Driven:
     """What drives the outcomes ``named``, or those that matter most, and what sets apart the cases
     that violate a requirement or did not come to their end."""
@@ -73,7 +75,7 @@ def find_drivers(
             raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
     keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
     sampler, found = loaded.scene.run.sampler, {}
-    for name in named or telling_outcomes(loaded, summary.statistics())[:_DRIVEN]:
+    for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
             found[name] = drivers.drivers(rows, list(keys), name, sampler)
         except ValueError as error:
@@ -92,7 +94,8 @@ def find_drivers(
 
 def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: bool) -> None:
     """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure."""
-    driven = find_drivers(folder, loaded, summary_of(folder, loaded), named)
+    summary = summary_of(folder, loaded)
+    driven = find_drivers(folder, loaded, summary, summary.statistics(), named)
     for text in [text for texts in driven.texts for text in texts]:
         click.echo(text)
     if driven.drivers:
@@ -121,14 +124,16 @@ def tell_comparison(
     screen, and to ``compare.csv`` and ``compare.png`` in a folder if one is given."""
     rows = [store.CaseColumns(folder) for folder in folders]
     summaries = [summary_of(folder, run) for folder, run in zip(folders, runs, strict=True)]
+    tables = [summary.statistics() for summary in summaries]
+    told_of = [store.read_manifest(folder).get("accuracy") or {} for folder in folders]
     changed = compare.differences(runs[0].file.tree, runs[1].file.tree) or ["nothing"]
     click.echo("what differs in the files\n" + "\n".join("  " + line for line in changed))
     counts = [summary.counts for summary in summaries]
     for label in dict.fromkeys([*counts[0], *counts[1]]):
         click.echo(f"{label}: {counts[0].get(label, 0)} -> {counts[1].get(label, 0)} cases")
     verdicts = [
-        {v.name: v for v in _verdicts(folder, run, summary)}
-        for folder, run, summary in zip(folders, runs, summaries, strict=True)
+        {v.name: v for v in verdicts_of(run, summary, accuracy, table, summary.audit())}
+        for run, summary, accuracy, table in zip(runs, summaries, told_of, tables, strict=True)
     ]
     for name in dict.fromkeys([*verdicts[0], *verdicts[1]]):
         told = [
@@ -141,7 +146,7 @@ def tell_comparison(
     inputs = _common(*([c.name for c in run.input_columns] for run in runs))
     outcomes = _common(*([c.name for c in run.outcome_columns] for run in runs))
     table = compare.compare(rows[0], rows[1], inputs, outcomes)
-    telling = _common(telling_outcomes(runs[0], summaries[0].statistics()), outcomes)[:_TOLD]
+    telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling]))
     if out is None:
         return
@@ -164,21 +169,14 @@ def _common(one: list[str], two: list[str]) -> list[str]:
     return [name for name in one if name in set(two)]
 
 
-def _verdicts(folder: Path, loaded: Campaign, summary: Rows | Stream) -> list[Verdict]:
-    """Verdicts on the requirements of a run."""
-    errors = errors_told(store.read_manifest(folder).get("accuracy") or {})
-    scaled = with_scales(loaded, errors, summary.statistics())
-    return summary.verdicts(scaled, summary.audit(), loaded.scene.run.sampler)
-
-
 def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[str], None]) -> Path:
     """Write the report of a run, with its worst cases over time if wanted; returns its path."""
     summary, manifest = summary_of(folder, loaded), store.read_manifest(folder)
     table, audited = summary.statistics(loaded.reference), summary.audit()
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
-    verdicts = _verdicts(folder, loaded, summary)
+    verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     driven, units = (
-        find_drivers(folder, loaded, summary),
+        find_drivers(folder, loaded, summary, table),
         {c.name: c.unit for c in loaded.outcome_columns},
     )
     about, texts = about_run(folder), driven.texts

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, aligned, column, ok_rows, rounded
 
-_TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
 _MISSING = "-"
 
 
@@ -97,8 +96,8 @@ def compare(
                 "sigma_one": a.std(ddof=1) if len(a) > 1 else np.nan,
                 "sigma_two": b.std(ddof=1) if len(b) > 1 else np.nan,
                 "difference": difference,
-                "low": difference - _TWO_SIDED * error,
-                "high": difference + _TWO_SIDED * error,
+                "low": difference - TWO_SIDED * error,
+                "high": difference + TWO_SIDED * error,
                 "pairs": len(apart) if len(apart) > 1 else 0,
             }
         )
@@ -124,13 +123,4 @@ def text(table: pd.DataFrame) -> str:
                 str(int(row["pairs"])) if row["pairs"] else "none",
             ]
         )
-    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
-    return "\n".join(
-        "  ".join(
-            [
-                row[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
-            ]
-        )
-        for row in rows
-    )
+    return "\n".join(aligned(rows))

@@ -13,14 +13,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, aligned, column, ok_rows, rounded
 from sepmc.scene.model import SALTELLI
 
 _FEWEST = 20  # cases from which anything is told
 _TENTH = 0.1  # of the cases, at either end of an input
 # bootstrap, of first-order indices; what Student's law of so few makes of 1.96
 _RESAMPLES, _WIDER = 12, 2.2010 / 1.9600
-_TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
 COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "first", "first_low",
     "first_high", "total", "total_low", "total_high",
@@ -92,7 +91,7 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     ranks = np.array([rankdata(row) for row in (*x, y)])
     correlation = np.corrcoef(ranks)
     rank = correlation[-1, :-1]
-    width = _TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
+    width = TWO_SIDED * np.sqrt((1.0 + 0.5 * rank**2) / (len(y) - 3.0))
     within = np.arctanh(np.clip(rank, -1.0 + 1e-15, 1.0 - 1e-15))
     table["rank"], table["rank_low"] = rank, np.tanh(within - width)
     table["rank_high"] = np.tanh(within + width)
@@ -160,17 +159,7 @@ def text(table: pd.DataFrame, outcome: str, keys: Mapping[str, str], most: int =
         for name, row in table.head(most).iterrows()
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    rows = [[row[k] for k in kept] for row in [head, *rows]]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(kept))]
-    lines = [
-        "  ".join(
-            [
-                row[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
-            ]
-        )
-        for row in rows
-    ]
+    lines = aligned([[row[k] for k in kept] for row in [head, *rows]])
     left = len(table) - most
     return "\n".join(
         [f"what drives {outcome}", *("  " + line for line in lines)]

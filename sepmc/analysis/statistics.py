@@ -18,6 +18,7 @@ from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile
 from sepmc.schema import is_yes_or_no
 
 OK = "ok"
+TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
 WIDTH = 118  # of the printed tables, in characters
 PERCENTILES = {
     "p0_135": 0.135,
@@ -488,6 +489,18 @@ def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[s
         for dev in stats[f"dev_{name}"]
     ]
     return {source: given, "here": here, "dev": deviation}
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines: the first column to the left, the others to the right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return [
+        "  ".join(
+            cell.rjust(width) if k else cell.ljust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
 
 
 def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]]) -> str:
