@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from sepmc.report.style import BLUE, VERMILION, in_words, made, save, sheet
@@ -32,17 +33,18 @@ def tornado_figure(
     columns = min(2, len(found))
     figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
     for ax, (outcome, table) in zip(axes, found.items(), strict=False):
-        top = table.assign(swing=(table["mean_high"] - table["mean_low"]).abs())
-        top = top.sort_values("swing", ascending=False, kind="stable").head(_BARS)[::-1]
-        places = range(len(top))
-        middle = table.attrs["mean"]
-        for end, colour, hatch, text in (
-            ("mean_low", BLUE, "", "input in its lowest tenth"),
-            ("mean_high", VERMILION, "//", "input in its highest tenth"),
+        middle, ends = table.attrs["mean"], table[["mean_low", "mean_high"]]
+        swing = (ends - middle).abs().max(axis=1)
+        top = ends.loc[swing.nlargest(_BARS).index[::-1]]
+        places = np.arange(len(top))
+        # beside each other: where both ends lie on one side of the mean, neither hides the other
+        for end, aside, colour, hatch, text in (
+            ("mean_low", 0.2, BLUE, "", "input in its lowest tenth"),
+            ("mean_high", -0.2, VERMILION, "//", "input in its highest tenth"),
         ):
             ax.barh(
-                places, top[end] - middle, left=middle, color=colour, hatch=hatch,
-                edgecolor="white", height=0.7, label=text,
+                places + aside, top[end] - middle, left=middle, color=colour, hatch=hatch,
+                edgecolor="white", height=0.4, label=text,
             )  # fmt: skip
         ax.axvline(middle, color="#555555", linewidth=0.8)
         ax.set_yticks(places, [keys.get(str(name), str(name)) for name in top.index], fontsize=8)
