@@ -1,5 +1,6 @@
 """Scenes that several test files fly."""
 
+import gc
 import tomllib
 
 import pytest
@@ -7,6 +8,11 @@ import pytest
 import sepmc
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
+from sepmc.trust.gate.plain import flown_plainly
+
+# Kernels flown as plain Python make millions of small objects, hardly any of them in a cycle:
+# looking for those so often takes an eighth of the time.
+gc.set_threshold(100_000, 50, 50)
 
 # Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
 # acts on them.
@@ -47,3 +53,10 @@ def pair():
     """Maker of campaigns of two bodies in empty space, with values put in place by TOML path:
     ``pair({path: value})``."""
     return lambda settings=None: Campaign(parse_campaign(tomllib.loads(_PAIR), "pair", settings))
+
+
+@pytest.fixture
+def plainly():
+    """Campaigns are flown as plain Python meanwhile, in steps found from their first cases."""
+    with flown_plainly():
+        yield
