@@ -201,7 +201,7 @@ def test_slower_than_a_table(pair):
     assert found["status"] == "outside-table"
 
 
-def test_air_sampled_from_the_standard(table2):
+def test_air_sampled_from_the_standard(table2, plainly):
     """Every 100 m from 68.5 to 71.5 km: a spline of the logarithm, flown by 30 cases to 1e-9."""
     plain = table2.with_settings(
         {"run.history_step_s": 0.0, "run.end_time_s": 0.3, "solver.step_s": 0.05}
@@ -257,7 +257,7 @@ def test_outside_the_table_of_air(pair, pitch):
     assert history["time_s"].iloc[-1] <= 0.12
 
 
-def test_density_factor(pair):
+def test_density_factor(pair, plainly):
     """Twice the density, twice the drag; none, none. Each case its own."""
     drag = TUNNEL | {"body.aft.aerodynamics.axial": {"const": 0.001}, "run.end_time_s": 1.0}
     double = drag | {"environment.air": AIR | {"density_kg_per_m3": [4.0, 4.0]}}
@@ -271,6 +271,7 @@ def test_density_factor(pair):
         pair(
             drag
             | {"dispersion.environment.density_factor": {"normal": [1.0, 0.2], "truncate_sigma": 3}}
+            | {"solver.step_s": 0.05}
         )
         .run(cases=50)
         .to_pandas()
@@ -406,7 +407,7 @@ def test_proximity_in_all_six(pair):
     )
 
 
-def test_two_proximity_entries_add_and_vary(pair):
+def test_two_proximity_entries_add_and_vary(pair, plainly):
     """0.01 and 0.02 of C_A times factors of their own: v = v0 / (1 + v0 k t)."""
     entries = [
         {"name": n, "body": "aft", "joint": "pins", "distance_m": [0.0, 1.0], "axial": [x, x]}
