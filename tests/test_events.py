@@ -580,7 +580,7 @@ def test_an_event_that_does_not_come_is_no_failure(pods):
     assert math.isnan(found["outcomes"]["left_release_time_s"])
 
 
-def test_dispersed(pair):
+def test_dispersed(pair, plainly):
     """Strokes inside any and all, delays, and failures, drawn for each case: each release where its
     own numbers put it."""
     until = {
@@ -599,14 +599,14 @@ def test_dispersed(pair):
             "dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.8, 0.2]},
         }
     )
-    table = campaign.run(cases=300).to_pandas()
+    table = campaign.run(cases=100).to_pandas()
     stroke, time = (
         table["in_phase_p0_until_any_0_stroke_mm"],
         table["in_phase_p0_until_any_1_all_0_time_s"],
     )
     assert set(stroke) == {10.0, 40.0, 160.0}
     failed = table["in_joint_pins_fails"] == 1.0
-    assert 30 <= failed.sum() <= 90
+    assert 10 <= failed.sum() <= 30
     assert (table["status"] == np.where(failed, "never-released", "ok")).all()
     expected = np.minimum(np.sqrt(stroke / 1e3), time) + table["in_joint_pins_delay_s"]
     assert_allclose(table["release_time_s"][~failed], expected[~failed], rtol=0, atol=EXACT)

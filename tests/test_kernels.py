@@ -488,7 +488,7 @@ def test_a_stroke_of_nothing(quiet):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [500.0, 30.0, 41.0])
-def test_an_event_that_is_over_as_its_phase_begins(distance):
+def test_an_event_that_is_over_as_its_phase_begins(distance, plainly):
     """The upper joint, released at 40 mm of stroke, some 45 mm away by then: a phase until less of
     it is over at once, never earlier."""
     phases = [dict(phase) for phase in scene("stack").file.tree["phase"]]
@@ -496,11 +496,17 @@ def test_an_event_that_is_over_as_its_phase_begins(distance):
     campaign = scene(
         "stack", {"phase": phases, "dispersion": {"body.top.mass_kg": {"uniform": 5.0}}}
     )
-    compare_statuses(campaign, draws(campaign, 24), range(3))
+    table = campaign.run(cases=3).table
+    statuses, expected = by_independent_flights(campaign, 3)
+    assert list(table["status"]) == statuses
+    ok = np.array(statuses) == "ok"
+    found = np.column_stack([table[c.name] / c.scale for c in campaign.outcome_columns])
+    if ok.any():
+        assert difference(campaign, found[ok], expected[ok]) <= 3e-9
 
 
 @pytest.mark.slow
-def test_a_stroke_just_missed(pair):
+def test_a_stroke_just_missed(pair, monkeypatch):
     """A spring that would be spent 1 to 10 um beyond where it turns back: x = (1 - cos(w t)) / 2,
     to the end.
 
@@ -525,9 +531,12 @@ def test_a_stroke_just_missed(pair):
         "solver": {"accuracy": 1e-6},
         "dispersion": {"spring.s.stroke_m": {"uniform": [0.95, 1.05]}},
     }
+    monkeypatch.setattr(pilot, "CORNERS", 2)
+    monkeypatch.setattr(pilot, "SAMPLE", 16)
     campaign = pair(settings)
-    flight = pilot.plan_flight(campaign)
-    found = pilot.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
+    with interpreted():
+        flight = pilot.plan_flight(campaign)
+        found = pilot.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
     distance = outcomes(campaign, found, found.status == Status.OK)[
