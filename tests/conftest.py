@@ -7,12 +7,26 @@ import pytest
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
+from sepmc.engine import interpreted
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.plain import flown_plainly
 
 # Kernels flown as plain Python make millions of small objects, hardly any of them in a cycle:
 # looking for those so often takes an eighth of the time.
 gc.set_threshold(100_000, 50, 50)
+
+
+class _Recent(dict):
+    """The last kernels that were read as plain Python, by their text: tests fly scenes in turn, and
+    reading one takes as long as some flights."""
+
+    def clear(self):
+        """Forget all but the last seven."""
+        for text in list(self)[:-7]:
+            del self[text]
+
+
+interpreted._loaded = _Recent(interpreted._loaded)
 
 # Two bodies on one axis in empty space, 3 kg ahead of 1 kg, mass centre at station 1.5 m. Nothing
 # acts on them.
