@@ -296,9 +296,9 @@ def test_a_tail_that_may_not_be(key):
         parse_campaign(TAIL, "tail.toml", {"dispersion": {key: {"normal": [0.03, 0.03]}}})
     )
     with flown_plainly():
-        table = campaign.run().to_pandas()
+        table = campaign.run(cases=12).to_pandas()
     bad = (table[campaign.input_columns[0].name] < 0.0).to_numpy()
-    assert 1 <= bad.sum() <= 8
+    assert 1 <= bad.sum() <= 4
     assert list(table["status"][bad].unique()) == ["invalid-input"]
     assert list(table["status"][~bad].unique()) == ["ok"]
     assert table.loc[bad, [c.name for c in campaign.outcome_columns]].isna().all(axis=None)
@@ -320,9 +320,9 @@ def test_a_load_that_ends_before_it_starts():
     laws = {"load.gust.start_s": {"uniform": 0.1}, "load.gust.end_s": {"uniform": 0.05}}
     campaign = Campaign(parse_campaign(TAIL | {"load": [load]}, "early.toml", {"dispersion": laws}))
     with flown_plainly():
-        table = campaign.run(cases=20).to_pandas()
+        table = campaign.run(cases=10).to_pandas()
     early = (table["in_load_gust_end_s"] <= table["in_load_gust_start_s"]).to_numpy()
-    assert 1 <= early.sum() <= 10
+    assert 1 <= early.sum() <= 5
     assert list(table["status"][early].unique()) == ["invalid-input"]
     assert list(table["status"][~early].unique()) == ["ok"]
     history = campaign.simulate(campaign.case(int(np.flatnonzero(early)[0])))

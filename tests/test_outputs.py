@@ -11,6 +11,7 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
 import sepmc
+from sepmc.campaign import pilot
 
 SLIDER, FREE = {"pins": "slider"}, {}
 LOPSIDED = {
@@ -780,9 +781,10 @@ def test_clearance_between_turning_bodies(pair):
 
 
 @pytest.mark.parametrize("parts", ["cones", "shell"])
-def test_least_distance_does_not_depend_on_the_step(pair, parts):
+def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
     """Cones of many slopes that pass each other, tumbling, one or two steps long or twenty: 100
     cases, least distance to 1 um."""
+    monkeypatch.setattr(pilot, "SAMPLE", 8)  # the step is given
     fore = [
         {"stations_m": [0.0, 2.0], "radii_m": [0.05, 0.4]},
         {"stations_m": [2.0, 2.6], "radii_m": [0.4, 0.1]},
