@@ -34,6 +34,7 @@ def main() -> None:
 
 for _command in (
     cli_runs.campaign,
+    cli_runs.sample,
     cli_runs.run,
     cli_runs.stats,
     cli_runs.plot,

@@ -102,17 +102,16 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
+        numbers, total = loaded.asked()
+        which = "" if numbers.are_first else f" ({numbers})"
         click.echo(
-            f"  cases        {settings_of_run.cases}, seed {settings_of_run.seed}, "
+            f"  cases        {numbers.count}{which}, seed {settings_of_run.seed}, "
             f"sampler {settings_of_run.sampler}"
         )
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
-            numbers = ", ".join(f"{x:g}" for x in dispersion.numbers)
-            click.echo(
-                f"    {dispersion.parameter.key:44s} {dispersion.law} ({numbers}) "
-                f"{dispersion.parameter.unit}"
-            )
+            key, _, law = dispersion.sentence.partition(": ")
+            click.echo(f"    {key:44s} {law} {dispersion.parameter.unit}")
         for copula in loaded.file.copulas:
             keys = [loaded.file.dispersions[place].parameter.key for place in copula.places]
             click.echo(f"    together: {', '.join(keys)}")
@@ -123,9 +122,12 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         click.echo(f"  required     {len(required) or 'nothing'}")
         for item in required:
             click.echo("    " + sentence(item, units.get(item.metric, "")))
-        drawn = loaded.draw(0, settings_of_run.cases)
-        note = implausible_note(loaded.implausible_inertias(drawn), settings_of_run.cases)
-        warned = [*sampled(settings_of_run.sampler, settings_of_run.cases), *of_file(loaded)]
+        broken = sum(
+            loaded.implausible_inertias(loaded.draw(first, end - first, None, total))
+            for first, end in numbers.ranges
+        )
+        note = implausible_note(broken, numbers.count)
+        warned = [*sampled(loaded, numbers), *of_file(loaded)]
         warned += undispersed(loaded)
         if not no_flight:
             from sepmc.scene.messages import SceneWarning

@@ -2,13 +2,45 @@
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.numbers import Numbers
 
+
+class CaseNumbers(click.ParamType):
+    """How many cases, or which: 1000, 1e6, 25:50,73."""
+
+    name = "N | A:B,C"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> "int | Numbers":
+        """The number, or the numbers."""
+        from sepmc.campaign.numbers import read
+        from sepmc.scene.messages import InputError
+
+        try:
+            return read(value)
+        except InputError as error:
+            self.fail(str(error).partition(": ")[2], param, ctx)
+
+
+CASES = click.option(
+    "--cases",
+    type=CaseNumbers(),
+    help="How many cases (1000, 1e6), or which (25:50,73: cases 25 to 49, and 73), instead of the "
+    "file's.",
+)
+SEED = click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
+SAMPLER = click.option(
+    "--sampler",
+    type=click.Choice(("random", "lhs", "sobol", "saltelli")),
+    help="How cases are drawn, instead of the file's run.sampler.",
+)
 SETTINGS = click.option(
     "--set",
     "settings",
@@ -31,12 +63,22 @@ BRIEF = click.option("--brief", is_flag=True, help="A row for each group of line
 QUIET = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
 
-def load_campaign(file: str, settings: tuple[str, ...], warn: bool = True) -> "Campaign":
+def load_campaign(
+    file: str,
+    settings: tuple[str, ...],
+    warn: bool = True,
+    sampler: str | None = None,
+    plan: Path | None = None,
+) -> "Campaign":
     """Read and validate, before anything is written."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.read import parse_setting
 
     given = dict(parse_setting(text) for text in settings)
+    if sampler:
+        given["run.sampler"] = sampler
+    if plan:
+        given["run.plan"] = str(plan.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from sepmc.cli_options import (
+    CASES,
     CHECK,
     NO_PLOTS,
     OUT,
     OVERWRITE,
     QUIET,
+    SAMPLER,
+    SEED,
     SETTINGS,
     load_campaign,
     redundant,
@@ -35,18 +38,18 @@ from sepmc.cli_output import (
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.numbers import Numbers
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
 @click.argument("file")
+@CASES
+@SEED
+@SAMPLER
 @click.option(
-    "--cases", type=click.IntRange(min=1, max=10**9), help="Number of cases, instead of the file's."
-)
-@click.option("--seed", type=click.IntRange(min=0), help="Seed, instead of the file's.")
-@click.option(
-    "--sampler",
-    type=click.Choice(("random", "lhs", "sobol", "saltelli")),
-    help="How cases are drawn, instead of the file's run.sampler.",
+    "--plan",
+    type=click.Path(path_type=Path),
+    help="Table of inputs, CSV or Parquet, a row for each case, as sepmc sample writes it.",
 )
 @OUT
 @click.option(
@@ -63,13 +66,21 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.",
 )
+@click.option(
+    "--until",
+    metavar="METRIC:TOLERANCE",
+    help="Fly no more cases than it takes to know the mean of METRIC so well (95 %): "
+    "separation_speed_m_s:0.01, upper_pitch_deg.p99:1%, or the share of a status.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be flown, and fly nothing.")
 @CHECK
 @QUIET
 def campaign(
     file: str,
-    cases: int | None,
+    cases: "int | Numbers | None",
     seed: int | None,
     sampler: str | None,
+    plan: Path | None,
     out: Path | None,
     threads: int | None,
     settings: tuple[str, ...],
@@ -77,6 +88,8 @@ def campaign(
     overwrite: bool,
     resume: bool,
     stats_only: bool,
+    until: str | None,
+    dry_run: bool,
     must_pass: bool,
     quiet: bool,
 ) -> None:
@@ -99,24 +112,38 @@ def campaign(
             raise click.UsageError(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
-        loaded = load_campaign(file, (*settings, f"run.sampler={sampler}") if sampler else settings)
+        loaded = load_campaign(file, settings, sampler=sampler, plan=plan)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
-        n = cases or loaded.scene.run.cases
-        with progress_bar(n, quiet) as progress:
+        numbers, _ = loaded.asked(cases)
+        if dry_run:
+            from sepmc.cli_plan import tell_plan
+
+            tell_plan(loaded, cases, seed, folder, stats_only, click.echo)
+            return
+        with progress_bar(numbers.count, quiet) as progress:
             try:
-                ways = {"overwrite": overwrite, "resume": resume, "stats_only": stats_only}
                 result = loaded.run(
-                    cases, seed, threads, folder, **ways, progress=progress, announce=say
+                    cases,
+                    seed,
+                    threads,
+                    folder,
+                    overwrite=overwrite,
+                    resume=resume,
+                    stats_only=stats_only,
+                    until=until,
+                    progress=progress,
+                    announce=say,
                 )
             except KeyboardInterrupt:
+                which = "" if numbers.are_first else f" --cases {numbers}"
                 what = (
                     f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
-                    f"{folder} --resume"
+                    f"{folder} --resume{which}"
                 )
                 if stats_only:
                     what = "with --stats-only nothing is kept"
@@ -131,6 +158,41 @@ def campaign(
             folder, loaded, result.kept.summary, say, plots=not no_plots, check=must_pass
         )
     sys.exit(code)
+
+
+@click.command(short_help="Write the table of inputs of FILE's cases.")
+@click.argument("file")
+@CASES
+@SEED
+@SAMPLER
+@SETTINGS
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="CSV or Parquet to write; default NAME.parquet."
+)
+@click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
+def sample(
+    file: str,
+    cases: "int | Numbers | None",
+    seed: int | None,
+    sampler: str | None,
+    settings: tuple[str, ...],
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Write the table of inputs of FILE's cases, a row each: columns case and in_..., in the units
+    of the file. sepmc campaign FILE --plan TABLE flies exactly these, whoever wrote them; for
+    [dispersion] in FILE, a table of an upstream campaign can give any of the inputs."""
+    with plain_errors(False):
+        from sepmc.cli_plan import write_sample
+        from sepmc.scene.messages import InputError
+
+        loaded = load_campaign(file, settings, sampler=sampler)
+        path = out or Path(f"{loaded.name}.parquet")
+        if path.suffix.lower() not in (".csv", ".parquet"):
+            raise InputError(f"--out {path}: must end in .csv or .parquet")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path}: exists; add --overwrite or choose another --out")
+        click.echo(f"wrote {path}: {write_sample(loaded, cases, seed, path)}")
 
 
 @click.command(short_help="Fly one case of FILE and write its time history.")
@@ -376,10 +438,14 @@ def _extreme(folder: Path, loaded: "Campaign", outcome: str, least: bool) -> int
 def _check_held(file: Path, number: int | None, seed: int | None) -> None:
     """A case replayed from a run folder must be one that the run holds."""
     from sepmc.campaign import store
+    from sepmc.campaign.numbers import named
 
     if number is not None and seed is None and (file / store.MANIFEST).is_file():
         held = store.read_manifest(file).get("cases")
-        if isinstance(held, int) and number >= held:
+        which = store.read_manifest(file).get("numbers")
+        if which and number not in named(which):
+            raise store.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
+        if not which and isinstance(held, int) and number >= held:
             raise store.StoreError(
                 f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them"
             )

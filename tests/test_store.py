@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import sepmc
 from sepmc.campaign import store
+from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.store import StoreError
 from sepmc.schema import Column
 
@@ -208,10 +209,11 @@ def test_overwrite_takes_only_what_a_run_made(tmp_path, mine):
 
 @settings(deadline=None)
 @given(st.integers(1, 60), st.lists(st.integers(0, 80)), st.integers(1, 20))
-def test_missing_ranges(cases, done, chunk):
+def test_numbers_left(cases, done, chunk):
     """Every case not done once, in order, in ranges no longer than a chunk, split only where they
     must be."""
-    ranges = store.missing_ranges(cases, done, chunk)
+    held = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
+    ranges = list(Numbers.first(cases).without(held).pieces(chunk))
     assert [i for first, end in ranges for i in range(first, end)] == [
         i for i in range(cases) if i not in done
     ]

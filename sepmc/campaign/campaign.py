@@ -2,7 +2,7 @@
 alone."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,16 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import causes, drivers, requirements
+from sepmc.analysis.precision import Until, read_until
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.chunks import Chunks
+from sepmc.campaign.chunks import Chunks, Draws
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
+from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.plan_file import read_plan
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
@@ -31,6 +34,7 @@ from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.schema import Status
 
+_LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
 
@@ -49,7 +53,7 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
     SceneError
         If anything in the file cannot be flown, with every problem and its place.
     """
-    return Campaign(read_campaign(path, settings))
+    return Campaign(read_campaign(path, settings, read_plan))
 
 
 @dataclass(repr=False)
@@ -67,6 +71,8 @@ class Result:
     kept: Kept
     timing: dict[str, float]
     seed: int
+    numbers: Numbers  # of the cases
+    total: int  # cases that these are drawn of
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
     flight: Flight | None = None
@@ -146,9 +152,11 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        flown = sum(self.kept.summary.counts.values())
-        found = self.campaign.case(whole("case", number, 0, flown - 1), self.seed, flown)
-        run = msgspec.structs.replace(found.scene.run, cases=flown, seed=self.seed)
+        number = whole("case", number, 0)
+        if number not in self.numbers:
+            raise InputError(f"case = {number}: is none of those flown, {self.numbers}")
+        found = self.campaign.case(number, self.seed, self.total)
+        run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
 
     @property
@@ -181,7 +189,8 @@ class Campaign(Definition):
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":
         460.0}``."""
-        return Campaign(parse_campaign(self.file.tree, self.name, settings, self.name))
+        tree, folder, name = self.file.tree, self.file.folder, self.name
+        return Campaign(parse_campaign(tree, name, settings, name, folder, read_plan))
 
     def simulate(
         self,
@@ -257,7 +266,7 @@ class Campaign(Definition):
 
     def run(
         self,
-        cases: int | None = None,
+        cases: int | str | Numbers | Iterable[int] | None = None,
         seed: int | None = None,
         threads: int | None = None,
         out: str | Path | None = None,
@@ -265,6 +274,7 @@ class Campaign(Definition):
         overwrite: bool = False,
         resume: bool = False,
         stats_only: bool = False,
+        until: str | None = None,
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
     ) -> Result:
@@ -272,8 +282,11 @@ class Campaign(Definition):
 
         Parameters
         ----------
-        cases, seed : int, optional
-            Instead of those of the file.
+        cases : int, text or numbers, optional
+            How many cases, or which, as ``"25:50,73"`` or a list of their numbers, instead of those
+            of the file.
+        seed : int, optional
+            Instead of that of the file.
         threads : int, optional
             All cores if None. The result does not depend on it.
         out : path, optional
@@ -286,6 +299,11 @@ class Campaign(Definition):
             Keep statistics, histograms, audit and counts only, in memory that does not grow with
             the cases: no rows, no histories, nothing to resume. Percentiles are exact up to 65,536
             cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
+        until : str, optional
+            Fly no more of the cases, once 256, 512, ... of them are flown, than it takes to know a
+            statistic: ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its
+            unit, or ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the
+            share of a status.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
             Told what begins, and that kernels must be compiled if so.
@@ -303,15 +321,15 @@ class Campaign(Definition):
         ``resume=True`` goes on from there.
         """
         settings = self.scene.run
-        total = settings.cases if cases is None else whole("cases", cases, 1, 10**9)
+        numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
-        self.drawn_as(total)
+        stop = None if until is None else self._until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
         done = (
-            self._resumed(folder, seed, total, announce)
+            self._resumed(folder, seed, numbers, total, announce)
             if folder and resume
             else np.empty(0, dtype=np.int64)
         )
@@ -319,7 +337,7 @@ class Campaign(Definition):
             announce(f"{folder}: there are no cases to go on from, so all are flown")
         if announce:
             announce(
-                f"{self.name}: {self.file.title or 'no title'}; {total} cases, seed {seed}"
+                f"{self.name}: {self.file.title or 'no title'}; {numbers.count} cases, seed {seed}"
                 + (f", into {folder}" if folder else "")
             )
         use_threads(threads)
@@ -337,30 +355,39 @@ class Campaign(Definition):
         if folder and len(done):
             held, failed = store.cases_held(folder, Status.OK.label)
             earlier = store.read_manifest(folder) | {"cases_held": held, "failures": failed}
-        left = total - len(done)
-        chunks = Chunks(self, flight, seed, total, timing, folder, earlier, stats_only, announce)
+        wanted = numbers.without(done)
+        left = wanted.count
+        draws = Draws(seed, numbers, total)
+        chunks = Chunks(self, flight, draws, timing, folder, earlier, stats_only, announce)
         if folder:
+            if self.file.plan:
+                store.write_plan(folder, self.file.plan, self.input_columns)
             chunks.write_manifest(threads, complete=False)
         try:
             with chunks:
                 if progress:
                     progress(0, left, 0)
-                for first, end in store.missing_ranges(total, done, chunks.size):
-                    chunks.fly(
-                        first,
-                        end,
-                        (lambda: progress(chunks.flown, left, chunks.failures))
-                        if progress
-                        else lambda: None,
-                    )
+                for some in wanted.growing(_LOOKED_AT) if stop else (wanted,):
+                    for first, end in some.pieces(chunks.size):
+                        chunks.fly(
+                            first,
+                            end,
+                            (lambda: progress(chunks.flown, left, chunks.failures))
+                            if progress
+                            else lambda: None,
+                        )
+                    if stop and chunks.is_known(stop):
+                        break
         finally:
             if folder:
-                chunks.write_manifest(threads, complete=chunks.held == left)
+                chunks.write_manifest(threads, complete=chunks.held == chunks.wanted)
         return Result(
             self,
             chunks.kept(),
             timing,
             seed,
+            chunks.draws.numbers,
+            chunks.draws.total,
             folder,
             chunks.notes,
             flight,
@@ -368,8 +395,22 @@ class Campaign(Definition):
             resumed=len(done),
         )
 
+    def _until(self, text: str, numbers: Numbers, resume: bool) -> Until:
+        """When to stop. Raises InputError if that cannot be told of these cases."""
+        found = read_until(text, [column.name for column in self.outcome_columns])
+        if resume or not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
+            what = "a sampler whose cases depend on how many there are"
+            what = "resume" if resume else what if numbers.are_first else "cases that are named"
+            raise InputError(f"until = {text}: excludes {what}")
+        return found
+
     def _resumed(
-        self, folder: Path, seed: int, total: int, announce: Callable[[str], None] | None
+        self,
+        folder: Path,
+        seed: int,
+        numbers: Numbers,
+        total: int,
+        announce: Callable[[str], None] | None,
     ) -> np.ndarray:
         """Cases a folder already holds, if it is the same campaign."""
         if not (folder / store.MANIFEST).is_file():
@@ -387,7 +428,7 @@ class Campaign(Definition):
                     f"{folder}: was flown with another {what}, so its cases cannot be continued; "
                     "use --overwrite or another --out"
                 )
-        sampler, held = self.scene.run.sampler, manifest.get("cases")
+        sampler, held = self.scene.run.sampler, manifest.get("of", manifest.get("cases"))
         if sampler in OF_ITS_SIZE and held != total:
             what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
             raise store.StoreError(
@@ -395,9 +436,10 @@ class Campaign(Definition):
                 "--overwrite or another --out"
             )
         done = store.cases_done(folder)
-        if len(done) and done[-1] >= total:
+        if numbers.leave_out(done):
             raise store.StoreError(
-                f"{folder}: holds cases up to {done[-1]}; --cases {total} would leave some out"
+                f"{folder}: holds cases up to {done[-1]}; --cases {_said(numbers)} would leave "
+                "some out"
             )
         dropped = store.drop_incomplete(folder) if self.has_histories else 0
         if not dropped:
@@ -407,3 +449,8 @@ class Campaign(Definition):
                 f"{folder}: the histories of {dropped} cases are gone, so these are flown again"
             )
         return store.cases_done(folder)
+
+
+def _said(numbers: Numbers) -> str:
+    """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
+    return str(numbers.count if numbers.are_first else numbers)

@@ -179,7 +179,8 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
         return np.array(numbers)[
             np.minimum(np.searchsorted(edges, u, side="right"), len(numbers) - 1)
         ]
-    return np.full_like(u, numbers[0])
+    # quantiles at equal steps, of which a constant has one
+    return np.interp(u, np.linspace(0.0, 1.0, len(numbers)), np.array(numbers))
 
 
 def draw(

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -15,13 +15,15 @@ from typing import Any, Self
 import numpy as np
 
 from sepmc import schema
+from sepmc.analysis.precision import Until
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import SAFETY, Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
+from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.remarks import sampled, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
-from sepmc.schema import Status
+from sepmc.schema import Column, Status
 
 _FIRST = 256  # cases flown first, to see how long they take
 # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
@@ -33,6 +35,15 @@ _PART_S = 5.0
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 
 
+@dataclass(frozen=True)
+class Draws:
+    """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
+
+    seed: int
+    numbers: Numbers
+    total: int
+
+
 class Chunks:
     """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
     raises what went wrong there."""
@@ -41,22 +52,17 @@ class Chunks:
         self,
         campaign: Definition,
         flight: Flight,
-        seed: int,
-        total: int,
+        draws: Draws,
         timing: dict[str, float],
         folder: Path | None = None,
         earlier: dict[str, Any] | None = None,
         stats_only: bool = False,
         announce: Say | None = None,
     ):
-        self.campaign, self.flight, self.seed, self.total, self.timing, self.folder = (
-            campaign,
-            flight,
-            seed,
-            total,
-            timing,
-            folder,
-        )
+        self.campaign, self.flight, self.draws = campaign, flight, draws
+        self.timing, self.folder = timing, folder
+        self.wanted = draws.numbers.count - (earlier or {}).get("cases_held", 0)
+        self._stopped: list[str] = []  # why that was enough
         self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
         self.held, self.failures_held = 0, 0  # those that the sink has taken
@@ -69,17 +75,16 @@ class Chunks:
         # of their outcomes by the last halvings of steps
         self._change = np.zeros(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
-        run, joints = campaign.scene.run, list(campaign.plan.joints)
+        joints = list(campaign.plan.joints)
         self.separation = (
             schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
         )
         self.room = history_rows(campaign.scene) if self.separation else 0
-        bytes_a_case = 8 * (self.room * (2 + len(self.separation)) + 2 * len(campaign.columns))
-        self.size = max(1, min(run.chunk, _ROOM // bytes_a_case))
+        self.size = chunk_size(campaign, self.separation)
         self.sink: Sink = (
             InStatistics(campaign)
             if stats_only
-            else InFolder(campaign, self.separation, folder, seed)
+            else InFolder(campaign, self.separation, folder, draws.seed)
             if folder
             else InMemory(campaign, self.separation)
         )
@@ -130,7 +135,7 @@ class Chunks:
     def _fly(self, first: int, end: int) -> Piece:
         campaign, clock = self.campaign, time.perf_counter
         t0 = clock()
-        drawn = campaign.draw(first, end - first, self.seed, self.total)
+        drawn = campaign.draw(first, end - first, self.draws.seed, self.draws.total)
         self.implausible += campaign.implausible_inertias(drawn)
         t1 = clock()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
@@ -172,15 +177,16 @@ class Chunks:
         """Say what the folder holds, in it."""
         assert self.folder is not None
         campaign = self.campaign
-        tree = {
-            **campaign.file.tree,
-            "run": {**campaign.file.tree.get("run", {}), "cases": self.total, "seed": self.seed},
-        }
+        own: dict[str, Any] = {"cases": self.draws.total, "seed": self.draws.seed}
+        if campaign.file.plan:
+            own["plan"] = store.PLAN
+        tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), **own}}
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
-            "seed": self.seed,
-            "cases": self.total,
+            "seed": self.draws.seed,
+            "cases": self.draws.numbers.count,
+            **self._which,
             "complete": complete,
             "stats_only": self.stats_only,
             "cases_held": self.earlier.get("cases_held", 0) + (0 if self.stats_only else self.held),
@@ -197,6 +203,14 @@ class Chunks:
             raise store.StoreError(
                 f"{self.folder}: cannot be written: {error.strerror or error}"
             ) from None
+
+    @property
+    def _which(self) -> dict[str, Any]:
+        """Which cases are wanted, unless they are the first ones, and of how many."""
+        numbers, total = self.draws.numbers, self.draws.total
+        if numbers.are_first and total == numbers.count:
+            return {}
+        return {"numbers": str(numbers), "of": total}
 
     def _session(self, threads: int | None) -> dict[str, Any]:
         """What this command did, on what."""
@@ -259,15 +273,44 @@ class Chunks:
         note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
         found = [
             *([note] if note else []),
-            *sampled(self.campaign.scene.run.sampler, self.total),
+            *sampled(self.campaign, self.draws.numbers),
             *unmet(told, fixed),
             *unsettled(self.unsettled, self.finer),
+            *self._stopped,
         ]
         return found + [note for note in self.flight.notes if note not in found]
 
+    def is_known(self, until: Until) -> bool:
+        """Whether the cases so far are enough to know a statistic; these are then all that are
+        wanted."""
+        summary = self.kept().summary
+        (value, half), enough = until.known(summary), until.is_met(summary)
+        asked = f"{100 * until.tolerance:g} %" if until.relative else f"{until.tolerance:g}"
+        self._stopped = [
+            f"after {self.flown} of {self.draws.numbers.count} cases the {until.name} is "
+            f"{value:.6g} +- {half:.2g} (95 %); asked +- {asked}{'' if enough else ': NOT MET'}"
+        ]
+        if enough:
+            self.wanted = self.flown
+            self.draws = Draws(self.draws.seed, Numbers.first(self.flown), self.flown)
+        return enough
+
     def kept(self) -> Kept:
-        """What the run leaves, once all is flown."""
+        """What the run leaves of what is flown so far."""
+        self._wait()
         return self.sink.kept()
+
+
+def row_bytes(campaign: Definition, separation: list[Column]) -> tuple[int, int]:
+    """Bytes of a case's row, and of its history with these columns."""
+    rows = history_rows(campaign.scene) if separation else 0
+    return 8 * len(campaign.columns), 8 * rows * (2 + len(separation))
+
+
+def chunk_size(campaign: Definition, separation: list[Column]) -> int:
+    """Cases that are kept in memory until they are handed over."""
+    row, history = row_bytes(campaign, separation)
+    return max(1, min(campaign.scene.run.chunk, _ROOM // (history + 2 * row)))
 
 
 def implausible_note(broken: int, drawn: int) -> str:

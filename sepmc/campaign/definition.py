@@ -12,6 +12,9 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.campaign import cases
+from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.numbers import read as read_numbers
 from sepmc.engine.door import whole
 from sepmc.kernel.plan import Plan, apart, make_plan
 from sepmc.scene import parameters
@@ -183,16 +186,53 @@ class Definition:
         tree["run"] = {
             k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
         }
+        if plan := self.file.plan:
+            used = [d.column for d in self.file.dispersions if d.column]
+            tree["run"]["plan"] = plan.digest(used)
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
     def draw(
         self, first: int, count: int, seed: int | None = None, total: int | None = None
     ) -> np.ndarray:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
-        says that they are drawn, in the units of its keys."""
-        return cases.draw(
-            self.file.dispersions, self._seed(seed), first, count, self.drawn_as(total)
-        )
+        says that they are drawn, or as its plan gives them, in the units of its keys. Raises
+        InputError if the plan does not hold one of them."""
+        laws, plan = self.file.dispersions, self.file.plan
+        table = cases.draw(laws, self._seed(seed), first, count, self.drawn_as(total))
+        if plan is not None:
+            try:
+                rows = plan.rows(first, count)
+            except KeyError as error:
+                raise InputError(f"case = {error}: no such case in {plan.path.name}") from None
+            for place, law in enumerate(laws):
+                if law.column:
+                    table[:, place] = plan.columns[law.column][rows]
+        return table
+
+    @property
+    def numbers(self) -> Numbers:
+        """Cases that the file asks for: the first so many, or those of its plan."""
+        plan = self.file.plan
+        return Numbers.first(self.scene.run.cases) if plan is None else Numbers.of(plan.numbers)
+
+    def asked(self, cases: Any = None) -> tuple[Numbers, int]:
+        """Cases that are asked for, as `sepmc.campaign.numbers.read` takes them or as the file has
+        them, and how many they are drawn of. Raises InputError if there are no such cases."""
+        own, plan = self.numbers, self.file.plan
+        found = own if cases is None else read_numbers(cases)
+        if isinstance(found, int):
+            if plan is None:
+                self.drawn_as(found)
+                return Numbers.first(found), found
+            if found > own.count:
+                raise InputError(f"cases = {found}: {plan.path.name} has {own.count}")
+            found = Numbers.of(plan.numbers[:found])
+        fixed = plan is not None or self.scene.run.sampler in OF_ITS_SIZE
+        if fixed and (missing := found.count - found.common(own)):
+            raise InputError(f"cases = {found}: {missing} of them are not among {own}")
+        total = max(own.end, found.end)
+        self.drawn_as(total)
+        return found, total
 
     def drawn_as(self, total: int | None = None) -> cases.Plan:
         """How so many cases are drawn. Raises InputError if so many cannot be."""

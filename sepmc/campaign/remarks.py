@@ -9,6 +9,7 @@ import numpy as np
 from sepmc.campaign.accuracy import Achieved, scene_scales
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
+from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
@@ -44,8 +45,19 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
     return found + together(campaign.scene, outcomes, "the nominal case")
 
 
-def sampled(sampler: str, cases: int) -> Iterator[str]:
-    """Sentences on cases that are not drawn independently of each other."""
+def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
+    """Sentences on cases that are not drawn independently of each other, or that a person chose."""
+    sampler, cases = campaign.scene.run.sampler, numbers.count
+    if campaign.file.plan is not None:
+        yield (
+            "run.plan: intervals and verdicts hold as far as the rows of the plan are independent "
+            "random cases"
+        )
+    elif not numbers.are_first:
+        yield (
+            f"cases {numbers} are named: intervals and verdicts hold unless they were chosen by "
+            "what they do"
+        )
     if sampler == "random":
         return
     if sampler == SALTELLI:

@@ -7,7 +7,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -19,9 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sepmc import __version__
+from sepmc.scene.given import CASE, Given
 from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
+PLAN = "plan.parquet"
 _OURS = (CASES, HISTORIES)
 _FIGURES = (
     "hist_*",
@@ -36,6 +38,7 @@ _FIGURES = (
 _OUR_FILES = (
     MANIFEST,
     CAMPAIGN,
+    PLAN,
     "statistics.csv",
     "statistics.json",
     "history.parquet",
@@ -248,6 +251,15 @@ def drop_incomplete(folder: Path) -> int:
     return dropped
 
 
+def write_plan(folder: Path, plan: Given, inputs: list[Column]) -> None:
+    """Write the table that gives inputs, so that the run can be replayed and resumed from its
+    folder alone."""
+    known = {column.name: column for column in inputs}
+    columns = [Column(CASE, "1", "number of the case")]
+    columns += [known.get(name, Column(name, "", "")) for name in plan.columns]
+    write_parquet(folder / PLAN, columns, {CASE: plan.numbers, **plan.columns})
+
+
 def cases_done(folder: Path) -> np.ndarray:
     """Numbers of the cases a run folder holds, sorted; shape (n,)."""
     parts = _parts(folder, CASES)
@@ -375,20 +387,6 @@ def units(folder: Path, kind: str = CASES) -> dict[str, str]:
         field.name: (field.metadata or {}).get(b"unit", b"").decode()
         for field in pq.read_schema(part)
     }
-
-
-def missing_ranges(cases: int, done: Iterable[int], chunk: int) -> list[tuple[int, int]]:
-    """Ranges (first, end) of at most ``chunk`` cases that are not done yet."""
-    index = np.unique(
-        np.asarray(list(done) if not isinstance(done, np.ndarray) else done, dtype=np.int64)
-    )
-    fences = np.concatenate([[-1], index[index < cases], [cases]])
-    gaps = np.flatnonzero(np.diff(fences) > 1)
-    return [
-        (first, min(first + chunk, end))
-        for start, end in zip((fences[gaps] + 1).tolist(), fences[gaps + 1].tolist(), strict=True)
-        for first in range(start, end, chunk)
-    ]
 
 
 def write_statistics(

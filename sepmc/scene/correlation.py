@@ -36,7 +36,14 @@ def resolve(
         matrix = _matrix(item, where, problems)
         if len(problems) > count:
             continue
+        by_plan = [
+            key for key, k in zip(item.parameters, places, strict=True) if dispersions[k].column
+        ]
+        if len(by_plan) == len(places):  # and vary together as they do there
+            continue
         for key, place in zip(item.parameters, places, strict=True):
+            if key in by_plan:
+                problems.add(f"{where}.parameters", "is given by run.plan, unlike the others", key)
             if place in taken:
                 problems.add(f"{where}.parameters", f"correlated already, in {taken[place]}", key)
             elif dispersions[place].law == "constant":

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sepmc.scene.fields import allowed
+from sepmc.scene.given import Given, check_column
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Law, Scene
 from sepmc.scene.parameters import Parameter, UnknownPath, find, value
@@ -18,17 +19,23 @@ class Dispersion:
     """A parameter and its law.
 
     ``numbers`` by law, in the unit of the key: uniform (low, high); normal (mean, sigma, truncation
-    in sigmas or inf); triangular (low, mode, high); discrete the values; constant (value,).
+    in sigmas or inf); triangular (low, mode, high); discrete the values; constant (value,); given
+    quantiles at equal steps of probability. Where a ``column`` of the plan gives each case its
+    value, the law is how these are distributed.
     """
 
     parameter: Parameter
     law: str
     numbers: tuple[float, ...]
     weights: tuple[float, ...] = ()
+    column: str = ""
 
     @property
     def sentence(self) -> str:
         """The law in words: ``body.upper.mass_kg: uniform (438, 478)``."""
+        if self.column:
+            low, high = self.support
+            return f"{self.parameter.key}: column {self.column} of run.plan ({low:g}, {high:g})"
         weights = f", weights ({', '.join(f'{x:g}' for x in self.weights)})" if self.weights else ""
         return (
             f"{self.parameter.key}: {self.law} "
@@ -72,8 +79,11 @@ class Dispersion:
         )
 
 
-def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dispersion, ...]:
-    """Resolve the laws of a file against the scene's nominal values, noting every problem."""
+def resolve(
+    scene: Scene, laws: dict[str, Law], problems: Problems, plan: Given | None = None
+) -> tuple[Dispersion, ...]:
+    """Resolve the laws of a file against the scene's nominal values, and against the columns of a
+    plan, which come before laws, noting every problem."""
     result: list[Dispersion] = []
     seen: dict[str, str] = {}
     columns: dict[str, str] = {}
@@ -98,12 +108,35 @@ def resolve(scene: Scene, laws: dict[str, Law], problems: Problems) -> tuple[Dis
             )
             continue
         seen[parameter.path] = columns[parameter.column] = key
+        if law.column is not None or (plan and parameter.column in plan.columns):
+            given = _of_column(law, parameter, plan, place, problems)
+            result += [given] if given else []
+            continue
         found = _resolve_one(
             law, parameter, value(scene, parameter.path) / parameter.factor, place, problems
         )
         if found:
             result.append(found)
     return tuple(result)
+
+
+def _of_column(
+    law: Law, parameter: Parameter, plan: Given | None, place: str, problems: Problems
+) -> Dispersion | None:
+    """A parameter that takes its values from a column of the plan: one that is named, or that has
+    the name of its own column in a case table."""
+    if law.column is not None:
+        if [name for name in LAWS if getattr(law, name) is not None] or law.weights:
+            problems.add(place, "give a column of run.plan, or a law")
+            return None
+        if plan is None:
+            problems.add(f"{place}.column", "needs run.plan, the table that has it", law.column)
+            return None
+    assert plan is not None
+    name = law.column or parameter.column
+    if not check_column(plan, name, place, problems):
+        return None
+    return Dispersion(parameter, *plan.law(name), column=name)
 
 
 def _is_structure(parts: list[str]) -> bool:
@@ -129,7 +162,7 @@ def _resolve_one(
         problems.add(
             place,
             "give exactly one of "
-            + ", ".join(LAWS)
+            + ", ".join((*LAWS, "column"))
             + (f", not {' and '.join(given)}" if given else ""),
         )
         return None

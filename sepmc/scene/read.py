@@ -4,7 +4,7 @@ import copy
 import re
 import tomllib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
+from sepmc.scene.given import Given, Reader
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
 from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
@@ -32,8 +33,8 @@ _OWN_TABLES = ("name", "title", "dispersion", "correlation", "requirement", "ref
 @dataclass(frozen=True)
 class CampaignFile:
     """A campaign as read: the scene, what varies, and what of that together, what is required, what
-    to compare with, the TOML tree it came from, and sentences on values that were set to no effect
-    on its cases."""
+    to compare with, the TOML tree it came from, sentences on values that were set to no effect on
+    its cases, the table that gives some inputs, and the folder that paths start from."""
 
     name: str
     title: str
@@ -44,6 +45,8 @@ class CampaignFile:
     reference: Reference | None
     tree: dict[str, Any]
     no_effect: tuple[str, ...] = ()
+    plan: Given | None = None
+    folder: Path = Path()
 
     @property
     def toml(self) -> str:
@@ -81,7 +84,9 @@ def find_file(file: str | Path) -> Path:
     raise SceneError([f"{file}: no such file, nor a shipped campaign; {hint}"])
 
 
-def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> CampaignFile:
+def read_campaign(
+    file: str | Path, settings: dict[str, Any] | None = None, reader: Reader | None = None
+) -> CampaignFile:
     """Read and validate a campaign.
 
     Parameters
@@ -89,6 +94,8 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
     file : path, run folder, or name of a shipped campaign
     settings : dict, optional
         Values to put in place first, by TOML path: ``{"body.upper.mass_kg": 460.0}``.
+    reader : callable, optional
+        Reads the table that ``run.plan`` names.
 
     Raises
     ------
@@ -103,7 +110,7 @@ def read_campaign(file: str | Path, settings: dict[str, Any] | None = None) -> C
         raise SceneError([f"{path}: is not TOML: {error}"]) from None
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
-    return parse_campaign(tree, str(path.name), settings, default_name=path.stem)
+    return parse_campaign(tree, str(path.name), settings, path.stem, path.parent, reader)
 
 
 def parse_campaign(
@@ -111,8 +118,10 @@ def parse_campaign(
     source: str,
     settings: dict[str, Any] | None = None,
     default_name: str = "campaign",
+    folder: Path = Path(),
+    reader: Reader | None = None,
 ) -> CampaignFile:
-    """Validate a TOML tree; see `read_campaign`."""
+    """Validate a TOML tree, whose paths start from a folder; see `read_campaign`."""
     if settings is not None and not isinstance(settings, dict):
         example = '{"run.cases": 100}'
         raise SceneError(
@@ -155,7 +164,18 @@ def parse_campaign(
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
     check_scene(scene, problems)
-    dispersions = resolve(scene, laws, problems)
+    plan = None
+    if scene.run.plan is not None:
+        if reader is None:
+            problems.add("run.plan", "needs the reader of tables that sepmc.load has")
+        else:
+            plan = reader(folder / scene.run.plan, problems)
+        problems.raise_if_any(source)
+    dispersions = resolve(scene, laws, problems, plan)
+    if plan is not None:
+        _check_plan(plan, dispersions, problems)
+        run = msgspec.structs.replace(scene.run, cases=int(plan.numbers[-1]) + 1)
+        scene = msgspec.structs.replace(scene, run=run)
     for dispersion in dispersions:
         check_dispersion(dispersion, scene, problems)
     if len(dispersions) == len(laws):
@@ -183,7 +203,21 @@ def parse_campaign(
         reference,
         tree,
         no_effect,
+        plan,
+        folder,
     )
+
+
+def _check_plan(plan: Given, dispersions: Sequence[Dispersion], problems: Problems) -> None:
+    """A plan gives what the campaign disperses, and nothing else by a name of its case tables."""
+    used = {dispersion.column for dispersion in dispersions}
+    known = [dispersion.parameter.column for dispersion in dispersions]
+    for name in plan.columns:
+        if name.startswith("in_") and name not in used and name not in known:
+            said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
+            problems.add(f"run.plan, column {name}", f"no such input here: {said}")
+    if not used - {""} and not problems:
+        problems.add("run.plan", f"gives no input; {nearest('', known)}", plan.path.name)
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
@@ -278,7 +312,8 @@ def _of_no_effect(
     absolute = {
         d.parameter.path: d
         for d, (key, law) in zip(dispersions, laws.items(), strict=True)
-        if not law.relative and _has_ends(law) and f"dispersion.{key}" not in settings
+        if (d.column or (not law.relative and _has_ends(law)))
+        and f"dispersion.{key}" not in settings
     }
     for key, given in settings.items():
         try:
@@ -290,10 +325,12 @@ def _of_no_effect(
                 dispersion.parameter,
                 value(scene, dispersion.parameter.path) / dispersion.parameter.factor,
             )
+            remedy = f"put dispersion.{law.key} = {{ constant = {number:g} }}"
+            if dispersion.column:
+                remedy = "take the column out of the plan"
             yield (
                 f"{key} = {given} is what the nominal case flies with, and all others draw "
-                f"{dispersion.sentence}: "
-                f"to set it in all, put dispersion.{law.key} = {{ constant = {number:g} }}"
+                f"{dispersion.sentence}: to set it in all, {remedy}"
             )
 
 

@@ -1,0 +1,51 @@
+"""Tables of inputs in files: CSV or Parquet to the cases that a campaign flies."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow import csv
+
+from sepmc.scene.given import CASE, Given
+from sepmc.scene.messages import Problems
+
+_MOST = 10**9
+
+
+def read_plan(path: Path, problems: Problems) -> Given | None:
+    """Read a table of inputs in CSV or Parquet; None, with the problems noted, if that cannot
+    be."""
+    place, count = "run.plan", len(problems)
+    if not path.exists():
+        problems.add(place, "no such file", str(path))
+        return None
+    try:
+        is_text = path.suffix.lower() in (".csv", ".txt")
+        table = csv.read_csv(path) if is_text else pq.read_table(path)
+        frame = table.rename_columns([name.strip() for name in table.column_names]).to_pandas()
+    except (OSError, pa.ArrowException) as error:
+        said = str(error).splitlines()[0]
+        problems.add(place, f"cannot be read as CSV (.csv) or Parquet: {said}", str(path))
+        return None
+    if not len(frame):
+        problems.add(place, "has no rows", str(path))
+        return None
+    numbers = np.arange(len(frame))
+    if CASE in frame:
+        given = pd.to_numeric(frame[CASE], errors="coerce").to_numpy(dtype=float)
+        whole = np.isfinite(given) & (given % 1 == 0) & (given >= 0) & (given < _MOST)
+        if not whole.all():
+            bad = str(frame[CASE].iloc[int(np.argmin(whole))])
+            problems.add(f"{place}, column {CASE}", "must hold whole numbers >= 0", bad)
+        elif len(np.unique(given)) < len(given):
+            problems.add(f"{place}, column {CASE}", "holds a number twice")
+        else:
+            numbers = given.astype(np.int64)
+    if len(problems) > count:
+        return None
+    order = np.argsort(numbers)
+    kept = frame.select_dtypes("number").drop(columns=CASE, errors="ignore")
+    columns = {str(name): kept[name].to_numpy(dtype=float)[order] for name in kept}
+    return Given(path, numbers[order], columns)

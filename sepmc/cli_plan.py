@@ -1,0 +1,123 @@
+"""What the command line tells of cases before they are flown: what a campaign would take, and the
+table of its inputs."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.numbers import Numbers
+
+_TRIED_S = 0.3  # that some cases are to take that are flown to time the others
+_FEWEST, _TIMES = 1, 8  # of these, and how many times more are tried next
+
+
+def tell_plan(
+    loaded: "Campaign",
+    cases: "int | Numbers | None",
+    seed: int | None,
+    folder: Path,
+    stats_only: bool,
+    say: Callable[[str], None],
+) -> None:
+    """What a campaign would fly, write and take. Where its kernel is compiled, some cases are flown
+    for that; nothing is written."""
+    from sepmc import schema
+    from sepmc.campaign.chunks import chunk_size, row_bytes
+    from sepmc.campaign.pilot import kernel_text
+    from sepmc.engine import cache
+    from sepmc.kernel.pieces import split
+
+    numbers, total = loaded.asked(cases)
+    n, run, seed = numbers.count, loaded.scene.run, loaded.scene.run.seed if seed is None else seed
+    which = "" if numbers.are_first else f" ({numbers})"
+    say(f"{loaded.name}: {n} cases{which}, seed {seed}, sampler {run.sampler}, into {folder}")
+    inputs, outcomes = len(loaded.input_columns), len(loaded.outcome_columns)
+    audits = len(loaded.result_columns) - outcomes
+    say(f"  a row     {inputs} inputs, {outcomes} outcomes, {audits} audit columns, status")
+    separation = (
+        schema.separation_columns(list(loaded.plan.joints))
+        if loaded.has_histories and not stats_only
+        else []
+    )
+    row, history = row_bytes(loaded, separation)
+    disk = "some kB: statistics only"
+    if not stats_only:
+        disk = f"at most {_size(n * row)} of cases"
+        disk += f" and {_size(n * history)} of histories" if separation else ""
+    say(f"  disk      {disk}")
+    size = min(n, chunk_size(loaded, separation))
+    say(f"  memory    {_size(3 * size * (row + history))} beside 0.3 GB, in chunks of {size} cases")
+    text = kernel_text(loaded, history=bool(separation))
+    names = cache.write([piece.text for piece in split(text)])
+    if missing := len(cache.missing(names)):
+        say(f"  kernel    {missing} of {len(names)} pieces to compile, some seconds each")
+        say(f"  time      known once it is compiled: sepmc compile {loaded.name}")
+        return
+    say(f"  kernel    compiled: {len(names)} pieces in the cache")
+    from sepmc.campaign.pilot import plan_flight
+
+    begun = time.perf_counter()
+    flight = plan_flight(loaded, history=bool(separation), announce=None)
+    trials = time.perf_counter() - begun
+    each, tried = _timed(loaded, flight, numbers, seed, total, separation)
+    say(
+        f"  time      {_time(trials)} of trial cases, then {_time(n * each)}: {1e6 * each:.3g} us "
+        f"a case, by {tried} cases flown now"
+    )
+
+
+def _timed(
+    loaded: "Campaign", flight: Any, numbers: "Numbers", seed: int, total: int, separation: list
+) -> tuple[float, int]:
+    """Seconds that a case takes to draw and fly, by so many cases."""
+    from sepmc.campaign.flight import fly, history_rows
+
+    first, end = numbers.ranges[0]
+    room, count, seconds = history_rows(loaded.scene) if separation else 0, _FEWEST, 0.0
+    while seconds < _TRIED_S and count < end - first:
+        count = min(_TIMES * count, end - first)
+        begun = time.perf_counter()
+        fly(loaded, flight, loaded.in_si(loaded.draw(first, count, seed, total)), room)
+        seconds = time.perf_counter() - begun
+    return seconds / count, count
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.0f} {unit}"
+        count /= 1000
+    return f"{count:.1f} GB"
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.2g} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def write_sample(
+    loaded: "Campaign", cases: "int | Numbers | None", seed: int | None, out: Path
+) -> str:
+    """Write the table of inputs of a campaign; returns what was written, in words."""
+    import numpy as np
+    import pandas as pd
+
+    numbers, total = loaded.asked(cases)
+    parts = [loaded.draw(first, end - first, seed, total) for first, end in numbers.ranges]
+    drawn = np.concatenate(parts)
+    which = np.concatenate([np.arange(first, end) for first, end in numbers.ranges])
+    table = pd.DataFrame({"case": which})
+    for i, column in enumerate(loaded.input_columns):
+        table[column.name] = drawn[:, i]
+    from sepmc.campaign import store
+
+    if out.suffix.lower() == ".csv":
+        store.write_text(out, table.to_csv(index=False))
+    else:
+        from sepmc.schema import Column
+
+        columns = [Column("case", "1", "number of the case"), *loaded.input_columns]
+        store.write_parquet(out, columns, {c.name: table[c.name].to_numpy() for c in columns})
+    return f"{len(table)} cases, {len(loaded.input_columns)} inputs"

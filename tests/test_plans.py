@@ -1,0 +1,324 @@
+"""Which cases are flown: so many, those named, those of a table; no more than it takes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import sepmc
+from sepmc.analysis.precision import read_until
+from sepmc.analysis.proportions import interval
+from sepmc.analysis.rows import Rows
+from sepmc.campaign.numbers import Numbers, read
+from sepmc.campaign.store import StoreError, read_manifest
+from sepmc.cli import main
+from sepmc.scene.messages import InputError, SceneError
+from sepmc.trust.gate.plain import flown_plainly
+
+# two bodies that a spring parts in empty space
+SPRUNG = """
+environment = { atmosphere = "none", gravity = "none" }
+[body.fore]
+mass_kg = 3.0
+inertia_kg_m2 = [3.0, 4.0, 5.0]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.0]
+cg_m = [3.0, 0.0, 0.0]
+[[spring]]
+name = "push"
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+axis = [1.0, 0.0, 0.0]
+force_N = 30.0
+stroke_m = 0.02
+[joint.pins]
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+[[phase]]
+name = "locked"
+joints = { pins = "fixed" }
+until = { time_s = 0.05 }
+[[phase]]
+name = "free"
+[initial]
+altitude_m = 1000.0
+speed_m_s = 1.0
+[run]
+end_time_s = 0.3
+cases = 12
+seed = 4
+[solver]
+step_s = 0.05
+[dispersion]
+"body.fore.mass_kg" = { uniform = 0.5 }
+"spring.push.force_N" = { normal = 1.0, truncate_sigma = 3 }
+"""
+INPUTS = ["in_body_fore_mass_kg", "in_spring_push_force_N"]
+
+
+@pytest.fixture(autouse=True)
+def _plainly():
+    with flown_plainly():
+        yield
+
+
+@pytest.fixture
+def file(tmp_path):
+    """The campaign file of the sprung pair."""
+    path = tmp_path / "sprung.toml"
+    path.write_text(SPRUNG, encoding="utf-8")
+    return path
+
+
+def flown(campaign, *args, **kwargs):
+    """The case table of a run."""
+    return campaign.run(*args, **kwargs).to_pandas()
+
+
+def command(*words):
+    """Exit code and output of a command."""
+    found = CliRunner().invoke(main, [str(word) for word in words])
+    assert found.exception is None or isinstance(found.exception, SystemExit), found.output
+    return found.exit_code, found.output
+
+
+@settings(deadline=None)
+@given(st.sets(st.integers(0, 60), min_size=1), st.sets(st.integers(0, 70)), st.integers(1, 9))
+def test_numbers_are_a_set(numbers, others, size):
+    """Ranges behave as the set of the numbers that they stand for, and as text they come back."""
+    found, held = Numbers.of(numbers), np.array(sorted(others), dtype=np.int64)
+    assert [i for a, b in found.ranges for i in range(a, b)] == sorted(numbers)
+    assert all(b < c for (_, b), (c, _) in zip(found.ranges, found.ranges[1:], strict=False))
+    assert (found.count, found.end) == (len(numbers), max(numbers) + 1)
+    assert found.are_first == (numbers == set(range(len(numbers))))
+    left = found.without(held)
+    assert [i for a, b in left.pieces(size) for i in range(a, b)] == sorted(numbers - others)
+    assert all(0 < b - a <= size for a, b in left.pieces(size))
+    assert found.leave_out(held) == bool(others - numbers)
+    assert found.common(Numbers.of(others)) == len(numbers & others)
+    assert [i in found for i in range(75)] == [i in numbers for i in range(75)]
+    assert read(f"{found},{found}") == found
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("1e4", 10_000),
+        (" 300 ", 300),
+        ("25:28,73", Numbers(((25, 28), (73, 74)))),
+        ("5,3,4", Numbers(((3, 6),))),
+        ("7,", None),
+        ("4:4", None),
+        ("-3", None),
+        ("1.5", None),
+        ("1e10", None),
+        ("a:b", None),
+        ("1:2:3", None),
+        ("0", None),
+    ],
+)
+def test_cases_as_text(text, found):
+    """What the command line takes, and what it refuses."""
+    if found is not None:
+        assert read(text) == found
+    else:
+        with pytest.raises(InputError, match="cases = "):
+            read(text)
+
+
+@pytest.mark.parametrize("sampler", ["random", "lhs", "sobol"])
+def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
+    """Named cases fly as they do among all, whatever draws them; the folder says which they are,
+    goes on with others, replays only what it holds."""
+    campaign = sepmc.load(file, {"run.sampler": sampler})
+    every, folder = flown(campaign), tmp_path / "run"
+    some = campaign.run("3:5,9", out=folder)
+    assert flown(campaign, [9, 3, 4]).equals(some.to_pandas())
+    pd.testing.assert_frame_equal(
+        some.to_pandas(), every[every["case"].isin([3, 4, 9])].reset_index(drop=True)
+    )
+    assert some.case(9).inputs == campaign.case(9).inputs
+    with pytest.raises(InputError, match="case = 5: is none of those flown, 3:5,9"):
+        some.case(5)
+    told = read_manifest(folder)
+    assert (told["cases"], told["numbers"], told["of"]) == (3, "3:5,9", 12)
+    with pytest.raises(StoreError, match="would leave some out"):
+        campaign.run("3:5", out=folder, resume=True)
+    pd.testing.assert_frame_equal(flown(campaign, None, out=folder, resume=True), every)
+    assert "numbers" not in read_manifest(folder)
+
+
+def test_a_hypercube_has_no_other_cases(file):
+    """Cases beyond a Latin hypercube are refused."""
+    campaign = sepmc.load(file, {"run.sampler": "lhs"})
+    with pytest.raises(InputError, match="cases = 10:14: 2 of them are not among 0:12"):
+        campaign.run("10:14")
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_plan_is_flown_exactly(file, tmp_path, ending):
+    """A table that ``sample`` writes gives all inputs to the last bit, whatever the laws of the
+    file now say; its run folder replays, resumes and is refused to another plan."""
+    table, folder = tmp_path / f"plan.{ending}", tmp_path / "run"
+    code, said = command("sample", file, "--cases", "2:6,9", "--out", table)
+    assert (code, "5 cases, 2 inputs" in said) == (0, True), said
+    assert command("sample", file, "--out", table)[0] == 2  # is not overwritten
+    drawn = sepmc.load(file)
+    other = {"run.plan": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
+    other["dispersion"]["spring.push.force_N"] = {"uniform": [1.0, 2.0]}
+    result = sepmc.load(file, other).run(out=folder)
+    rows = result.to_pandas()
+    expected = flown(drawn, "2:6,9")
+    assert rows[["case", *INPUTS]].equals(expected[["case", *INPUTS]])
+    pd.testing.assert_frame_equal(rows, expected, rtol=1e-9, atol=1e-12)
+    table.unlink()  # the folder holds its own
+    again = sepmc.load(folder)
+    assert again.digest == result.campaign.digest
+    assert again.case(9).inputs == drawn.case(9).inputs
+    with pytest.raises(InputError, match=r"case = 7: no such case in plan\.parquet"):
+        again.case(7)
+    assert again.run(out=folder, resume=True).resumed == 5
+    changed = pd.read_parquet(folder / "plan.parquet")
+    changed.loc[0, INPUTS[0]] += 1e-9
+    changed.to_parquet(tmp_path / "changed.parquet")
+    with pytest.raises(StoreError, match="another campaign"):
+        again.with_settings({"run.plan": str(tmp_path / "changed.parquet")}).run(
+            out=folder, resume=True
+        )
+
+
+def test_columns_of_an_upstream_campaign(file, tmp_path):
+    """A column of any name gives an input, row by row, in the unit of the key; what the table does
+    not give is drawn; what it holds besides is left alone."""
+    upstream = tmp_path / "trajectories.csv"
+    speeds = np.linspace(10.0, 20.0, 40)
+    pd.DataFrame({"V_sep": speeds, "note": ["x"] * 40, "h": 1.0}).to_csv(upstream, index=False)
+    text = SPRUNG.replace(
+        "[dispersion]", '[dispersion]\n"initial.speed_m_s" = { column = "V_sep" }'
+    )
+    file.write_text(text.replace("cases = 12", 'plan = "trajectories.csv"'), encoding="utf-8")
+    campaign = sepmc.load(file)
+    rows = flown(campaign)
+    assert rows["in_initial_speed_m_s"].tolist() == speeds.tolist()
+    drawn = sepmc.load(
+        file,
+        {
+            "dispersion": {
+                "body.fore.mass_kg": {"uniform": 0.5},
+                "initial.speed_m_s": {"column": "V_sep"},
+            }
+        },
+    )
+    assert flown(drawn, 5)[INPUTS[0]].equals(rows[INPUTS[0]][:5])
+    assert "column V_sep of run.plan (10, 20)" in campaign.input_columns[0].meaning
+    assert campaign.file.dispersions[0].law == "given"  # trial cases: over all its range
+    assert campaign.file.dispersions[0].support == (10.0, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("table", "law", "said"),
+    [
+        ({"V": [1.0, -1.0]}, "V", "the law reaches -1, but the value must be >= 0"),
+        ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
+        ({"V": ["fast", "slow"]}, "V", "no such column of numbers in plan.csv"),
+        ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
+        ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),
+        ({"case": [0.5, 1], "V": [1.0, 2.0]}, "V", "column case = '0.5': must hold whole numbers"),
+        ({"V": [1.0], "in_body_fore_mas_kg": [1.0]}, "V", "no such input here: did you mean"),
+        ({"V": []}, "V", "has no rows"),
+    ],
+)
+def test_plans_that_cannot_be(file, tmp_path, table, law, said):
+    """What is wrong with a table is told with its place, before anything is flown."""
+    pd.DataFrame(table).to_csv(tmp_path / "plan.csv", index=False)
+    text = SPRUNG.replace(
+        "[dispersion]", f'[dispersion]\n"initial.speed_m_s" = {{ column = "{law}" }}'
+    )
+    file.write_text(text.replace("cases = 12", 'plan = "plan.csv"'), encoding="utf-8")
+    with pytest.raises(SceneError, match=said):
+        sepmc.load(file)
+
+
+def test_a_plan_meets_correlations(file, tmp_path):
+    """Parameters that a table gives vary together as they do there; to correlate one of them with
+    another that is drawn is refused."""
+    together = {
+        "correlation": [
+            {"parameters": ["body.fore.mass_kg", "spring.push.force_N"], "coefficient": 0.9}
+        ]
+    }
+    table = tmp_path / "plan.csv"
+    pd.DataFrame({INPUTS[0]: [3.0, 3.1]}).to_csv(table, index=False)
+    with pytest.raises(SceneError, match=r"mass_kg'?: is given by run\.plan, unlike the others"):
+        sepmc.load(file, {"run.plan": str(table), **together})
+    pd.DataFrame({INPUTS[0]: [3.0, 3.1], INPUTS[1]: [30.0, 29.0]}).to_csv(table, index=False)
+    assert flown(sepmc.load(file, {"run.plan": str(table), **together}))[INPUTS[1]].tolist() == [
+        30.0,
+        29.0,
+    ]
+
+
+def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
+    """A campaign ends with the first 8, 16, ... cases (256, 512, ... as it comes) whose interval is
+    narrow enough, as the first cases of the whole, and says so."""
+    monkeypatch.setattr("sepmc.campaign.campaign._LOOKED_AT", 8)
+    campaign = sepmc.load(file)
+    size = campaign.run(8).statistics().loc["separation_speed_m_s", "mean_se"] * 1.96
+    result = campaign.run(200, out=tmp_path / "run", until=f"separation_speed_m_s:{size * 0.8}")
+    assert result.numbers.count == 16
+    assert result.to_pandas().equals(flown(campaign, 16))
+    assert "after 16 of 200 cases the mean of separation_speed_m_s is" in result.notes[-1]
+    told = read_manifest(tmp_path / "run")
+    assert (told["cases"], told["complete"], sepmc.load(tmp_path / "run").scene.run.cases) == (
+        16,
+        True,
+        16,
+    )
+    short = campaign.run(20, until="separation_speed_m_s.p95:1e-9", stats_only=True)
+    assert (short.numbers.count, short.notes[-1].endswith("NOT MET")) == (20, True)
+
+
+def test_half_intervals():
+    """Half of an interval is that of the mean, of order statistics, or of Clopper and Pearson."""
+    x = np.random.default_rng(3).normal(2.0, 0.1, 400)
+    rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
+    summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
+    row = summary.statistics().loc["speed_m_s"]
+    assert read_until("speed_m_s:1", names).known(summary) == (
+        row["mean"],
+        pytest.approx(1.959964 * row["mean_se"]),
+    )
+    found = read_until("speed_m_s.p95:1%", names)
+    assert (found.tolerance, found.relative) == (0.01, True)
+    assert found.known(summary) == (row["p95"], (row["p95_high"] - row["p95_low"]) / 2.0)
+    low, high = interval(0, 400)
+    assert read_until("never-released:0.1", names).known(summary) == (0.0, (high - low) / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("separation_speed_m_s", "must be METRIC:TOLERANCE"),
+        ("separation_speed_m_s:-1", "must be METRIC:TOLERANCE"),
+        ("separation_sped_m_s:1", "did you mean 'separation_speed_m_s'"),
+        ("separation_speed_m_s.p98:1", "no such statistic as 'p98'; mean, sigma"),
+        ("never-released.mean:1", "no such statistic as 'mean'; share"),
+    ],
+)
+def test_what_until_refuses(file, text, said):
+    """What cannot be asked for is told before anything is flown."""
+    with pytest.raises(InputError, match=said):
+        sepmc.load(file).run(4, until=text)
+
+
+def test_dry_run_writes_nothing(file, tmp_path):
+    """A dry run says how many cases would go where, and leaves no folder."""
+    folder = tmp_path / "run"
+    code, said = command("campaign", file, "--cases", "1e3", "--out", folder, "--dry-run")
+    assert (code, folder.exists()) == (0, False), said
+    assert "sprung: 1000 cases, seed 4, sampler random" in said
+    assert "2 inputs" in said
