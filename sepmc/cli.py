@@ -20,7 +20,7 @@ def main() -> None:
     \b
     Examples:
       sepmc campaign table2.toml --set body.upper.mass_kg=460 --out runs/heavy
-      sepmc run runs/heavy --case 17
+      sepmc replay runs/heavy --case 17
 
     FILE is a campaign file, a run folder, or the name of a shipped campaign (sepmc list). Exit
     codes: 0 done, 1 flown but no case reached the end (verify, stress: a line failed; campaign
@@ -36,6 +36,7 @@ for _command in (
     cli_runs.campaign,
     cli_runs.sample,
     cli_runs.run,
+    cli_runs.replay,
     cli_runs.stats,
     cli_runs.plot,
     cli_runs.drivers,

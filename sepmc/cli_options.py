@@ -41,6 +41,13 @@ SAMPLER = click.option(
     type=click.Choice(("random", "lhs", "sobol", "saltelli")),
     help="How cases are drawn, instead of the file's run.sampler.",
 )
+EVERY = click.option(
+    "--every-s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=0.001,
+    show_default=True,
+    help="Time between rows.",
+)
 SETTINGS = click.option(
     "--set",
     "settings",

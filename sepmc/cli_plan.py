@@ -26,9 +26,7 @@ def tell_plan(
     for that; nothing is written."""
     from sepmc import schema
     from sepmc.campaign.chunks import chunk_size, row_bytes
-    from sepmc.campaign.pilot import kernel_text
-    from sepmc.engine import cache
-    from sepmc.kernel.pieces import split
+    from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 
     numbers, total = loaded.asked(cases)
     n, run, seed = numbers.count, loaded.scene.run, loaded.scene.run.seed if seed is None else seed
@@ -51,14 +49,12 @@ def tell_plan(
     size = min(n, chunk_size(loaded, separation))
     say(f"  memory    {_size(3 * size * (row + history))} beside 0.3 GB, in chunks of {size} cases")
     text = kernel_text(loaded, history=bool(separation))
-    names = cache.write([piece.text for piece in split(text)])
-    if missing := len(cache.missing(names)):
-        say(f"  kernel    {missing} of {len(names)} pieces to compile, some seconds each")
+    missing, pieces = left_to_compile(text)
+    if missing:
+        say(f"  kernel    {missing} of {pieces} pieces to compile, some seconds each")
         say(f"  time      known once it is compiled: sepmc compile {loaded.name}")
         return
-    say(f"  kernel    compiled: {len(names)} pieces in the cache")
-    from sepmc.campaign.pilot import plan_flight
-
+    say(f"  kernel    compiled: {pieces} pieces in the cache")
     begun = time.perf_counter()
     flight = plan_flight(loaded, history=bool(separation), announce=None)
     trials = time.perf_counter() - begun

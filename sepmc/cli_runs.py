@@ -2,7 +2,6 @@
 needs it."""
 
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import click
 from sepmc.cli_options import (
     CASES,
     CHECK,
+    EVERY,
     NO_PLOTS,
     OUT,
     OVERWRITE,
@@ -29,7 +29,6 @@ from sepmc.cli_output import (
     manifest_with_rows,
     plain_errors,
     progress_bar,
-    single_error_text,
     speaker,
     summary_of,
     tell_results,
@@ -203,18 +202,8 @@ def sample(
     type=click.IntRange(min=0),
     help="Dispersed case to fly; default the nominal.",
 )
-@click.option("--least", metavar="OUTCOME", help="With a run folder: its case of least OUTCOME.")
-@click.option(
-    "--greatest", metavar="OUTCOME", help="With a run folder: its case of greatest OUTCOME."
-)
 @click.option("--seed", type=click.IntRange(min=0), help="Seed of the case, instead of the file's.")
-@click.option(
-    "--every-s",
-    type=click.FloatRange(min=0.0, min_open=True),
-    default=0.001,
-    show_default=True,
-    help="Time between rows.",
-)
+@EVERY
 @OUT
 @SETTINGS
 @NO_PLOTS
@@ -223,8 +212,6 @@ def sample(
 def run(
     file: str,
     number: int | None,
-    least: str | None,
-    greatest: str | None,
     seed: int | None,
     every_s: float,
     out: Path | None,
@@ -233,77 +220,78 @@ def run(
     overwrite: bool,
     quiet: bool,
 ) -> None:
-    """Fly one case of FILE and write its time history; with a run folder as FILE, --case, --least
-    or --greatest replays one of its cases. Exit code 1 if its status is not ok."""
+    """Fly one case of FILE and write its time history. Exit code 1 if its status is not ok."""
     say = speaker(quiet)
     with plain_errors(quiet):
+        from sepmc.cli_single import check_held, tell_single
+
         loaded = load_campaign(file, settings)
-        from sepmc import schema
-        from sepmc.campaign import store
-        from sepmc.engine.door import check_every
+        check_held(Path(file), number, seed)
+        code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
+    sys.exit(code)
 
-        check_every(every_s, loaded.scene, "--every-s")
-        if least or greatest:
-            if (number, seed) != (None, None) or (least and greatest):
-                raise click.UsageError("give one of --case, --least and --greatest, and no --seed")
-            number = _extreme(Path(file), loaded, least or greatest or "", bool(least))
-            say(f"{file}: case {number} has the {'least' if least else 'greatest'} of them")
-        _check_held(Path(file), number, seed)
-        case = loaded.nominal() if number is None else loaded.case(number, seed)
-        folder = out or store.next_folder(
-            loaded.name if number is None else f"{loaded.name}-case{number}"
-        )
-        store.open_folder(folder, overwrite, resumable=False)
-        start = time.perf_counter()
-        history = loaded.simulate(case, every_s, say)
-        seconds = time.perf_counter() - start
-        meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
-        store.write_history(folder, history, meanings)
-        store.write_text(folder / store.CAMPAIGN, loaded.file.toml)
-        manifest = {
-            "campaign": loaded.name,
-            "digest": loaded.digest,
-            "case": None if number is None else number,
-            "seed": None if number is None else loaded.scene.run.seed if seed is None else seed,
-            "inputs": case.inputs,
-            "status": history.attrs["status"],
-            "compiled": history.attrs["compiled"],
-            "outcomes": history.attrs["outcomes"],
-            "errors": history.attrs["errors"],
-            "notes": history.attrs["notes"],
-            "bodies": loaded.plan.bodies,
-            "joints": list(loaded.plan.joints),
-            **store.versions(),
-        }
-        store.write_json(folder / store.MANIFEST, manifest)
-        status = schema.Status[history.attrs["status"].upper().replace("-", "_")]
-        say(
-            f"{loaded.name}, {'nominal' if number is None else f'case {number}'}: {status.label}: "
-            f"{status.sentence}"
-        )
-        for name, value in case.inputs.items():
-            say(f"  {name:44s} {value:.9g}")
-        for name, value in history.attrs["outcomes"].items():
-            say(f"  {name:44s} {value:.9g}")
-        for note in history.attrs["notes"] + ([] if number is None else undispersed(loaded)):
-            click.echo(f"warning: {note}", err=True)
-        error = single_error_text(history.attrs["outcomes"], history.attrs["errors"], loaded)
-        if error is not None:
-            say(error)
-        how = "compiled" if history.attrs["compiled"] else "in plain Python"
-        say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
-        if not no_plots:
-            from sepmc.report.figures import run_figures
 
-            run_figures(
-                history,
-                folder,
-                loaded.plan.bodies,
-                list(loaded.plan.joints),
-                f"{loaded.name}, {'nominal case' if number is None else f'case {number}'}",
-            )
-        say(f"wrote {folder}")
-    sys.exit(0 if status is schema.Status.OK else 1)
+@click.command(short_help="Fly one case of RUN again, and see whether its row is the same.")
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--case", "number", type=click.IntRange(min=0), help="The case of this number.")
+@click.option("--worst", metavar="REQUIREMENT", help="The worst case of a requirement.")
+@click.option("--least", metavar="OUTCOME", help="The case of least OUTCOME.")
+@click.option("--greatest", metavar="OUTCOME", help="The case of greatest OUTCOME.")
+@click.option(
+    "--nearest",
+    metavar="OUTCOME:AT",
+    help="The case nearest to a percentile (p99.73), the mean or a value of OUTCOME.",
+)
+@EVERY
+@OUT
+@click.option(
+    "--film",
+    type=click.Choice(("gif", "mp4")),
+    help="A moving drawing too, film.gif or, with ffmpeg, film.mp4 (half a minute).",
+)
+@NO_PLOTS
+@OVERWRITE
+@QUIET
+def replay(
+    folder: Path,
+    number: int | None,
+    worst: str | None,
+    least: str | None,
+    greatest: str | None,
+    nearest: str | None,
+    every_s: float,
+    out: Path | None,
+    film: str | None,
+    no_plots: bool,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Fly one case of RUN again with its time history. Its row is flown again too, by the compiled
+    kernel of the campaign, and compared bit by bit. Figures show the nominal case behind it. Exit
+    code 1 if its status is not ok, or its row differs.
+
+    \b
+    Examples:
+      sepmc replay runs/windy --worst no_recontact --film gif
+      sepmc replay runs/windy --nearest separation_speed_m_s:p99.73
+    """
+    say = speaker(quiet)
+    with plain_errors(quiet):
+        from sepmc.cli_single import check_held, chosen, tell_single
+
+        manifest_with_rows(folder)
+        ways = {"worst": worst, "least": least, "greatest": greatest, "nearest": nearest}
+        given = {way: asked for way, asked in ways.items() if asked}
+        if len(given) + (number is not None) != 1:
+            raise click.UsageError("give one of --case, --worst, --least, --greatest and --nearest")
+        loaded = load_campaign(str(folder), (), warn=False)
+        for way, asked in given.items():
+            number = chosen(folder, loaded, way, asked, say)
+        check_held(folder, number, None)
+        code = tell_single(
+            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film
+        )
+    sys.exit(code)
 
 
 @click.command(short_help="Statistics of RUN again, from its files alone.")
@@ -416,36 +404,3 @@ def _check_required(campaign: "Campaign", must_pass: bool) -> None:
     """There is nothing to check where nothing is required."""
     if must_pass and not campaign.file.requirements:
         raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")
-
-
-def _extreme(folder: Path, loaded: "Campaign", outcome: str, least: bool) -> int:
-    """The case of a run folder with the least or greatest value of an outcome."""
-    from sepmc.campaign import store
-    from sepmc.scene.messages import nearest
-
-    known = [column.name for column in loaded.outcome_columns]
-    if outcome not in known:
-        raise store.StoreError(f"{outcome}: no such outcome; {nearest(outcome, known)}")
-    manifest_with_rows(folder)
-    rows = store.read_cases(folder, columns=["case", "status", outcome])
-    there = ((rows["status"] == "ok") & rows[outcome].notna()).to_numpy()
-    if not there.any():
-        raise store.StoreError(f"{folder}: no ok case has {outcome}")
-    numbers, values = rows["case"].to_numpy()[there], rows[outcome].to_numpy()[there]
-    return int(numbers[values.argmin() if least else values.argmax()])
-
-
-def _check_held(file: Path, number: int | None, seed: int | None) -> None:
-    """A case replayed from a run folder must be one that the run holds."""
-    from sepmc.campaign import store
-    from sepmc.campaign.numbers import named
-
-    if number is not None and seed is None and (file / store.MANIFEST).is_file():
-        held = store.read_manifest(file).get("cases")
-        which = store.read_manifest(file).get("numbers")
-        if which and number not in named(which):
-            raise store.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
-        if not which and isinstance(held, int) and number >= held:
-            raise store.StoreError(
-                f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them"
-            )

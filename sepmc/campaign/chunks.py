@@ -177,10 +177,6 @@ class Chunks:
         """Say what the folder holds, in it."""
         assert self.folder is not None
         campaign = self.campaign
-        own: dict[str, Any] = {"cases": self.draws.total, "seed": self.draws.seed}
-        if campaign.file.plan:
-            own["plan"] = store.PLAN
-        tree = {**campaign.file.tree, "run": {**campaign.file.tree.get("run", {}), **own}}
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
@@ -197,7 +193,8 @@ class Chunks:
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
         try:
-            store.write_text(self.folder / store.CAMPAIGN, replace(campaign.file, tree=tree).toml)
+            text = store.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
+            store.write_text(self.folder / store.CAMPAIGN, text)
             store.write_json(self.folder / store.MANIFEST, manifest)
         except OSError as error:
             raise store.StoreError(

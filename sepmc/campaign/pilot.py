@@ -41,6 +41,7 @@ from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
+from sepmc.kernel.pieces import split
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
@@ -455,3 +456,11 @@ __all__ = [
     "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text",
     "plan_flight", "relative_error", "sample",
 ]  # fmt: skip
+
+
+def left_to_compile(text: str) -> tuple[int, int]:
+    """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
+    from sepmc.engine import cache as compiled  # noqa: PLC0415  (numba)
+
+    names = compiled.write([piece.text for piece in split(text)])
+    return len(compiled.missing(names)), len(names)

@@ -8,6 +8,7 @@ import platform
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +21,7 @@ import pyarrow.parquet as pq
 
 from sepmc import __version__
 from sepmc.scene.given import CASE, Given
+from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
@@ -251,6 +253,13 @@ def drop_incomplete(folder: Path) -> int:
     return dropped
 
 
+def campaign_text(file: CampaignFile, **run: Any) -> str:
+    """The resolved campaign of a folder as TOML, with other values of ``run``."""
+    own = run | ({"plan": PLAN} if file.plan else {})
+    tree = {**file.tree, "run": {**file.tree.get("run", {}), **own}} if own else file.tree
+    return replace(file, tree=tree).toml
+
+
 def write_plan(folder: Path, plan: Given, inputs: list[Column]) -> None:
     """Write the table that gives inputs, so that the run can be replayed and resumed from its
     folder alone."""
@@ -348,6 +357,18 @@ def read_cases(
     """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or
     some."""
     return _read(folder, CASES, ["case"], below, columns)
+
+
+def read_row(folder: Path, number: int) -> dict[str, Any]:
+    """The row of a case of a run. Raises StoreError if the run does not hold it."""
+    for part in reversed(_parts(folder, CASES)):
+        if part.name <= part_path(folder, CASES, number).name:
+            frame = _read_part(part).to_pandas()
+            found = frame[frame["case"] == number]
+            if len(found):
+                return {str(name): found[name].iloc[0] for name in found}
+            break
+    raise StoreError(f"{folder}: does not hold case {number}")
 
 
 def read_histories(folder: Path, below: int | None = None) -> pd.DataFrame | None:

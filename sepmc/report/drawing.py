@@ -12,12 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
 
-from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, save
+from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
-_TINTS = ("#cfe1f2", "#f8d9c4", "#d5ecd9", "#e6dff0", "#f3e9c6")
-_EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
 _ARROW, _APART = 0.09, 0.08  # of the vehicle's length: arrows, names that would not collide
 Point = tuple[float, float, float]
 
@@ -112,7 +110,7 @@ def _size(scene: Scene) -> float:
 def _outlines(ax: Axes, scene: Scene, view: _View) -> None:
     """Parts of bodies: filled, or dashed where they are hollow."""
     for number, body in enumerate(scene.body.values()):
-        tint, edge = _TINTS[number % len(_TINTS)], _EDGES[number % len(_EDGES)]
+        tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
         for part in body.outline:
             style = {"edgecolor": edge, "linewidth": 1.1}
             style |= {"fill": False, "linestyle": "--"} if part.hollow else {"facecolor": tint}
@@ -144,7 +142,7 @@ def _masses(
 ) -> None:
     """Centres of mass, and how far they vary."""
     for number, (name, body) in enumerate(scene.body.items()):
-        edge, at = _EDGES[number % len(_EDGES)], view.at(body.cg)
+        edge, at = EDGES[number % len(EDGES)], view.at(body.cg)
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)
         labels.ax.plot(*at, marker="+", ms=9, color=edge, mew=1.6, zorder=5)
         mass = f"{body.mass:,.0f}" if body.mass >= 1e3 else f"{body.mass:.4g}"

@@ -182,6 +182,7 @@ def run_figures(
     joints: Sequence[str],
     about: str = "",
     suffix: str = ".png",
+    behind: pd.DataFrame | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -202,6 +203,8 @@ def run_figures(
         What stands in titles: the campaign and its case.
     suffix : str
         Of the files.
+    behind : DataFrame, optional
+        The history of the nominal case, drawn behind in pale lines.
 
     Returns
     -------
@@ -226,6 +229,7 @@ def run_figures(
                     f"{about}: {title}" if about else title,
                     there,
                     min(columns, len(there)),
+                    behind,
                 )
             )
 
@@ -383,9 +387,14 @@ def _is_bell(found: Histogram) -> bool:
 
 
 def _time_page(
-    history: pd.DataFrame, path: Path, title: str, panels: list[Panel], columns: int
+    history: pd.DataFrame,
+    path: Path,
+    title: str,
+    panels: list[Panel],
+    columns: int,
+    behind: pd.DataFrame | None = None,
 ) -> Path:
-    """Panels over one time axis, with the phases."""
+    """Panels over one time axis, with the phases; another case ``behind``."""
     rows = -(-len(panels) // columns)
     figure, axes = sheet(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
@@ -395,6 +404,16 @@ def _time_page(
         for (name, text), (colour, style) in zip(
             panel.lines, (panel.styles * len(panel.lines))[: len(panel.lines)], strict=True
         ):
+            if behind is not None and name in behind:
+                ax.plot(
+                    behind["time_s"],
+                    behind[name],
+                    color=colour,
+                    linewidth=3.0,
+                    alpha=0.25,
+                    zorder=1.8,
+                    label="nominal case (pale)",
+                )
             if name in history:
                 ax.plot(
                     history["time_s"],

@@ -15,6 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+# of bodies: what fills them, and their edges
+TINTS = ("#cfe1f2", "#f8d9c4", "#d5ecd9", "#e6dff0", "#f3e9c6")
+EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
 
 
 def made(folder: Path) -> Path:

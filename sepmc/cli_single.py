@@ -1,0 +1,185 @@
+"""What the command line tells of one case: flown by itself, or flown again of a run."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sepmc.cli_options import undispersed
+from sepmc.cli_output import errors_told, single_error_text, summary_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.definition import Case
+
+_SAID = {"least": "has the least of them", "greatest": "has the greatest of them"}
+
+
+def tell_single(
+    loaded: "Campaign",
+    number: int | None,
+    seed: int | None,
+    every_s: float,
+    out: Path | None,
+    overwrite: bool,
+    say: Callable[[str], None],
+    plots: bool,
+    run: Path | None = None,
+    film: str | None = None,
+) -> int:
+    """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
+    is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
+    from sepmc import schema
+    from sepmc.campaign import store
+    from sepmc.engine.door import check_every
+
+    check_every(every_s, loaded.scene, "--every-s")
+    about = "nominal case" if number is None else f"case {number}"
+    case = loaded.nominal() if number is None else loaded.case(number, seed)
+    folder = out or store.next_folder(
+        loaded.name if number is None else f"{loaded.name}-case{number}"
+    )
+    store.open_folder(folder, overwrite, resumable=False)
+    start = time.perf_counter()
+    history = loaded.simulate(case, every_s, say)
+    seconds = time.perf_counter() - start
+    _write(folder, loaded, case, history, number, seed)
+    flown = history.attrs
+    status = schema.Status[flown["status"].upper().replace("-", "_")]
+    say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
+    for name, value in [*case.inputs.items(), *flown["outcomes"].items()]:
+        say(f"  {name:44s} {value:.9g}")
+    for note in flown["notes"] + ([] if number is None else undispersed(loaded)):
+        click.echo(f"warning: {note}", err=True)
+    error = single_error_text(flown["outcomes"], flown["errors"], loaded)
+    if error is not None:
+        say(error)
+    how = "compiled" if flown["compiled"] else "in plain Python"
+    say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
+    same = True if run is None or number is None else _check_row(loaded, run, number, say)
+    if plots:
+        from sepmc.report.figures import run_figures
+
+        behind = None if run is None else loaded.simulate(None, every_s, say)
+        run_figures(
+            history,
+            folder,
+            loaded.plan.bodies,
+            list(loaded.plan.joints),
+            f"{loaded.name}, {about}",
+            behind=behind,
+        )
+    if film:
+        from sepmc.report import animation
+
+        path = folder / f"film.{film}"
+        animation.film(history, case.scene, f"{loaded.name}, {about}", path)
+    say(f"wrote {folder}")
+    return 0 if status is schema.Status.OK and same else 1
+
+
+def _write(
+    folder: Path,
+    loaded: "Campaign",
+    case: "Case",
+    history: "pd.DataFrame",
+    number: int | None,
+    seed: int | None,
+) -> None:
+    """Write the history of a case, its file and its manifest."""
+    from sepmc import schema
+    from sepmc.campaign import store
+
+    meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
+    store.write_history(folder, history, meanings)
+    if loaded.file.plan:
+        store.write_plan(folder, loaded.file.plan, loaded.input_columns)
+    store.write_text(folder / store.CAMPAIGN, store.campaign_text(loaded.file))
+    own = loaded.scene.run.seed if seed is None else seed
+    manifest = {
+        "campaign": loaded.name,
+        "digest": loaded.digest,
+        "case": number,
+        "seed": None if number is None else own,
+        "inputs": case.inputs,
+        **{key: history.attrs[key] for key in _TOLD},
+        "bodies": loaded.plan.bodies,
+        "joints": list(loaded.plan.joints),
+        **store.versions(),
+    }
+    store.write_json(folder / store.MANIFEST, manifest)
+
+
+_TOLD = ("status", "compiled", "outcomes", "errors", "notes")
+
+
+def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], None]) -> bool:
+    """Say whether the row of a case comes out again to the last bit."""
+    from sepmc.campaign import replay, store
+
+    manifest = store.read_manifest(run)
+    total = manifest.get("of", manifest["cases"])
+    flight = replay.flown_before(loaded, say)
+    found = replay.check_row(loaded, flight, run, number, manifest["seed"], total)
+    other = _other_versions(manifest)
+    said = f"{found.sentence}{'; the run was made with ' + other if other else ''}"
+    if found.columns:
+        click.echo(f"warning: {said}", err=True)
+    else:
+        say(said)
+    return not found.columns
+
+
+def _other_versions(manifest: dict[str, Any]) -> str:
+    """Versions and machine of a run that are not those of today."""
+    from sepmc.campaign import store
+
+    made, now = manifest["sessions"][-1], store.versions()
+    before, here = (
+        {"sepmc": one.get("sepmc"), **one.get("versions", {}), "machine": one.get("machine")}
+        for one in (made, now)
+    )
+    return ", ".join(f"{key} {before[key]}" for key in before if before[key] != here.get(key))
+
+
+def chosen(
+    folder: Path, loaded: "Campaign", way: str, asked: str, say: Callable[[str], None]
+) -> int:
+    """The case of a run that is asked for as the worst, least, greatest or nearest."""
+    from sepmc.campaign import replay, store
+    from sepmc.campaign.accuracy import with_scales
+
+    cases = store.CaseColumns(folder)
+    if way == "worst":
+        summary = summary_of(folder, loaded)
+        told = errors_told(store.read_manifest(folder).get("accuracy") or {})
+        errors = with_scales(loaded, told, summary.statistics())
+        number, said = replay.worst(summary, loaded, errors, asked), f"is the worst of {asked}"
+    elif way == "nearest":
+        number, what = replay.near(cases, asked)
+        said = f"is nearest to {what}"
+    else:
+        number, said = replay.extreme(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
+    say(f"{folder}: case {number} {said}")
+    return number
+
+
+def check_held(file: Path, number: int | None, seed: int | None) -> None:
+    """A case replayed from a run folder must be one that the run holds."""
+    from sepmc.campaign import store
+    from sepmc.campaign.numbers import named
+
+    if number is None or seed is not None or not (file / store.MANIFEST).is_file():
+        return
+    manifest = store.read_manifest(file)
+    held, which = manifest.get("cases"), manifest.get("numbers")
+    if which and number not in named(which):
+        raise store.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
+    if not which and isinstance(held, int) and number >= held:
+        raise store.StoreError(
+            f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them"
+        )

@@ -1,0 +1,199 @@
+"""One case as a moving drawing: the bodies from the side and from above while they part."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from sepmc.report.style import BLACK, EDGES, TINTS, VERMILION, in_words, sheet
+from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
+
+FRAMES, _PER_SECOND, _AROUND = 100, 20, 40  # of the film; points around a rim
+_VIEWS = ((1, "up (m)"), (2, "right (m)"))  # coordinate across the flight, and its name
+_SHAPE = 0.3  # height of a view, of its width
+_ARROW = 0.15  # of the vehicle's length: the greatest constraint force
+
+
+def film(
+    history: pd.DataFrame,
+    scene: Scene,
+    title: str,
+    path: Path,
+    progress: Callable[[int], None] = lambda frame: None,
+) -> Path:
+    """Write the film of one case, a GIF or MP4 as its name ends; returns its path.
+
+    The picture moves with the common centre of mass and keeps the attitude that the first body
+    starts with: stations run to the right, as in drawings of the vehicle. Joints that hold are
+    filled; an arrow is the constraint force on a joint's second body, the longest the greatest.
+
+    Parameters
+    ----------
+    history : DataFrame
+        Rows of a single flight, see `sepmc.schema.history_columns`.
+    scene : of this case
+    title : above the film
+    path : ends in .gif, or in .mp4 where ffmpeg is installed
+    progress : told the number of each frame
+
+    Raises
+    ------
+    ValueError
+        If there is no ffmpeg for an MP4.
+    """
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise ValueError(f"{path}: an MP4 needs ffmpeg, which is not installed; use .gif")
+    writer = (FFMpegWriter if path.suffix == ".mp4" else PillowWriter)(fps=_PER_SECOND)
+    shots = [_Shot(history, scene, row) for row in _rows(history)]
+    limits = _limits(shots, scene)
+    force = max((shot.largest_force for shot in shots), default=0.0)
+    figure, axes = sheet(2, 1, (8.0, 2.9))
+    with writer.saving(figure, str(path), dpi=90):
+        for number, shot in enumerate(shots):
+            for ax, (up, label) in zip(axes, _VIEWS, strict=True):
+                ax.clear()
+                shot.draw(ax, up, force, _ARROW * limits[0])
+                ax.set_aspect("equal", adjustable="box")
+                ax.set(xlim=limits[1], ylim=limits[2 if up == 1 else 3], ylabel=label)
+                ax.grid(True, color="#e4e4e4", linewidth=0.5)
+            axes[-1].set_xlabel("aft (m)")
+            figure.suptitle(f"{title}\n{shot.caption}", fontsize=10)
+            writer.grab_frame()
+            figure.set_layout_engine("none")  # found once: half of the time of a frame
+            progress(number)
+    return path
+
+
+def _rows(history: pd.DataFrame) -> list[int]:
+    """Rows of a history at equal steps of time."""
+    times = history["time_s"].to_numpy()
+    wanted = np.linspace(times[0], times[-1], FRAMES)
+    places = np.clip(np.searchsorted(times, wanted), 0, len(times) - 1)
+    return list(dict.fromkeys(places.tolist()))
+
+
+class _Shot:
+    """Where the bodies of a case are at one instant."""
+
+    def __init__(self, history: pd.DataFrame, scene: Scene, row: int):
+        self.scene, now, start = scene, history.iloc[row], history.iloc[0]
+        first, *_ = scene.body
+        to_picture = _attitude(start, first).inv()
+        masses = np.array([body.mass for body in scene.body.values()])
+        places = np.array([[now[f"{b}_{axis}_m"] for axis in "xyz"] for b in scene.body])
+        centre = masses @ places / masses.sum()
+        self.places = dict(zip(scene.body, to_picture.apply(places - centre), strict=True))
+        self.turns = {name: to_picture * _attitude(now, name) for name in scene.body}
+        self.forces = {
+            name: self.turns[joint.bodies[0]].apply(
+                [now[f"{name}_force_on_{joint.bodies[1]}_{axis}_N"] for axis in "xyz"]
+            )
+            for name, joint in scene.joint.items()
+            if GROUND not in joint.bodies
+        }
+        phase = next(phase for phase in scene.phase if phase.name == now["phase"])
+        self.held = {name for name, kind in phase.joints.items() if kind != "free"}
+        self.caption = f"{now['time_s']:.3f} s, {in_words(now['phase'])}"
+        if self.forces:
+            self.caption += f"; constraint force {self.largest_force:,.0f} N"
+
+    @property
+    def largest_force(self) -> float:
+        """The largest constraint force, N."""
+        return max((float(np.linalg.norm(f)) for f in self.forces.values()), default=0.0)
+
+    def at(self, body: str, points: np.ndarray) -> np.ndarray:
+        """Layout points (n, 3) of a body in the picture: aft, up, right (n, 3)."""
+        arms = (points - np.array(self.scene.body[body].cg)) * [-1.0, 1.0, 1.0]
+        return (self.places[body] + self.turns[body].apply(arms)) * [-1.0, 1.0, 1.0]
+
+    def draw(self, ax: Axes, up: int, greatest: float, length: float) -> None:
+        """Draw the bodies, joints and forces into a view."""
+        for number, (name, body) in enumerate(self.scene.body.items()):
+            tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
+            for part in body.outline:
+                if part.points:
+                    ax.plot(*self.at(name, np.array(part.points))[:, [0, up]].T, "o", ms=3, c=edge)
+                    continue
+                style = {"fill": False, "ls": "--"} if part.hollow else {"fc": tint, "alpha": 0.9}
+                hull = _hull(self.at(name, _rims(part))[:, [0, up]])
+                ax.add_patch(Polygon(hull, closed=True, ec=edge, lw=1.1, **style))
+            if not body.outline:
+                marks = self.at(name, _marks(name, body, self.scene))[:, [0, up]]
+                ax.plot(*marks.T, "-", color=edge, lw=2.0, alpha=0.6)
+            ax.plot(*self.at(name, np.array([body.cg]))[0, [0, up]], "+", ms=9, mew=1.8, color=edge)
+        for name, joint in self.scene.joint.items():
+            self._joint(ax, up, name, joint, greatest, length)
+
+    def _joint(
+        self, ax: Axes, up: int, name: str, joint: Joint, greatest: float, length: float
+    ) -> None:
+        second = joint.bodies[1]
+        if second == GROUND:
+            return
+        point = joint.second_point or joint.point
+        end = self.at(second, np.array([point]))[0, [0, up]]
+        held = name in self.held
+        ax.plot(*end, "s", ms=5, mfc=BLACK if held else "white", mec=BLACK, zorder=4)
+        if name in self.forces and greatest > 0.0:
+            force = (self.forces[name] * [-1.0, 1.0, 1.0])[[0, up]] * length / greatest
+            if np.linalg.norm(force) > 0.01 * length:
+                arrow = {"arrowstyle": "-|>", "color": VERMILION, "linewidth": 1.6}
+                ax.annotate("", tuple(end + force), tuple(end), arrowprops=arrow, zorder=5)
+
+
+def _attitude(row: pd.Series, body: str) -> Rotation:
+    """Body to ground of a row: Rz(pitch) Ry(yaw) Rx(roll)."""
+    angles = [row[f"{body}_{angle}_deg"] for angle in ("pitch", "yaw", "roll")]
+    return Rotation.from_euler("ZYX", angles, degrees=True)
+
+
+def _rims(part: Part) -> np.ndarray:
+    """Layout points (n, 3) around both rims of a part."""
+    assert part.stations is not None
+    assert part.radii is not None
+    around = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
+    y, z = part.offset
+    return np.concatenate(
+        [
+            np.column_stack([np.full(_AROUND, s), y + r * np.cos(around), z + r * np.sin(around)])
+            for s, r in zip(part.stations, part.radii, strict=True)
+        ]
+    )
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    """The silhouette (m, 2) of points (n, 2) of a convex part."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:  # seen edge on
+        return points
+
+
+def _marks(name: str, body: Body, scene: Scene) -> np.ndarray:
+    """Layout points (n, 3) that stand for a body without an outline: its centre of mass and its
+    joints."""
+    points = [joint.point for joint in scene.joint.values() if name in joint.bodies]
+    return np.array([point for joint in points for point in (body.cg, joint)] or [body.cg])
+
+
+def _limits(shots: Sequence[_Shot], scene: Scene) -> tuple[float, tuple, tuple, tuple]:
+    """Length of the vehicle, and the ends of the axes aft, up and right that hold all shots."""
+    outer = []
+    for shot in shots:
+        for name, body in scene.body.items():
+            points = [_rims(p) if not p.points else np.array(p.points) for p in body.outline]
+            outer.append(shot.at(name, np.concatenate([*points, _marks(name, body, scene)])))
+    low, high = np.concatenate(outer).min(axis=0), np.concatenate(outer).max(axis=0)
+    middle, half = (low + high) / 2.0, (high - low) / 2.0 + 0.08 * max(high - low)
+    half[1:] = max(half[1], half[2], _SHAPE * half[0])
+    half[0] = half[1] / _SHAPE
+    ends = [(m - h, m + h) for m, h in zip(middle.tolist(), half.tolist(), strict=True)]
+    whole = np.concatenate(outer[: len(scene.body)])
+    return float(np.ptp(whole[:, 0])), ends[0], ends[1], ends[2]

@@ -1,0 +1,128 @@
+"""A case of a run flown again: the one that is asked for, its row to the last bit, its film."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+import sepmc
+from sepmc.campaign import store
+from sepmc.cli import main
+from sepmc.report import animation
+from sepmc.report.animation import _Shot
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A run of cases 5 to 44 of Table 2, with a requirement."""
+    folder = tmp_path_factory.mktemp("replay") / "run"
+    required = {"name": "slow", "metric": "separation_speed_m_s", "at_most": 0.6}
+    sepmc.load("table2.toml", {"requirement": [required]}).run("5:45", out=folder)
+    return folder
+
+
+def command(*words):
+    """Exit code and output of a command."""
+    found = CliRunner().invoke(main, [str(word) for word in words])
+    assert found.exception is None or isinstance(found.exception, SystemExit), found.output
+    return found.exit_code, found.output
+
+
+def values(folder, outcome):
+    """An outcome by the number of its case."""
+    return pd.read_parquet(folder / "cases").set_index("case")[outcome]
+
+
+@pytest.mark.parametrize(
+    ("words", "which"),
+    [
+        (["--least", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmin()),
+        (["--greatest", "upper_pitch_deg"], lambda f: values(f, "upper_pitch_deg").idxmax()),
+        (["--worst", "slow"], lambda f: values(f, "separation_speed_m_s").idxmax()),
+        (["--worst", "separation_speed_m_s"], lambda f: values(f, "separation_speed_m_s").idxmax()),
+        (
+            ["--nearest", "upper_pitch_deg:p50"],
+            lambda f: (
+                (values(f, "upper_pitch_deg") - values(f, "upper_pitch_deg").median())
+                .abs()
+                .idxmin()
+            ),
+        ),
+        (
+            ["--nearest", "upper_pitch_deg:0.25"],
+            lambda f: (values(f, "upper_pitch_deg") - 0.25).abs().idxmin(),
+        ),
+        (["--case", 44], lambda f: 44),
+    ],
+)
+def test_the_case_that_is_asked_for(folder, tmp_path, words, which):
+    """The worst, least, greatest, nearest or named case is flown again, and its row comes out the
+    same; its outcomes alone agree with the row to the accuracy of both."""
+    out = tmp_path / "case"
+    code, said = command("replay", folder, *words, "--out", out, "--no-plots", "--every-s", 0.01)
+    number = int(which(folder))
+    assert (code, f"row {number} is the same bit by bit" in said) == (0, True), said
+    told = store.read_manifest(out)
+    assert told["case"] == number
+    row = store.read_row(folder, number)
+    for name in ("separation_speed_m_s", "upper_omega_x_deg_s"):
+        assert told["outcomes"][name] == pytest.approx(row[name], rel=1e-7)
+
+
+def test_a_row_that_was_changed(folder, tmp_path):
+    """One bit in one column of a row is found, and named."""
+    part = next((folder / "cases").iterdir())
+    kept, table = part.read_bytes(), pd.read_parquet(part)
+    table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
+    table.to_parquet(part)
+    try:
+        words = ("--case", 7, "--out", tmp_path / "a", "--no-plots", "--every-s", 0.01)
+        code, said = command("replay", folder, *words)
+    finally:
+        part.write_bytes(kept)
+    assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--case", 4], "holds cases 5:45; --case 4 is none of them"),
+        ([], "give one of --case, --worst"),
+        (["--case", 5, "--least", "upper_pitch_deg"], "give one of --case, --worst"),
+        (["--least", "upper_pich_deg"], "did you mean 'upper_pitch_deg'"),
+        (["--worst", "slowly"], "no such requirement; did you mean 'slow'"),
+        (["--nearest", "upper_pitch_deg"], "must be OUTCOME:p99.73"),
+        (["--nearest", "upper_pitch_deg:p101"], "must be a percentile from p0 to p100"),
+    ],
+)
+def test_what_replay_refuses(folder, words, said):
+    """What there is not is told before anything is flown."""
+    code, text = command("replay", folder, *words)
+    assert (code, said in text) == (2, True), text
+
+
+def test_film(folder, tmp_path, monkeypatch):
+    """The film has its frames, in which something moves; bodies stand where the history has them:
+    while the joint is locked, their copies of its point coincide, and later its gap lies between
+    them."""
+    monkeypatch.setattr(animation, "FRAMES", 3)
+    campaign = sepmc.load(folder)
+    case = campaign.case(9)
+    history = campaign.simulate(case, 0.05)
+    path = animation.film(history, case.scene, "title", tmp_path / "film.gif")
+    with Image.open(path) as film:
+        assert film.n_frames == 3
+        frames = []
+        for number in range(3):
+            film.seek(number)
+            frames.append(np.asarray(film.convert("RGB")).astype(int))
+    assert np.abs(frames[0] - frames[2]).max() > 100
+    joint = case.scene.joint["pins"]
+    for row in (0, len(history) - 1):
+        shot = _Shot(history, case.scene, row)
+        first, second = (shot.at(body, np.array([joint.point]))[0] for body in joint.bodies)
+        gap = [history[f"pins_gap_{axis}_m"].iloc[row] for axis in "xyz"]
+        own = shot.turns[joint.bodies[0]].apply(gap) * [-1.0, 1.0, 1.0]
+        assert second - first == pytest.approx(own, abs=1e-9)
+    assert gap[0] < -0.02
