@@ -20,3 +20,7 @@ def __getattr__(name: str):  # the heavy parts are imported when first used
 
         return SceneError
     raise AttributeError(f"module 'sepmc' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -28,7 +28,12 @@ _ROUGH = 1e-4  # accuracy of the flight that looks for slips
 @click.option("--overwrite", is_flag=True, help="Replace FILE.")
 def template(file: Path, overwrite: bool) -> None:
     """Write a commented campaign to start from into FILE (separation.toml): two stages, springs, a
-    motor, a clearance and two requirements. It can be flown as it is."""
+    motor, a clearance and two requirements. It can be flown as it is.
+
+    \b
+    Example:
+      sepmc template rocket.toml
+    """
     from importlib.resources import files
 
     with plain_errors(False):
@@ -46,7 +51,12 @@ def template(file: Path, overwrite: bool) -> None:
 
 @click.command(name="list")
 def list_campaigns() -> None:
-    """List the campaigns that come with sepmc."""
+    """List the campaigns that come with sepmc.
+
+    \b
+    Example:
+      sepmc list
+    """
     import tomllib
 
     from sepmc.scene.read import shipped_campaigns
@@ -64,7 +74,13 @@ def list_campaigns() -> None:
 @click.option("--no-flight", is_flag=True, help="Do not fly the nominal case.")
 def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> None:
     """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
-    out. Warns of what is probably a slip; for that its nominal case is flown, roughly."""
+    out. Warns of what is probably a slip; for that its nominal case is flown, roughly.
+
+    \b
+    Examples:
+      sepmc check table2.toml --set body.upper.mass_kg=460
+      sepmc check table2.toml --code > kernel.py
+    """
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.campaign import pilot
@@ -152,7 +168,12 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
 @click.option("--overwrite", is_flag=True, help="Replace the drawing in --out.")
 def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
     """Draw the vehicle of FILE as it starts, from the side, from above and from behind: outlines,
-    centres of mass, joints, springs, motors with their thrust."""
+    centres of mass, joints, springs, motors with their thrust.
+
+    \b
+    Example:
+      sepmc draw srb.toml --out srb.svg
+    """
     with plain_errors(False):
         loaded = load_campaign(file, settings)
         from sepmc.report.drawing import drawing
@@ -188,7 +209,12 @@ def compile_(
     file: str, settings: tuple[str, ...], stats_only: bool, spares: bool, quiet: bool
 ) -> None:
     """Compile the kernel that flies campaigns of FILE into the cache, so that the first one starts
-    at once. Flies nothing."""
+    at once. Flies nothing.
+
+    \b
+    Example:
+      sepmc compile srb.toml --spares
+    """
     say = speaker(quiet)
     with plain_errors(quiet):
         loaded = load_campaign(file, settings)
@@ -244,6 +270,11 @@ def verify(
     With --peers also 20 cases of table2.toml and cases of other campaigns, flown by other engines.
     With --random N, instead, N random scenes flown as a campaign flies them, and every row held
     against an independent flight of its case.
+
+    \b
+    Examples:
+      sepmc verify --brief
+      sepmc verify --random 100 --seed 7
     """
     with plain_errors(quiet):
         if count is not None:
@@ -273,7 +304,12 @@ def verify(
 @QUIET
 def stress(brief: bool, quiet: bool) -> None:
     """Fly purposely hard inputs: each is accurate to its bound or flagged; exit code 1 if one is
-    silently wrong."""
+    silently wrong.
+
+    \b
+    Example:
+      sepmc stress --brief
+    """
     with plain_errors(quiet):
         from sepmc.trust import stress as suite
 
@@ -330,6 +366,10 @@ def bench(
 
     Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with
     bench.json and figures, into a folder.
+
+    \b
+    Example:
+      sepmc bench table2.toml --peers
     """
     with plain_errors(quiet):
         if overwrite and out is None:

@@ -4,11 +4,15 @@ Nothing heavy is imported until it is needed.
 """
 
 import math
+import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from fnmatch import fnmatchcase
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -50,8 +54,28 @@ def plain_errors(quiet: bool) -> Iterator[None]:
 
 
 def speaker(quiet: bool) -> Callable[[str], None]:
-    """A function that prints a line, or does nothing if ``quiet``."""
-    return (lambda text: None) if quiet else click.echo
+    """A function that prints sentences, folded to the screen, or does nothing if ``quiet``."""
+    return (lambda text: None) if quiet else folded
+
+
+def screen_width() -> int:
+    """Characters of a line: of the terminal or, where there is none, of plain tables."""
+    from sepmc.analysis.statistics import WIDTH
+
+    if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
+        return WIDTH
+    return max(60, shutil.get_terminal_size((WIDTH, 24)).columns)
+
+
+def folded(text: str) -> None:
+    """Print a text, its lines folded between words where a screen is narrower."""
+    if sys.stdout.isatty() or "COLUMNS" in os.environ:
+        folds = TextWrapper(
+            screen_width(), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+        lines = text.split("\n")
+        text = "\n".join(folds.fill(one) if len(one) > folds.width else one for one in lines)
+    click.echo(text)
 
 
 @contextmanager
@@ -153,9 +177,11 @@ def tell_results(
     say: Callable[[str], None],
     plots: bool,
     check: bool = False,
+    shown: str | None = None,
 ) -> int:
     """Statistics and verdicts to the screen and to files, and figures if wanted; an error if the
-    run is not to be trusted. Returns the exit code: 1 if no case was flown to the end, 3 if the
+    run is not to be trusted. On the screen, only outcomes that match one of the patterns ``shown``,
+    if there are some. Returns the exit code: 1 if no case was flown to the end, 3 if the
     audit failed or the accuracy asked was not met, 1 if it is to ``check`` requirements and one is
     not passed, or else 0."""
     from sepmc.analysis import requirements
@@ -166,14 +192,15 @@ def tell_results(
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = store.read_manifest(folder).get("accuracy") or {}
-    errors = errors_told(accuracy)
+    errors, chosen = errors_told(accuracy), _matching(table, shown)
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     told = [verdict.to_dict() for verdict in verdicts]
     store.write_statistics(folder, table, counts, units, audited, summary.failed, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
-    say(summary_text(table, counts, units, source))
+    width = screen_width()
+    say(summary_text(chosen, counts, units, source, width))
     sentences = {status.label: status.sentence for status in Status}
     for label, count in counts.items():
         if label != Status.OK.label and count:
@@ -189,7 +216,7 @@ def tell_results(
             "others",
             err=True,
         )
-    say(audit_text(audited))
+    say(audit_text(audited, width))
     if "errors" in accuracy:
         say(
             accuracy_text(
@@ -197,7 +224,7 @@ def tell_results(
             )
         )
     if verdicts:
-        say(requirements.text(verdicts, units))
+        say(requirements.text(verdicts, units, width))
     if plots:
         draw_figures(folder, loaded, summary, table, say=say)
     say(f"wrote {folder}")
@@ -223,6 +250,21 @@ def tell_results(
     if code:
         click.echo(f"error: {why}", err=True)
     return code
+
+
+def _matching(table: "pd.DataFrame", shown: str | None) -> "pd.DataFrame":
+    """Rows of statistics whose names match one of the patterns, split by commas."""
+    from sepmc.scene.messages import InputError, nearest
+
+    if shown is None:
+        return table
+    patterns = [pattern.strip() for pattern in shown.split(",")]
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in table.index):
+            raise InputError(
+                f"--columns {pattern}: no such outcome; {nearest(pattern, table.index)}"
+            )
+    return table[[any(fnmatchcase(name, p) for p in patterns) for name in table.index]]
 
 
 def _error(number: float | None) -> str:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from sepmc.analysis import causes, compare, drivers
 from sepmc.analysis.rows import Rows
-from sepmc.analysis.statistics import audit_text, column, ok_rows, summary_text
+from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summary_text
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
@@ -19,6 +19,8 @@ from sepmc.cli_output import (
     about_run,
     accuracy_text,
     draw_figures,
+    folded,
+    screen_width,
     summary_of,
     telling_outcomes,
     verdicts_of,
@@ -48,13 +50,15 @@ class Driven:
     violated: dict[str, str]
     keys: dict[str, str]
 
-    @property
-    def texts(self) -> tuple[list[str], list[str]]:
-        """Both as a terminal shows them."""
+    def texts(self, width: int) -> tuple[list[str], list[str]]:
+        """Both as a screen of so many characters shows them."""
         return (
-            [drivers.text(table, name, self.keys) for name, table in self.drivers.items()],
             [
-                causes.text(said, self.causes[name], self.keys)
+                drivers.text(table, name, self.keys, width=width)
+                for name, table in self.drivers.items()
+            ],
+            [
+                causes.text(said, self.causes[name], self.keys, width=width)
                 for name, said in self.violated.items()
             ],
         )
@@ -96,8 +100,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure."""
     summary = summary_of(folder, loaded)
     driven = find_drivers(folder, loaded, summary, summary.statistics(), named)
-    for text in [text for texts in driven.texts for text in texts]:
-        click.echo(text)
+    for text in [text for texts in driven.texts(screen_width()) for text in texts]:
+        folded(text)
     if driven.drivers:
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
         store.write_text(folder / "drivers.csv", table.to_csv(index=False))
@@ -147,7 +151,7 @@ def tell_comparison(
     outcomes = _common(*([c.name for c in run.outcome_columns] for run in runs))
     table = compare.compare(rows[0], rows[1], inputs, outcomes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
-    click.echo(compare.text(table.loc[telling]))
+    click.echo(compare.text(table.loc[telling], screen_width()))
     if out is None:
         return
     store.make_writable(out)
@@ -179,7 +183,7 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         find_drivers(folder, loaded, summary, table),
         {c.name: c.unit for c in loaded.outcome_columns},
     )
-    about, texts = about_run(folder), driven.texts
+    about, texts = about_run(folder), driven.texts(WIDTH)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
     every = summary_text(table, summary.counts, units, source)

@@ -191,24 +191,6 @@ def test_resume_makes_the_table_of_an_uninterrupted_run(copied, tmp_path, gone, 
     assert [session["cases_flown"] for session in told["sessions"]] == [CASES, 20]
 
 
-def test_the_extreme_case_of_a_run(copied, tmp_path):
-    """--least and --greatest fly the case that statistics name; what is no outcome, or no run, is
-    told."""
-    table = rows(copied)
-    for which, at in (("--least", "idxmin"), ("--greatest", "idxmax")):
-        number = table["case"][getattr(table["upper_roll_deg"], at)()]
-        options = ["--no-plots", "--every-s", "0.1", "--out", tmp_path / which]
-        said = call("run", copied, which, "upper_roll_deg", *options)
-        assert said.exit_code == 0, said.output
-        assert manifest(tmp_path / which)["case"] == number
-    for refused, said in (
-        ([copied, "--least", "uper_roll_deg"], "did you mean 'upper_roll_deg'"),
-        (["table2", "--least", "upper_roll_deg"], "give the folder of a run"),
-        ([copied, "--least", "upper_roll_deg", "--case", 1], "give one of --case"),
-    ):
-        assert said in call("run", *refused, code=2).stderr
-
-
 def interrupt(monkeypatch, *arguments):
     """Run a command with Ctrl-C in the middle: as the first chunk is told."""
 

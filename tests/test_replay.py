@@ -102,6 +102,12 @@ def test_what_replay_refuses(folder, words, said):
     assert (code, said in text) == (2, True), text
 
 
+def test_replay_needs_a_run():
+    """What is no run folder is told."""
+    code, text = command("replay", "table2", "--case", 1)
+    assert (code, "give the folder of a run" in text) == (2, True), text
+
+
 def test_film(folder, tmp_path, monkeypatch):
     """The film has its frames, in which something moves; bodies stand where the history has them:
     while the joint is locked, their copies of its point coincide, and later its gap lies between

@@ -189,7 +189,13 @@ def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def text(what: str, found: Sequence[Cause], keys: Mapping[str, str], most: int = 5) -> str:
+def text(
+    what: str,
+    found: Sequence[Cause],
+    keys: Mapping[str, str],
+    most: int = 5,
+    width: int = WIDTH,
+) -> str:
     """Causes as an engineer reads them in a terminal; inputs by their ``keys``."""
     if not found:
         return f"{what}: no input or pair of inputs sets these cases apart from the rest"
@@ -203,7 +209,7 @@ def text(what: str, found: Sequence[Cause], keys: Mapping[str, str], most: int =
             fill(
                 f"{100.0 * one.information:.0f} % explained: {one.inside} of the {one.violations} "
                 f"are among the {one.cases} cases with {where}",
-                WIDTH,
+                width,
                 initial_indent="  ",
                 subsequent_indent="      ",
             )

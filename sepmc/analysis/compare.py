@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import TWO_SIDED, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
 
 _MISSING = "-"
 
@@ -104,7 +104,7 @@ def compare(
     return pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome"))
 
 
-def text(table: pd.DataFrame) -> str:
+def text(table: pd.DataFrame, width: int = WIDTH) -> str:
     """Differences as an engineer reads them in a terminal."""
     head = ["outcome", "mean, first", "second", "difference", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip
@@ -123,4 +123,4 @@ def text(table: pd.DataFrame) -> str:
                 str(int(row["pairs"])) if row["pairs"] else "none",
             ]
         )
-    return "\n".join(aligned(rows))
+    return "\n".join(aligned(rows, width))

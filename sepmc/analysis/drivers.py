@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import TWO_SIDED, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
 from sepmc.scene.model import SALTELLI
 
 _FEWEST = 20  # cases from which anything is told
@@ -143,7 +143,13 @@ def _put(table: pd.DataFrame, name: str, found: Sequence[float], half: np.ndarra
     table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
 
 
-def text(table: pd.DataFrame, outcome: str, keys: Mapping[str, str], most: int = 8) -> str:
+def text(
+    table: pd.DataFrame,
+    outcome: str,
+    keys: Mapping[str, str],
+    most: int = 8,
+    width: int = WIDTH,
+) -> str:
     """What drives an outcome, as an engineer reads it in a terminal; inputs by their ``keys``."""
     head = ["input", "first-order", "total", "rank", "partial", "mean, lowest to highest tenth"]
     scale = float(np.nanmax(np.abs(table["mean_high"] - table["mean_low"])))
@@ -159,10 +165,10 @@ def text(table: pd.DataFrame, outcome: str, keys: Mapping[str, str], most: int =
         for name, row in table.head(most).iterrows()
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
-    lines = aligned([[row[k] for k in kept] for row in [head, *rows]])
+    lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
     left = len(table) - most
     return "\n".join(
-        [f"what drives {outcome}", *("  " + line for line in lines)]
+        [f"what drives {outcome}", *(f"  {line}".rstrip() for line in lines)]
         + ([f"  and {left} inputs that do less"] if left > 0 else [])
     )
 

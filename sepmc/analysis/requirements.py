@@ -280,9 +280,10 @@ def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
 
 
-def text(verdicts: Sequence[Verdict], units: Mapping[str, str]) -> str:
+def text(verdicts: Sequence[Verdict], units: Mapping[str, str], width: int = WIDTH) -> str:
     """Verdicts as an engineer reads them in a terminal; nothing if nothing is required."""
-    return "\n".join(["requirements", *(_told(v, units.get(v.metric, "")) for v in verdicts)])
+    told = (_told(v, units.get(v.metric, ""), width) for v in verdicts)
+    return "\n".join(["requirements", *told])
 
 
 def sentence(item: Requirement | Verdict, unit: str) -> str:
@@ -298,7 +299,7 @@ def sentence(item: Requirement | Verdict, unit: str) -> str:
     )
 
 
-def _told(v: Verdict, unit: str) -> str:
+def _told(v: Verdict, unit: str, width: int) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
     on_status = v.at_least is None and v.at_most is None
     unknown = "ended in another way" if on_status else "have no such outcome"
@@ -327,7 +328,7 @@ def _told(v: Verdict, unit: str) -> str:
     return "\n".join(
         fill(
             line.replace(" %", _KEPT + "%"),
-            WIDTH,
+            width,
             initial_indent=indent if i else head,
             subsequent_indent=indent,
         ).replace(_KEPT, " ")

@@ -8,6 +8,7 @@ that case does not have (no release time, say): it is left out of that outcome a
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import groupby
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from sepmc.schema import is_yes_or_no
 
 OK = "ok"
 TWO_SIDED = 1.959963984540054  # normal quantile of 97.5 %
-WIDTH = 118  # of the printed tables, in characters
+WIDTH = 118  # of printed tables, in characters, where nothing is known of the screen
 PERCENTILES = {
     "p0_135": 0.135,
     "p1": 1.0,
@@ -306,7 +307,7 @@ def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
     )
 
 
-def audit_text(table: pd.DataFrame) -> str:
+def audit_text(table: pd.DataFrame, width: int = WIDTH) -> str:
     """An audit in one line, or a line for each column that has cases beyond its bound."""
     if not len(table) or table["case"].max() < 0:
         return "audit: no ok case to audit"
@@ -320,13 +321,13 @@ def audit_text(table: pd.DataFrame) -> str:
         return "\n".join(lines)
     bounded = table[table["bound"].notna()]
     worst = ", ".join(f"{name} {row['worst']:.1e}" for name, row in bounded.iterrows())
-    said = fill(f"audit passed; worst of all ok cases: {worst}", WIDTH)
+    said = fill(f"audit passed; worst of all ok cases: {worst}", width)
     if "attitude_singular" in table.index and table["worst"]["attitude_singular"] > 0.0:
         case = table["case"]["attitude_singular"]
         said += "\n" + fill(
             f"roll and pitch of some cases may have jumped (case {case:.0f}): see the column "
             "attitude_singular",
-            WIDTH,
+            width,
         )
     return said
 
@@ -377,8 +378,10 @@ def summary_text(
     counts: Mapping[str, int],
     units: Mapping[str, str] | None = None,
     source: str = "paper",
+    width: int = WIDTH,
 ) -> str:
-    """Write the tables an engineer reads in a terminal, at most 118 columns wide.
+    """Write the tables an engineer reads in a terminal, folded where they would be wider than
+    ``width`` characters; a blank line stands between groups of outcomes.
 
     Parameters
     ----------
@@ -397,18 +400,19 @@ def summary_text(
         Plain text; every figure of a row has the decimals that show its sigma to three digits,
         standard errors to two.
     """
-    parts = [_counts_line(counts)]
+    parts = [_counts_line(counts, width)]
     asked = stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
     shares, stats = stats[asked], stats[~asked]
     if len(shares):
         parts.append(_shares_text(shares))
     if len(stats):
-        parts.append(_layout(list(stats.index), groups(stats, units)))
+        parts.append(_layout(list(stats.index), groups(stats, units), width))
     if stats["n"].between(1, _TAIL_CASES - 1).any():
-        parts.append(
+        said = (
             f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
             "the two outermost values."
         )
+        parts.append(fill(said, width))
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
         if "ref_mean" in stats
@@ -423,15 +427,15 @@ def summary_text(
         beside = [
             (name, _comparison(compared, name, source)) for name in ("mean", "sigma", "max", "min")
         ]
-        parts += [fill(head, WIDTH) + "\n\n" + _layout(list(compared.index), beside)]
+        parts += [fill(head, width) + "\n\n" + _layout(list(compared.index), beside, width)]
     return "\n\n".join(parts) + "\n"
 
 
-def _counts_line(counts: Mapping[str, int]) -> str:
+def _counts_line(counts: Mapping[str, int], width: int) -> str:
     """The first line: how many cases, how many of them count, and what became of the others."""
     total, ok = sum(counts.values()), counts.get(OK, 0)
     others = ", ".join(f"{status} {count}" for status, count in counts.items() if status != OK)
-    return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), WIDTH)
+    return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), width)
 
 
 def _shares_text(shares: pd.DataFrame) -> str:
@@ -491,20 +495,40 @@ def _comparison(stats: pd.DataFrame, name: str, source: str) -> dict[str, list[s
     return {source: given, "here": here, "dev": deviation}
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines: the first column to the left, the others to the right."""
+def aligned(rows: Sequence[Sequence[str]], width: int = WIDTH) -> list[str]:
+    """Rows of cells as lines: the first column to the left, the others to the right; those that
+    would pass ``width`` in a further block below."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.rjust(width) if k else cell.ljust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    ]
+    blocks, used = [[0]], widths[0]
+    for k in range(1, len(widths)):
+        if used + 2 + widths[k] > width and len(blocks[-1]) > 1:
+            blocks, used = [*blocks, [0]], widths[0]
+        blocks[-1].append(k)
+        used += 2 + widths[k]
+    lines: list[str] = []
+    for block in blocks:
+        lines += [""] if lines else []
+        lines += [
+            "  ".join(row[k].rjust(widths[k]) if k else row[k].ljust(widths[k]) for k in block)
+            for row in rows
+        ]
+    return lines
 
 
-def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]]) -> str:
-    """Set groups of columns beside each other under their headings; what would pass `WIDTH` goes
+_GROUP = 3  # outcomes that begin with the same word stand by themselves
+
+
+def _gaps(names: list[str]) -> set[int]:
+    """Places before which a group of outcomes, of a body or a joint, begins or ends."""
+    words = [name.split("_")[0] for name in names]
+    runs = [len(list(run)) for _, run in groupby(words)]
+    starts = np.cumsum([0, *runs])
+    large = [run >= _GROUP for run in runs]
+    return {int(starts[k]) for k in range(1, len(runs)) if large[k] or large[k - 1]}
+
+
+def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]], width: int) -> str:
+    """Set groups of columns beside each other under their headings; what would pass ``width`` goes
     into a further block below."""
     longest = max(len(name) for name in [*names, "outcome"])
     stub = [text.ljust(longest) for text in ["", "outcome", *names]]
@@ -516,9 +540,13 @@ def _layout(names: list[str], groups: list[tuple[str, dict[str, list[str]]]]) ->
         ]
         lines = ["  ".join(row) for row in zip(*padded, strict=True)]
         lines = [heading.center(len(lines[0]), "-") if heading else " " * len(lines[0]), *lines]
-        if used + 3 + len(lines[0]) > WIDTH and len(blocks[-1]) > 1:
+        if used + 3 + len(lines[0]) > width and len(blocks[-1]) > 1:
             blocks, used = [*blocks, [stub]], longest
         blocks[-1].append(lines)
         used += 3 + len(lines[0])
-    texts = [["   ".join(row).rstrip() for row in zip(*block, strict=True)] for block in blocks]
-    return "\n\n".join("\n".join(line for line in text if line) for text in texts)
+    gaps, texts = _gaps(names), []
+    for block in blocks:
+        first, head, *rows = ["   ".join(row).rstrip() for row in zip(*block, strict=True)]
+        body = [line for k, row in enumerate(rows) for line in ([""] if k in gaps else []) + [row]]
+        texts.append("\n".join([*([first] if first else []), head, *body]))
+    return "\n\n".join(texts)

@@ -88,6 +88,13 @@ class Result:
             f"{counts}{f', in {self.folder}' if self.folder else ''}>"
         )
 
+    def _repr_html_(self) -> str:
+        """A notebook's view: what came of the cases, and the statistics."""
+        from html import escape  # noqa: PLC0415
+
+        columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
+        return f"<p>{escape(repr(self))}</p>{self.statistics()[columns].to_html()}"
+
     @property
     def table(self) -> dict[str, np.ndarray]:
         """The case table by column. Raises ValueError if no rows were kept."""
@@ -185,6 +192,14 @@ class Result:
 
 class Campaign(Definition):
     """A scene, its dispersions and its run settings, ready to fly."""
+
+    def __repr__(self) -> str:
+        scene = self.scene
+        return (
+            f"<Campaign {self.name}: {len(scene.body)} bodies, {len(scene.joint)} joints, "
+            f"{len(scene.phase)} phases; {len(self.file.dispersions)} dispersed parameters, "
+            f"{self.numbers.count} cases, seed {scene.run.seed}>"
+        )
 
     def with_settings(self, settings: dict[str, Any]) -> "Campaign":
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":

@@ -29,7 +29,7 @@ from sepmc.schema import Column
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """One case, fully resolved.
 
@@ -40,6 +40,18 @@ class Case:
     number: int
     scene: Scene
     inputs: dict[str, float]
+
+    def __repr__(self) -> str:
+        which = "nominal" if self.number < 0 else f"{self.number}"
+        some = [f"{name}={value:.6g}" for name, value in list(self.inputs.items())[:3]]
+        more = [f"{len(self.inputs) - 3} more inputs"] if len(self.inputs) > 3 else []
+        return f"<Case {which}{': ' if some else ''}{', '.join(some + more)}>"
+
+    def _repr_html_(self) -> str:
+        """A notebook's view: the inputs."""
+        rows = "".join(f"<tr><td>{k}</td><td>{v:.9g}</td></tr>" for k, v in self.inputs.items())
+        head = "nominal case" if self.number < 0 else f"case {self.number}"
+        return f"<p>{head}</p><table>{rows}</table>"
 
     def to_dict(self) -> dict[str, Any]:
         """The scene as plain nested dicts and lists, SI and radians; what is not set is left
