@@ -8,7 +8,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -226,7 +226,7 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     if plots:
-        draw_figures(folder, loaded, summary, table, say=say)
+        draw_figures(folder, loaded, summary, table, say=say, verdicts=verdicts)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),
@@ -369,17 +369,21 @@ def draw_figures(
     every: bool = False,
     say: Callable[[str], None] = click.echo,
     page: Path | None = None,
+    verdicts: "Sequence[Verdict]" = (),
+    converging: bool = False,
+    suffix: str = ".png",
 ) -> list[Path]:
-    """Draw bands of stored histories and histograms of outcomes, of ``every`` one or of the first
-    twelve by rank, into the run folder; those of a ``page``, in one style for it, into that folder
-    instead. Returns their paths."""
+    """Draw bands of stored histories, what share of cases is beyond what is required, how means
+    converge if asked for, and histograms of outcomes, of ``every`` one or of the first twelve by
+    rank, into the run folder; those of a ``page``, in one style for it, into that folder instead.
+    Returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
     units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     table = summary.statistics() if table is None else table
-    about, into, suffix = about_run(folder), page or folder, ".svg" if page else ".png"
+    about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
     written = []
     histories = store.read_histories(folder, _BANDED)
     if histories is not None:
@@ -396,6 +400,7 @@ def draw_figures(
         at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
         bounds[item.metric] = bounds.get(item.metric, []) + at
     outcomes = telling_outcomes(loaded, table)
+    written += _share_figures(folder, loaded, verdicts, outcomes, into, suffix, converging)
     if len(outcomes) > _DRAWN and not every:
         say(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
@@ -412,6 +417,45 @@ def draw_figures(
         suffix=suffix,
         alone=page is None,
     )
+
+
+_CONVERGING = 4  # outcomes whose mean and sigma are drawn over the number of cases
+
+
+def _share_figures(
+    folder: Path,
+    loaded: "Campaign",
+    verdicts: "Sequence[Verdict]",
+    outcomes: "Sequence[str]",
+    into: Path,
+    suffix: str,
+    converging: bool,
+) -> list[Path]:
+    """Draw what share of cases is beyond what is required, and how means converge, if there are
+    rows to see it from; returns the paths."""
+    import numpy as np
+
+    from sepmc.analysis.statistics import column, ok_rows
+    from sepmc.campaign import store
+    from sepmc.report.share_figures import beyond_figure, convergence_figure
+
+    required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
+    converged = list(outcomes[:_CONVERGING]) if converging else []
+    if store.read_manifest(folder).get("stats_only") or not (required or converged):
+        return []
+    cases, values = store.CaseColumns(folder), {}
+    ok = ok_rows(cases)
+    for name in dict.fromkeys([*required, *converged]):
+        x = column(cases, name)[ok]
+        values[name] = x[np.isfinite(x)]
+    units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
+    written = []
+    if required:
+        of = {name: values[name] for name in required}
+        written.append(beyond_figure(of, verdicts, into, units, about, suffix))
+    if shown := {name: values[name] for name in converged if len(values[name]) > 1}:
+        written.append(convergence_figure(shown, into, units, about, suffix))
+    return written
 
 
 def about_run(folder: Path) -> str:

@@ -28,7 +28,7 @@ from sepmc.cli_output import (
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.drawing import drawing
-from sepmc.report.driver_figures import tornado_figure
+from sepmc.report.driver_figures import scatter_figure, tornado_figure
 from sepmc.report.figures import run_figures
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import Requirement
@@ -107,18 +107,30 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         store.write_text(folder / "drivers.csv", table.to_csv(index=False))
     store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
     if plots:
-        for path in draw_drivers(driven, loaded, about_run(folder), folder):
+        for path in draw_drivers(driven, folder, loaded, folder):
             click.echo(path)
 
 
 def draw_drivers(
-    driven: Driven, loaded: Campaign, about: str, into: Path, suffix: str = ".png"
+    driven: Driven, folder: Path, loaded: Campaign, into: Path, suffix: str = ".png"
 ) -> list[Path]:
-    """Draw tornado charts, if there is anything to draw; returns the paths."""
-    units = {c.name: c.unit for c in loaded.outcome_columns}
+    """Draw tornado charts, and outcomes over inputs, if there is anything to draw; returns the
+    paths."""
     if not driven.drivers:
         return []
-    return [tornado_figure(driven.drivers, into, units, driven.keys, about, suffix)]
+    units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
+    cases = store.CaseColumns(folder)
+    ok, violating = ok_rows(cases), np.zeros(cases.rows, dtype=bool)
+    for item in loaded.file.requirements:
+        violating |= causes.violating(item, cases)[0]
+    names = {*driven.drivers, *(str(name) for t in driven.drivers.values() for name in t.index)}
+    rows = {name: column(cases, name)[ok] for name in names}
+    return [
+        tornado_figure(driven.drivers, into, units, driven.keys, about, suffix),
+        scatter_figure(
+            driven.drivers, rows, violating[ok], into, units, driven.keys, about, suffix
+        ),
+    ]
 
 
 def tell_comparison(
@@ -223,8 +235,17 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         lambda into: [
             drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
         ],
-        lambda into: draw_figures(folder, loaded, summary, table, say=lambda text: None, page=into),
-        lambda into: draw_drivers(driven, loaded, about, into, ".svg"),
+        lambda into: draw_figures(
+            folder,
+            loaded,
+            summary,
+            table,
+            say=lambda text: None,
+            page=into,
+            verdicts=verdicts,
+            converging=True,
+        ),
+        lambda into: draw_drivers(driven, folder, loaded, into, ".svg"),
         lambda replay, into: _draw_replay(loaded, replay, into),
     )
 

@@ -33,6 +33,7 @@ from sepmc.cli_output import (
     summary_of,
     tell_results,
     timing_line,
+    verdicts_of,
 )
 
 if TYPE_CHECKING:
@@ -361,30 +362,53 @@ def stats(folder: Path, columns: str | None, as_json: bool, must_pass: bool) -> 
 @click.command()
 @click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--all", "every", is_flag=True, help="A histogram of every outcome, not of twelve.")
-def plot(folder: Path, every: bool) -> None:
-    """Draw the figures of RUN again, from its files alone.
+@click.option(
+    "--format",
+    "ending",
+    type=click.Choice(("png", "svg", "pdf")),
+    default="png",
+    show_default=True,
+    help="Of the files; PNG at 300 dots an inch.",
+)
+def plot(folder: Path, every: bool, ending: str) -> None:
+    """Draw the figures of RUN again, from its files alone, fit for print, and how its means
+    converge.
 
     \b
     Example:
-      sepmc plot runs/windy --all
+      sepmc plot runs/windy --all --format pdf
     """
     with plain_errors(False):
         from sepmc.campaign import store
         from sepmc.report.figures import run_figures
+        from sepmc.report.style import PRINTED, dots
 
-        history = store.read_history(folder)
-        if history is not None:
-            manifest = store.read_manifest(folder)
-            number = manifest["case"]
-            about = (
-                f"{manifest['campaign']}, {'nominal case' if number is None else f'case {number}'}"
-            )
-            written = run_figures(history, folder, manifest["bodies"], manifest["joints"], about)
-        else:
-            manifest_with_rows(folder)
-            loaded = load_campaign(str(folder), (), warn=False)
-            summary, warn = summary_of(folder, loaded), partial(click.echo, err=True)
-            written = draw_figures(folder, loaded, summary, every=every, say=warn)
+        history, suffix = store.read_history(folder), f".{ending}"
+        with dots(PRINTED):
+            if history is not None:
+                told = store.read_manifest(folder)
+                which = "nominal case" if told["case"] is None else f"case {told['case']}"
+                about = f"{told['campaign']}, {which}"
+                written = run_figures(
+                    history, folder, told["bodies"], told["joints"], about, suffix
+                )
+            else:
+                accuracy = manifest_with_rows(folder).get("accuracy") or {}
+                loaded = load_campaign(str(folder), (), warn=False)
+                summary, warn = summary_of(folder, loaded), partial(click.echo, err=True)
+                table = summary.statistics(loaded.reference)
+                verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
+                written = draw_figures(
+                    folder,
+                    loaded,
+                    summary,
+                    table,
+                    every=every,
+                    say=warn,
+                    verdicts=verdicts,
+                    converging=True,
+                    suffix=suffix,
+                )
         for path in written:
             click.echo(path)
 

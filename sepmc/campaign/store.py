@@ -36,6 +36,10 @@ _FIGURES = (
     "rates",
     "angles",
     "axial_acceleration",
+    "requirements",
+    "convergence",
+    "drivers",
+    "scatter",
 )
 _OUR_FILES = (
     MANIFEST,
@@ -44,7 +48,12 @@ _OUR_FILES = (
     "statistics.csv",
     "statistics.json",
     "history.parquet",
-    *(f"{name}.png" for name in _FIGURES),
+    "drivers.csv",
+    "causes.csv",
+    "report.html",
+    "film.gif",
+    "film.mp4",
+    *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
 
 

@@ -1,4 +1,5 @@
-"""Tornado charts: how far the mean of an outcome swings with each of the inputs that drive it."""
+"""What drives outcomes: tornado charts of how far their means swing with each input, and outcomes
+over the inputs that drive them most."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -56,3 +57,54 @@ def tornado_figure(
         ax.remove()
     figure.suptitle(f"What drives the outcomes of {about}", fontsize=11)
     return save(figure, made(folder) / f"drivers{suffix}")
+
+
+_DOTS, _INPUTS = 3000, 3  # cases that are drawn; inputs of an outcome
+
+
+def scatter_figure(
+    found: Mapping[str, pd.DataFrame],
+    rows: Mapping[str, np.ndarray],
+    violating: np.ndarray,
+    folder: Path,
+    units: Mapping[str, str],
+    keys: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
+) -> Path:
+    """Draw each outcome over the inputs that drive it most, case by case, into ``scatter.png``, or
+    with another ``suffix``; returns its path.
+
+    Parameters
+    ----------
+    found, folder, units, keys, about : as for `tornado_figure`
+    rows : the ok cases, by column
+    violating : which of them violate a requirement (n,), drawn as crosses
+    """
+    figure, axes = sheet(len(found), _INPUTS, (4.0, 2.7))
+    shown = np.zeros(len(violating), dtype=bool)
+    shown[: max(1, _DOTS)] = True
+    for row, (outcome, table) in enumerate(found.items()):
+        unit = units.get(outcome, "")
+        for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
+            if k >= len(table):
+                ax.remove()
+                continue
+            name = str(table.index[k])
+            fine = shown & ~violating
+            ax.plot(
+                rows[name][fine], rows[outcome][fine], ".", ms=2.5, color=BLUE, alpha=0.5,
+                label="cases" if not violating.any() else "cases that meet all requirements",
+                rasterized=True,
+            )  # fmt: skip
+            if violating.any():
+                ax.plot(
+                    rows[name][violating], rows[outcome][violating], "x", ms=5, color=VERMILION,
+                    label="cases that violate one",
+                )  # fmt: skip
+            ax.set_xlabel(keys.get(name, name), fontsize=8.5)
+            if not k:
+                words = in_words(outcome, unit)
+                ax.set_ylabel(f"{words} ({unit})" if unit else words, fontsize=9)
+    figure.suptitle(f"Outcomes of {about} over what drives them most", fontsize=11)
+    return save(figure, made(folder) / f"scatter{suffix}")

@@ -5,6 +5,8 @@ carry the same message in grey print. Legends, phase names and numbers stand out
 nothing covers data. No pyplot: a figure here has no window and no state.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
@@ -18,6 +20,21 @@ BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 # of bodies: what fills them, and their edges
 TINTS = ("#cfe1f2", "#f8d9c4", "#d5ecd9", "#e6dff0", "#f3e9c6")
 EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
+
+
+SCREEN, PRINTED = 150, 300  # dots an inch
+_dots = SCREEN
+
+
+@contextmanager
+def dots(per_inch: int) -> Iterator[None]:
+    """Write images with so many dots an inch meanwhile."""
+    global _dots  # noqa: PLW0603
+    before, _dots = _dots, per_inch
+    try:
+        yield
+    finally:
+        _dots = before
 
 
 def made(folder: Path) -> Path:
@@ -76,5 +93,5 @@ def save(figure: Figure, path: Path) -> Path:
     if path.suffix == ".pdf":
         said = {"CreationDate": None, "Producer": None, "Creator": None}
     with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):
-        figure.savefig(path, dpi=150, metadata=said)
+        figure.savefig(path, dpi=_dots, metadata=said)
     return path

@@ -1,0 +1,141 @@
+"""How often: what share of all cases lies beyond each value of an outcome, and how well a mean and
+a sigma are known as cases come in."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from scipy import stats
+
+from sepmc.analysis.requirements import Verdict
+from sepmc.report.style import BLACK, BLUE, VERMILION, in_words, made, save, sheet
+
+_POINTS = 400  # of a curve
+_RISK = 0.05  # of an interval, both sides
+_FIRST = 10  # cases from which on a mean is shown
+
+
+def beyond_figure(
+    values: Mapping[str, np.ndarray],
+    verdicts: Sequence[Verdict],
+    folder: Path,
+    units: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
+) -> Path:
+    """Draw for each requirement on an outcome the share of cases beyond each of its values, on the
+    side of the bound, with Clopper and Pearson's 95 % band at each value, into
+    ``requirements.png``, or with another ``suffix``; returns its path.
+
+    Parameters
+    ----------
+    values : mapping of outcome to its values (n,) in the ok cases
+    verdicts : on the requirements, each drawn if ``values`` has its metric
+    folder : made if it is not there
+    units : of the outcomes
+    about : the campaign, for the title
+    """
+    sides = [
+        (v, bound, upper)
+        for v in verdicts
+        for bound, upper in ((v.at_most, True), (v.at_least, False))
+        if bound is not None and v.metric in values
+    ]
+    columns = min(2, len(sides))
+    figure, axes = sheet(-(-len(sides) // columns), columns, (6.4, 3.6))
+    for ax, (v, bound, upper) in zip(axes, sides, strict=False):
+        _beyond(ax, values[v.metric], upper)
+        unit = units.get(v.metric, "")
+        name = in_words(v.metric, unit)
+        ax.axvline(bound, color=VERMILION, linewidth=1.6, label="bound")
+        allowed = 1.0 - v.probability
+        ax.axhline(allowed, color=BLACK, linewidth=1.0, linestyle=":", label="share allowed")
+        if v.design_value is not None:
+            ax.plot(
+                v.design_value, allowed, "D", color=BLACK, ms=5, zorder=5,
+                label="design value, with the confidence required",
+            )  # fmt: skip
+        ax.set_title(f"{v.name}: {v.verdict}", fontsize=10)
+        ax.set_xlabel(f"{name} ({unit})" if unit else name)
+        ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")
+    for ax in axes[len(sides) :]:
+        ax.remove()
+    figure.suptitle(f"Requirements of {about}", fontsize=11)
+    return save(figure, made(folder) / f"requirements{suffix}")
+
+
+def _beyond(ax: Axes, values: np.ndarray, upper: bool) -> None:
+    """The share of values that lie above, or below, each of them, and its band."""
+    x, n = np.sort(values), len(values)
+    where = np.unique(x[np.unique(np.geomspace(1, n, _POINTS).astype(int)) - 1])
+    where = np.union1d(where, x[n - np.unique(np.geomspace(1, n, _POINTS).astype(int))])
+    below = np.searchsorted(x, where, "left"), np.searchsorted(x, where, "right")
+    k = n - below[1] if upper else below[0]
+    low = np.where(k > 0, stats.beta.ppf(_RISK / 2, np.maximum(k, 1), n - k + 1), 0.0)
+    high = np.where(k < n, stats.beta.ppf(1 - _RISK / 2, k + 1, np.maximum(n - k, 1)), 1.0)
+    step: Literal["post", "pre"] = "post" if upper else "pre"
+    floor = 0.3 / n  # where no case is beyond, a logarithm has no place
+    ax.fill_between(
+        where, np.maximum(low, floor), high, step=step, color="#a9cdea", linewidth=0,
+        label="95 % at each value",
+    )  # fmt: skip
+    ax.step(where, np.where(k > 0, k / n, np.nan), where=step, color=BLUE, lw=1.6, label="cases")
+    ax.set_yscale("log")
+    ax.set_ylim(floor, 1.3)
+
+
+def convergence_figure(
+    values: Mapping[str, np.ndarray],
+    folder: Path,
+    units: Mapping[str, str],
+    about: str,
+    suffix: str = ".png",
+) -> Path:
+    """Draw the mean and the sigma of outcomes over the number of cases, each with its 95 % band,
+    into ``convergence.png``, or with another ``suffix``; returns its path.
+
+    Parameters
+    ----------
+    values : mapping of outcome to its values (n,) in the ok cases, in the order in which these came
+    folder, units, about : as for `beyond_figure`
+    """
+    figure, axes = sheet(len(values), 2, (5.2, 2.5))
+    for row, (outcome, x) in enumerate(values.items()):
+        n = np.unique(np.geomspace(min(_FIRST, len(x)), len(x), _POINTS).astype(int))
+        unit = units.get(outcome, "")
+        for ax, curve, errors, what in zip(
+            axes[2 * row : 2 * row + 2], *_running(x, n), ("mean", "sigma"), strict=True
+        ):
+            reach = stats.norm.ppf(1 - _RISK / 2) * errors
+            ax.fill_between(
+                n, curve - reach, curve + reach, color="#a9cdea", linewidth=0, label="95 %"
+            )
+            ax.plot(n, curve, color=BLUE, linewidth=1.4, label="of the cases so far")
+            ax.set_xscale("log")
+            ax.set_ylabel(f"{what} ({unit})" if unit else what)
+            ax.set_title(in_words(outcome, unit), fontsize=9.5)
+    for ax in axes[-2:]:
+        ax.set_xlabel("ok cases")
+    figure.suptitle(f"Convergence of {about}", fontsize=11)
+    return save(figure, made(folder) / f"convergence{suffix}")
+
+
+def _running(
+    x: np.ndarray, n: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Mean and sigma of the first n (m,) of values, and the standard errors of both."""
+    middle, span = x[: n[0]].mean(), max(float(np.ptp(x)), 1e-300)
+    c = (x - middle) / span  # sums of powers of small numbers
+    first, second, third, fourth = (np.cumsum(c**p)[n - 1] / n for p in (1, 2, 3, 4))
+    variance = np.maximum(second - first**2, 0.0) * n / np.maximum(n - 1, 1)
+    central = fourth - 4 * first * third + 6 * first**2 * second - 3 * first**4
+    sigma = np.sqrt(variance)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = np.sqrt(np.maximum(central - (n - 3) / (n - 1) * variance**2, 0.0) / n)
+        sigma_error = np.where(sigma > 0.0, spread / (2.0 * sigma), 0.0)
+    return (
+        (middle + span * first, span * sigma),
+        (span * sigma / np.sqrt(n), span * sigma_error),
+    )
