@@ -252,6 +252,31 @@ def tell_results(
     return code
 
 
+def tell_given(folder: Path, loaded: "Campaign", given: tuple[str, ...], shown: str | None) -> None:
+    """Statistics and verdicts of the cases of a run in which terms hold, to the screen."""
+    from sepmc.analysis import requirements
+    from sepmc.analysis.given import names_of, where
+    from sepmc.analysis.rows import Rows
+    from sepmc.analysis.statistics import summary_text
+    from sepmc.campaign import store
+
+    cases = store.CaseColumns(folder)
+    columns = names_of(loaded.file.dispersions, list(cases))
+    held = where(cases, columns, given)
+    outcomes, audits, bounds, required = loaded.summarised
+    kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
+    summary = Rows(kept, outcomes, audits, bounds, required)
+    units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
+    folded(f"{' and '.join(given)}: {held.sum()} of {cases.rows} cases")
+    if not held.any():
+        return
+    table, accuracy = summary.statistics(), store.read_manifest(folder).get("accuracy") or {}
+    folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
+    verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
+    if verdicts:
+        folded(requirements.text(verdicts, units, width))
+
+
 def _matching(table: "pd.DataFrame", shown: str | None) -> "pd.DataFrame":
     """Rows of statistics whose names match one of the patterns, split by commas."""
     from sepmc.scene.messages import InputError, nearest

@@ -31,6 +31,7 @@ from sepmc.cli_output import (
     progress_bar,
     speaker,
     summary_of,
+    tell_given,
     tell_results,
     timing_line,
     verdicts_of,
@@ -318,13 +319,23 @@ def replay(
     metavar="PATTERN,...",
     help="Tell of these outcomes only: 'upper_*,separation_*'. Files hold all of them.",
 )
+@click.option(
+    "--given",
+    multiple=True,
+    metavar="TERM",
+    help="Of the cases only in which this holds, such as joint.bolt.fails=1; writes nothing.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print statistics.json instead of tables.")
 @CHECK
-def stats(folder: Path, columns: str | None, as_json: bool, must_pass: bool) -> None:
-    """Compute and print the statistics of RUN again, from its files alone.
+def stats(
+    folder: Path, columns: str | None, given: tuple[str, ...], as_json: bool, must_pass: bool
+) -> None:
+    """Compute and print the statistics of RUN again, from its files alone; with --given those of
+    the cases in which inputs, or outcomes, have certain values.
 
     \b
     Examples:
+      sepmc stats runs/windy --given 'initial.alpha_deg>5'
       sepmc stats runs/windy --columns 'separation_*'
       sepmc stats runs/windy --json | jq .outcomes.separation_speed_m_s.p99
     """
@@ -336,6 +347,11 @@ def stats(folder: Path, columns: str | None, as_json: bool, must_pass: bool) -> 
         manifest = manifest_with_rows(folder)
         loaded = load_campaign(str(folder), (), warn=False)
         _check_required(loaded, must_pass)
+        if given:
+            if as_json or must_pass:
+                raise click.UsageError("--given is for the screen, without --json and --check")
+            tell_given(folder, loaded, given, columns)
+            return
         summary = summary_of(folder, loaded)
         if not manifest.get("complete", True):
             held = sum(summary.counts.values())

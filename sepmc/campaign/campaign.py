@@ -13,7 +13,9 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import causes, drivers, requirements
+from sepmc.analysis.given import names_of, where
 from sepmc.analysis.precision import Until, read_until
+from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.cases import OF_ITS_SIZE
@@ -118,8 +120,14 @@ class Result:
             return store.read_histories(self.folder)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
-    def statistics(self) -> pd.DataFrame:
-        """Statistics of every outcome; see `sepmc.analysis.statistics.statistics`."""
+    def statistics(self, *given: str) -> pd.DataFrame:
+        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`: of all cases, or
+        of those for which all terms ``given`` hold, such as ``"joint.bolt.fails=1"``."""
+        if given:
+            rows, outcomes = self._rows(), self.campaign.summarised[0]
+            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
+            return statistics(kept, outcomes)
         table = self.kept.summary.statistics(self.campaign.reference)
         if self.accuracy:
             table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]

@@ -1,0 +1,62 @@
+"""Cases of a run in which inputs have certain values: those in which a joint fails, say."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sepmc.analysis.statistics import column
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import InputError, nearest
+
+_TERM = re.compile(r"\s*([^<>=!\s]+)\s*(<=|>=|!=|=|<|>)\s*(\S+)\s*")
+_TESTS = {
+    "=": np.equal,
+    "!=": np.not_equal,
+    "<": np.less,
+    "<=": np.less_equal,
+    ">": np.greater,
+    ">=": np.greater_equal,
+}
+
+
+def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
+    """What the columns of a case table can be called: by their names, and inputs by their keys and
+    paths."""
+    found = {name: name for name in columns}
+    for law in dispersions:
+        found |= {law.parameter.key: law.parameter.column, law.parameter.path: law.parameter.column}
+    return found
+
+
+def where(
+    rows: Mapping[str, np.ndarray], columns: Mapping[str, str], asked: Sequence[str]
+) -> np.ndarray:
+    """Which cases (n,) meet all of the terms ``asked``, such as ``joint.pins.fails=1`` or
+    ``initial.alpha_deg>5``.
+
+    Parameters
+    ----------
+    rows : case table by column
+    columns : mapping of what an input or outcome can be called to its column
+    asked : terms
+
+    Raises
+    ------
+    InputError
+        If a term cannot be read, or names nothing that the table has.
+    """
+    found = np.ones(len(rows["case"]), dtype=bool)
+    for text in asked:
+        match = _TERM.fullmatch(text)
+        if not match:
+            raise InputError(f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=")
+        name, test, value = match.groups()
+        if name not in columns:
+            raise InputError(f"given = {text}: no such input or outcome; {nearest(name, columns)}")
+        try:
+            number = float(value)
+        except ValueError:
+            raise InputError(f"given = {text}: {value!r} must be a number") from None
+        found &= _TESTS[test](column(rows, columns[name]), number)
+    return found

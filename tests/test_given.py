@@ -1,0 +1,67 @@
+"""Statistics of the cases in which something holds: the same as those of these rows alone."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc.analysis.given import where
+from sepmc.analysis.statistics import statistics
+from sepmc.cli import main
+from sepmc.scene.messages import InputError
+
+ROWS = {"case": np.arange(5), "in_a": np.array([0.0, 1.0, 1.0, 0.0, np.nan]), "b": np.arange(5.0)}
+NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
+
+
+@pytest.mark.parametrize(
+    ("terms", "found"),
+    [
+        (["in_a=1"], [1, 2]),
+        (["joint.a.fails = 0"], [0, 3]),
+        (["joint.a.fails!=1", "b<=3"], [0, 3]),
+        (["b>1", "b<4"], [2, 3]),
+        (["b>=4"], [4]),
+        (["b>9"], []),
+        ([], [0, 1, 2, 3, 4]),
+    ],
+)
+def test_terms(terms, found):
+    """All terms must hold; what is no number meets none but !=."""
+    assert np.flatnonzero(where(ROWS, NAMES, terms)).tolist() == found
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        ("a", "must be NAME=VALUE"),
+        ("in_a=one", "'one' must be a number"),
+        ("in_b=1", "no such input or outcome; did you mean"),
+    ],
+)
+def test_terms_that_cannot_be(term, said):
+    """What is wrong with a term is told."""
+    with pytest.raises(InputError, match=said):
+        where(ROWS, NAMES, [term])
+
+
+def test_given_an_input(tmp_path):
+    """Given an input, by its key in the file, statistics are those of these rows alone, in Python
+    and on the screen, with their verdicts; files of the run stay as they are."""
+    required = {"name": "slow", "metric": "separation_speed_m_s", "at_most": 0.5}
+    folder = tmp_path / "run"
+    result = sepmc.load("table2.toml", {"requirement": [required]}).run(60, out=folder)
+    rows = result.to_pandas()
+    some = rows[rows["in_initial_alpha_deg"] > 5.0]
+    assert 5 < len(some) < 55
+    expected = statistics(some, result.outcomes)
+    pd.testing.assert_frame_equal(result.statistics("initial.alpha_deg>5"), expected)
+    before = sorted(folder.iterdir())
+    words = ["stats", str(folder), "--given", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
+    found = CliRunner().invoke(main, words)
+    assert found.exit_code == 0, found.output
+    violated = int((some["separation_speed_m_s"] > 0.5).sum())
+    assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in found.output
+    assert f"{violated} of {len(some)} cases violate it" in found.output
+    assert sorted(folder.iterdir()) == before
