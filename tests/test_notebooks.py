@@ -9,8 +9,14 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
 
 
-def test_there_are_three():
-    assert [path.stem for path in NOTEBOOKS] == ["reconstruction", "single_run", "table2"]
+def test_there_are_five():
+    assert [path.stem for path in NOTEBOOKS] == [
+        "drivers",
+        "reconstruction",
+        "single_run",
+        "table2",
+        "verdict",
+    ]
 
 
 @pytest.mark.slow
