@@ -12,6 +12,7 @@ import click
 
 from sepmc.cli_options import (
     BRIEF,
+    FILE,
     QUIET,
     SETTINGS,
     load_campaign,
@@ -66,7 +67,7 @@ def list_campaigns() -> None:
 
 
 @click.command()
-@click.argument("file")
+@FILE
 @SETTINGS
 @click.option(
     "--code", is_flag=True, help="Print the kernel written for the scene instead: a Python module."
@@ -160,7 +161,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
 
 
 @click.command(short_help="Draw the vehicle of FILE.")
-@click.argument("file")
+@FILE
 @SETTINGS
 @click.option(
     "--out", type=click.Path(path_type=Path), help="PNG, SVG or PDF to write; default NAME.png."
@@ -192,7 +193,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
 
 
 @click.command(name="compile", short_help="Compile the kernel of FILE ahead.")
-@click.argument("file")
+@FILE
 @SETTINGS
 @click.option(
     "--stats-only",
@@ -321,7 +322,7 @@ def stress(brief: bool, quiet: bool) -> None:
 
 
 @click.command(short_help="Measure speed and accuracy of FILE on this machine.")
-@click.argument("file")
+@FILE
 @click.option(
     "--peers",
     is_flag=True,

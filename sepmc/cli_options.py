@@ -5,10 +5,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.numbers import Numbers
+
+
+def _files(ctx: click.Context, param: click.Parameter, begun: str) -> list[CompletionItem]:
+    """What FILE can be completed to: shipped campaigns, and files and folders here."""
+    from sepmc.scene.read import shipped_campaigns
+
+    shipped = [name for name in shipped_campaigns() if name.startswith(begun)]
+    return [*map(CompletionItem, shipped), CompletionItem(begun, type="file")]
+
+
+FILE = click.argument("file", shell_complete=_files)
 
 
 class CaseNumbers(click.ParamType):

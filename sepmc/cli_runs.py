@@ -12,6 +12,7 @@ from sepmc.cli_options import (
     CASES,
     CHECK,
     EVERY,
+    FILE,
     NO_PLOTS,
     OUT,
     OVERWRITE,
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
-@click.argument("file")
+@FILE
 @CASES
 @SEED
 @SAMPLER
@@ -167,7 +168,7 @@ def campaign(
 
 
 @click.command(short_help="Write the table of inputs of FILE's cases.")
-@click.argument("file")
+@FILE
 @CASES
 @SEED
 @SAMPLER
@@ -207,7 +208,7 @@ def sample(
 
 
 @click.command(short_help="Fly one case of FILE and write its time history.")
-@click.argument("file")
+@FILE
 @click.option(
     "--case",
     "number",
