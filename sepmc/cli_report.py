@@ -35,6 +35,7 @@ from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
 
 _DRIVEN = 4  # outcomes whose drivers are told unless some are named
+_REPLAYED_PAGES = ("rates", "angles", "separation")
 _TOLD = 12  # outcomes in the report's table
 _REPLAYED = 2  # worst cases that the report shows over time
 _REPLAY_ROWS = 400
@@ -268,7 +269,5 @@ def _worst(
 
 
 def _draw_replay(loaded: Campaign, replay: page.Replay, into: Path) -> list[Path]:
-    written = run_figures(
-        replay.history, into, loaded.plan.bodies, list(loaded.plan.joints), suffix=".svg"
-    )
-    return [path for path in written if path.stem in ("rates", "angles", "separation")]
+    bodies, joints = loaded.plan.bodies, list(loaded.plan.joints)
+    return run_figures(replay.history, into, bodies, joints, suffix=".svg", only=_REPLAYED_PAGES)

@@ -2,7 +2,7 @@
 Simulation 31(4), 2019.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from textwrap import fill
@@ -183,6 +183,7 @@ def run_figures(
     about: str = "",
     suffix: str = ".png",
     behind: pd.DataFrame | None = None,
+    only: Collection[str] | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -205,6 +206,8 @@ def run_figures(
         Of the files.
     behind : DataFrame, optional
         The history of the nominal case, drawn behind in pale lines.
+    only : names of files, optional
+        Draw these alone, of those below, without their ending.
 
     Returns
     -------
@@ -216,6 +219,8 @@ def run_figures(
     folder, written = made(folder), []
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
+        if only is not None and file not in only:
+            return
         there = [
             panel
             for panel in panels
