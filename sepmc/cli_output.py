@@ -410,9 +410,10 @@ def draw_figures(
     table = summary.statistics() if table is None else table
     about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
     written = []
-    histories = store.read_histories(folder, _BANDED)
+    below = store.number_after(folder, _BANDED)
+    histories = store.read_histories(folder, below)
     if histories is not None:
-        frame = store.read_cases(folder, _BANDED, ["case", "status"])
+        frame = store.read_cases(folder, below, ["case", "status"])
         written = band_figures(
             histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])],
             into,

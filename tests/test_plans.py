@@ -152,6 +152,15 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
     assert "numbers" not in read_manifest(folder)
 
 
+def test_figures_of_cases_far_down(file, tmp_path):
+    """Cases with large numbers alone have their bands, too."""
+    text = SPRUNG.replace("cases = 12", "history_step_s = 0.1")
+    file.write_text(text, encoding="utf-8")
+    folder = tmp_path / "run"
+    code, said = command("campaign", file, "--cases", "30000:30004", "--out", folder)
+    assert (code, (folder / "separation_speed.png").is_file()) == (0, True), said
+
+
 def test_a_hypercube_has_no_other_cases(file):
     """Cases beyond a Latin hypercube are refused."""
     campaign = sepmc.load(file, {"run.sampler": "lhs"})

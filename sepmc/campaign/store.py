@@ -288,6 +288,13 @@ def cases_done(folder: Path) -> np.ndarray:
     )
 
 
+def number_after(folder: Path, count: int) -> int | None:
+    """Number of the case that comes after the first so many that a run holds; None if there is
+    none."""
+    done = cases_done(folder)
+    return int(done[count]) if len(done) > count else None
+
+
 def cases_held(folder: Path, ok: str) -> tuple[int, int]:
     """Number of cases a run folder holds, and how many of them have another status than ``ok``."""
     counts = [
