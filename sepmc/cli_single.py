@@ -96,8 +96,8 @@ def _write(
 
     meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
     store.write_history(folder, history, meanings)
-    if loaded.file.plan:
-        store.write_plan(folder, loaded.file.plan, loaded.input_columns)
+    if loaded.file.input_table:
+        store.write_input_table(folder, loaded.file.input_table, loaded.input_columns)
     store.write_text(folder / store.CAMPAIGN, store.campaign_text(loaded.file))
     own = loaded.scene.run.seed if seed is None else seed
     manifest = {

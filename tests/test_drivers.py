@@ -12,7 +12,7 @@ import sepmc
 from sepmc import cli
 from sepmc.analysis.causes import causes
 from sepmc.analysis.drivers import drivers
-from sepmc.campaign.cases import Plan, probabilities, size_fault
+from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.scene.messages import InputError
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -44,13 +44,13 @@ def g_indices():
     return [(p / whole, p * np.prod(1.0 + parts) / (1.0 + p) / whole) for p in parts]
 
 
-def of_function(function, plan, seed, count=4):
+def of_function(function, sampling, seed, count=4):
     """Drivers of a function of uniform inputs, in the order of these."""
     names = [f"x{k}" for k in range(count)]
-    u = probabilities(names, seed, 0, plan.cases, plan)
+    u = probabilities(names, seed, 0, sampling.cases, sampling)
     y = function(u)
     table = dict(zip(names, u, strict=True)) | {"y": y, "status": np.array(["ok"] * len(y))}
-    return drivers(table, names, "y", plan.sampler).sort_index()
+    return drivers(table, names, "y", sampling.sampler).sort_index()
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_known_indices(function, known):
     first, total = np.array(known).T
     inside = {"first": [], "first of saltelli": [], "total": []}
     for seed in range(20):
-        by_rows = of_function(function, Plan("random", 3000), seed)
-        by_groups = of_function(function, Plan("saltelli", 6 * 512), seed)
+        by_rows = of_function(function, Sampling("random", 3000), seed)
+        by_groups = of_function(function, Sampling("saltelli", 6 * 512), seed)
         for what, table, name, true in (
             ("first", by_rows, "first", first),
             ("first of saltelli", by_groups, "first", first),
@@ -181,16 +181,16 @@ def test_discrete_inputs():
 def test_groups_of_a_saltelli_design():
     """Each case of a group is its first with one parameter of its last; a count that makes no whole
     groups is refused with those that do."""
-    u = probabilities(["a", "b"], 3, 0, 16, Plan("saltelli", 16)).T.reshape(4, 4, 2)
+    u = probabilities(["a", "b"], 3, 0, 16, Sampling("saltelli", 16)).T.reshape(4, 4, 2)
     for first, of_a, of_b, last in u:
         assert (of_a == [last[0], first[1]]).all()
         assert (of_b == [first[0], last[1]]).all()
-    assert size_fault(Plan("saltelli", 16), 2) == ""
+    assert size_fault(Sampling("saltelli", 16), 2) == ""
     assert "groups of 5 cases: give a multiple, best 80 or 160" in size_fault(
-        Plan("saltelli", 99), 3
+        Sampling("saltelli", 99), 3
     )
-    assert size_fault(Plan("saltelli", 99), 0) == "a Saltelli design needs a [dispersion]"
-    assert size_fault(Plan("random", 99), 3) == ""
+    assert size_fault(Sampling("saltelli", 99), 0) == "a Saltelli design needs a [dispersion]"
+    assert size_fault(Sampling("random", 99), 3) == ""
 
 
 def test_through_a_run_folder(tmp_path):

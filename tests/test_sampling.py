@@ -14,7 +14,7 @@ from sepmc import cli
 from sepmc.analysis import requirements
 from sepmc.analysis.rows import Rows
 from sepmc.campaign import cases
-from sepmc.campaign.cases import Plan, probabilities
+from sepmc.campaign.cases import Sampling, probabilities
 from sepmc.campaign.store import StoreError
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement
@@ -40,21 +40,21 @@ def call(*arguments):
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_any_part_is_the_same(sampler):
     """Cases drawn one by one, or in parts, are those drawn at once; correlated ones too."""
-    plan = Plan(sampler, 1000, (cases.Copula((2, 0), ((1.0, 0.0), (-0.6, 0.8))),))
-    whole = probabilities(PATHS, 5, 0, 1000, plan)
-    parts = [probabilities(PATHS, 5, *part, plan) for part in ((0, 1), (1, 13), (14, 986))]
+    sampling = Sampling(sampler, 1000, (cases.Copula((2, 0), ((1.0, 0.0), (-0.6, 0.8))),))
+    whole = probabilities(PATHS, 5, 0, 1000, sampling)
+    parts = [probabilities(PATHS, 5, *part, sampling) for part in ((0, 1), (1, 13), (14, 986))]
     assert_array_equal(np.hstack(parts), whole)
     assert np.all((whole > 0.0) & (whole < 1.0))
-    assert not np.any(probabilities(PATHS, 6, 0, 1000, plan) == whole)
+    assert not np.any(probabilities(PATHS, 6, 0, 1000, sampling) == whole)
 
 
 def test_strata_of_a_latin_hypercube():
     """Every one of n equal parts of every parameter has one case; one more parameter changes none
     of the others."""
-    u = probabilities(PATHS, 3, 0, 777, Plan("lhs", 777))
+    u = probabilities(PATHS, 3, 0, 777, Sampling("lhs", 777))
     for row in u:
         assert_array_equal(np.sort(np.floor(777 * row)), np.arange(777))
-    assert_array_equal(probabilities(PATHS[1:], 3, 0, 777, Plan("lhs", 777)), u[1:])
+    assert_array_equal(probabilities(PATHS[1:], 3, 0, 777, Sampling("lhs", 777)), u[1:])
     assert abs(stats.spearmanr(u[0], u[1]).statistic) < 0.15
 
 
@@ -63,7 +63,7 @@ def test_nets_of_a_sobol_sequence():
     2)-net, Sobol 1967), and so in the next 2^m."""
     m = 8
     for first in (0, 2**m, 5 * 2**m):
-        x, y = probabilities(PATHS[:2], 11, first, 2**m, Plan("sobol"))
+        x, y = probabilities(PATHS[:2], 11, first, 2**m, Sampling("sobol"))
         for k in range(m + 1):
             cells = np.floor(2**k * x) * 2 ** (m - k) + np.floor(2 ** (m - k) * y)
             assert_array_equal(np.sort(cells), np.arange(2**m))
@@ -73,8 +73,8 @@ def test_nets_of_a_sobol_sequence():
 def test_every_parameter_keeps_its_law(sampler):
     """Also one that varies with others: by Kolmogorov and Smirnov, at 1e-4."""
     factor = ((1.0, 0.0, 0.0), (0.9, math.sqrt(0.19), 0.0), (0.3, -0.2, math.sqrt(0.87)))
-    plan = Plan(sampler, 4096, (cases.Copula((0, 1, 2), factor),))
-    for row in probabilities(PATHS, 1, 0, 4096, plan):
+    sampling = Sampling(sampler, 4096, (cases.Copula((0, 1, 2), factor),))
+    for row in probabilities(PATHS, 1, 0, 4096, sampling):
         assert stats.kstest(row, "uniform").pvalue > 1e-4
 
 

@@ -22,9 +22,9 @@ from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.chunks import Chunks, Draws
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
+from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.pilot import plan_flight
-from sepmc.campaign.plan_file import read_plan
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
@@ -55,7 +55,7 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
     SceneError
         If anything in the file cannot be flown, with every problem and its place.
     """
-    return Campaign(read_campaign(path, settings, read_plan))
+    return Campaign(read_campaign(path, settings, read_input_table))
 
 
 @dataclass(repr=False)
@@ -213,7 +213,7 @@ class Campaign(Definition):
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":
         460.0}``."""
         tree, folder, name = self.file.tree, self.file.folder, self.name
-        return Campaign(parse_campaign(tree, name, settings, name, folder, read_plan))
+        return Campaign(parse_campaign(tree, name, settings, name, folder, read_input_table))
 
     def simulate(
         self,
@@ -383,8 +383,8 @@ class Campaign(Definition):
         draws = Draws(seed, numbers, total)
         chunks = Chunks(self, flight, draws, timing, folder, earlier, stats_only, announce)
         if folder:
-            if self.file.plan:
-                store.write_plan(folder, self.file.plan, self.input_columns)
+            if self.file.input_table:
+                store.write_input_table(folder, self.file.input_table, self.input_columns)
             chunks.write_manifest(threads, complete=False)
         try:
             with chunks:

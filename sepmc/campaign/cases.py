@@ -28,7 +28,7 @@ _TOP = 1.0 - 2.0**-53  # the largest number below 1
 
 
 @dataclass(frozen=True)
-class Plan:
+class Sampling:
     """How cases are drawn: at random, along a Sobol sequence, or, of ``cases`` cases, as a Latin
     hypercube or a Saltelli design; and which parameters vary together."""
 
@@ -37,7 +37,7 @@ class Plan:
     copulas: tuple[Copula, ...] = ()
 
 
-RANDOM = Plan()
+RANDOM = Sampling()
 OF_ITS_SIZE = ("lhs", "saltelli")  # samplers whose cases depend on how many there are
 
 
@@ -102,14 +102,14 @@ def _saltelli(dimensions: int, seed: int, cases: int) -> np.ndarray:
     return np.clip(u.T, 2.0 ** -(_BITS + 1), _TOP)
 
 
-def size_fault(plan: Plan, dimensions: int) -> str:
-    """What is wrong with the number of cases of a plan; empty if nothing is."""
+def size_fault(sampling: Sampling, dimensions: int) -> str:
+    """What is wrong with the number of cases of a sampling; empty if nothing is."""
     size = dimensions + 2
-    if plan.sampler != SALTELLI or (dimensions and plan.cases % size == 0):
+    if sampling.sampler != SALTELLI or (dimensions and sampling.cases % size == 0):
         return ""
     if not dimensions:
         return "a Saltelli design needs a [dispersion]"
-    groups = max(2, 1 << (plan.cases // size).bit_length())
+    groups = max(2, 1 << (sampling.cases // size).bit_length())
     return (
         f"a Saltelli design of {dimensions} dispersed parameters has groups of {size} cases: "
         f"give a multiple, best {size * groups // 2} or {size * groups}"
@@ -117,7 +117,7 @@ def size_fault(plan: Plan, dimensions: int) -> str:
 
 
 def probabilities(
-    paths: Sequence[str], seed: int, first: int, count: int, plan: Plan = RANDOM
+    paths: Sequence[str], seed: int, first: int, count: int, sampling: Sampling = RANDOM
 ) -> np.ndarray:
     """Probabilities at which the laws of parameters are read in cases ``first`` to ``first +
     count``.
@@ -126,22 +126,22 @@ def probabilities(
     -------
     u : ndarray, shape (len(paths), count)
         Above 0 and below 1; each row uniform by itself, all of them independent but for the
-        copulas of the ``plan``.
+        copulas of the ``sampling``.
     """
-    if plan.sampler == "sobol" and paths:
+    if sampling.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)
-    elif plan.sampler == SALTELLI and paths:
-        u = _saltelli(len(paths), seed, plan.cases)[:, first : first + count].copy()
+    elif sampling.sampler == SALTELLI and paths:
+        u = _saltelli(len(paths), seed, sampling.cases)[:, first : first + count].copy()
     else:
         u = np.empty((len(paths), count))
         for row, path in zip(u, paths, strict=True):
             row[:] = stream(seed, path, first, count)
-            if plan.sampler == "lhs":
-                row += _strata(seed, path, plan.cases)[first : first + count]
-                row /= plan.cases
-    for copula in plan.copulas:
+            if sampling.sampler == "lhs":
+                row += _strata(seed, path, sampling.cases)[first : first + count]
+                row /= sampling.cases
+    for copula in sampling.copulas:
         _correlate(u, copula)
-    return u if plan == RANDOM else np.minimum(u, _TOP, out=u)
+    return u if sampling == RANDOM else np.minimum(u, _TOP, out=u)
 
 
 def _correlate(u: np.ndarray, copula: Copula) -> None:
@@ -184,7 +184,11 @@ def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
 
 
 def draw(
-    dispersions: tuple[Dispersion, ...], seed: int, first: int, count: int, plan: Plan = RANDOM
+    dispersions: tuple[Dispersion, ...],
+    seed: int,
+    first: int,
+    count: int,
+    sampling: Sampling = RANDOM,
 ) -> np.ndarray:
     """Case table of cases ``first`` to ``first + count``, in the units of the keys.
 
@@ -193,7 +197,7 @@ def draw(
     table : ndarray, shape (count, len(dispersions))
         In Fortran order: each parameter is contiguous. Measured: 160 ns a case for 27 uniform laws.
     """
-    table = probabilities([d.parameter.path for d in dispersions], seed, first, count, plan)
+    table = probabilities([d.parameter.path for d in dispersions], seed, first, count, sampling)
     for row, dispersion in zip(table, dispersions, strict=True):
         row[:] = quantile(dispersion, row)
     return table.T

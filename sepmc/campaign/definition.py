@@ -198,9 +198,9 @@ class Definition:
         tree["run"] = {
             k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
         }
-        if plan := self.file.plan:
+        if inputs := self.file.input_table:
             used = [d.column for d in self.file.dispersions if d.column]
-            tree["run"]["plan"] = plan.digest(used)
+            tree["run"]["plan"] = inputs.digest(used)
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
     def draw(
@@ -209,50 +209,51 @@ class Definition:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
         says that they are drawn, or as its plan gives them, in the units of its keys. Raises
         InputError if the plan does not hold one of them."""
-        laws, plan = self.file.dispersions, self.file.plan
+        laws, inputs = self.file.dispersions, self.file.input_table
         table = cases.draw(laws, self._seed(seed), first, count, self.drawn_as(total))
-        if plan is not None:
+        if inputs is not None:
             try:
-                rows = plan.rows(first, count)
+                rows = inputs.rows(first, count)
             except KeyError as error:
-                raise InputError(f"case = {error}: no such case in {plan.path.name}") from None
+                raise InputError(f"case = {error}: no such case in {inputs.path.name}") from None
             for place, law in enumerate(laws):
                 if law.column:
-                    table[:, place] = plan.columns[law.column][rows]
+                    table[:, place] = inputs.columns[law.column][rows]
         return table
 
     @property
     def numbers(self) -> Numbers:
         """Cases that the file asks for: the first so many, or those of its plan."""
-        plan = self.file.plan
-        return Numbers.first(self.scene.run.cases) if plan is None else Numbers.of(plan.numbers)
+        inputs = self.file.input_table
+        return Numbers.first(self.scene.run.cases) if inputs is None else Numbers.of(inputs.numbers)
 
     def asked(self, cases: Any = None) -> tuple[Numbers, int]:
         """Cases that are asked for, as `sepmc.campaign.numbers.read` takes them or as the file has
         them, and how many they are drawn of. Raises InputError if there are no such cases."""
-        own, plan = self.numbers, self.file.plan
+        own, inputs = self.numbers, self.file.input_table
         found = own if cases is None else read_numbers(cases)
         if isinstance(found, int):
-            if plan is None:
+            if inputs is None:
                 self.drawn_as(found)
                 return Numbers.first(found), found
             if found > own.count:
-                raise InputError(f"cases = {found}: {plan.path.name} has {own.count}")
-            found = Numbers.of(plan.numbers[:found])
-        fixed = plan is not None or self.scene.run.sampler in OF_ITS_SIZE
+                raise InputError(f"cases = {found}: {inputs.path.name} has {own.count}")
+            found = Numbers.of(inputs.numbers[:found])
+        fixed = inputs is not None or self.scene.run.sampler in OF_ITS_SIZE
         if fixed and (missing := found.count - found.common(own)):
             raise InputError(f"cases = {found}: {missing} of them are not among {own}")
         total = max(own.end, found.end)
         self.drawn_as(total)
         return found, total
 
-    def drawn_as(self, total: int | None = None) -> cases.Plan:
+    def drawn_as(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
-        plan = cases.Plan(run.sampler, run.cases if total is None else total, self.file.copulas)
-        if fault := cases.size_fault(plan, len(self.file.dispersions)):
-            raise InputError(f"cases = {plan.cases}: {fault}")
-        return plan
+        size = run.cases if total is None else total
+        sampling = cases.Sampling(run.sampler, size, self.file.copulas)
+        if fault := cases.size_fault(sampling, len(self.file.dispersions)):
+            raise InputError(f"cases = {size}: {fault}")
+        return sampling
 
     def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
         """Case ``number`` of the campaign, or of so many cases in ``total``, fully resolved in SI,

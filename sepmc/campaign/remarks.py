@@ -48,7 +48,7 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
 def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other, or that a person chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
-    if campaign.file.plan is not None:
+    if campaign.file.input_table is not None:
         yield (
             "run.plan: intervals and verdicts hold as far as the rows of the plan are independent "
             "random cases"

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sepmc import __version__
-from sepmc.scene.given import CASE, Given
+from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
 
@@ -264,18 +264,18 @@ def drop_incomplete(folder: Path) -> int:
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
     """The resolved campaign of a folder as TOML, with other values of ``run``."""
-    own = run | ({"plan": PLAN} if file.plan else {})
+    own = run | ({"plan": PLAN} if file.input_table else {})
     tree = {**file.tree, "run": {**file.tree.get("run", {}), **own}} if own else file.tree
     return replace(file, tree=tree).toml
 
 
-def write_plan(folder: Path, plan: Given, inputs: list[Column]) -> None:
+def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> None:
     """Write the table that gives inputs, so that the run can be replayed and resumed from its
     folder alone."""
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
-    columns += [known.get(name, Column(name, "", "")) for name in plan.columns]
-    write_parquet(folder / PLAN, columns, {CASE: plan.numbers, **plan.columns})
+    columns += [known.get(name, Column(name, "", "")) for name in table.columns]
+    write_parquet(folder / PLAN, columns, {CASE: table.numbers, **table.columns})
 
 
 def cases_done(folder: Path) -> np.ndarray:

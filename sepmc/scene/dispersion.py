@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sepmc.scene.fields import allowed
-from sepmc.scene.given import Given, check_column
+from sepmc.scene.input_table import InputTable, check_column
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Law, Scene
 from sepmc.scene.parameters import Parameter, UnknownPath, find, value
@@ -80,7 +80,7 @@ class Dispersion:
 
 
 def resolve(
-    scene: Scene, laws: dict[str, Law], problems: Problems, plan: Given | None = None
+    scene: Scene, laws: dict[str, Law], problems: Problems, table: InputTable | None = None
 ) -> tuple[Dispersion, ...]:
     """Resolve the laws of a file against the scene's nominal values, and against the columns of a
     plan, which come before laws, noting every problem."""
@@ -108,8 +108,8 @@ def resolve(
             )
             continue
         seen[parameter.path] = columns[parameter.column] = key
-        if law.column is not None or (plan and parameter.column in plan.columns):
-            given = _of_column(law, parameter, plan, place, problems)
+        if law.column is not None or (table and parameter.column in table.columns):
+            given = _of_column(law, parameter, table, place, problems)
             result += [given] if given else []
             continue
         found = _resolve_one(
@@ -121,7 +121,7 @@ def resolve(
 
 
 def _of_column(
-    law: Law, parameter: Parameter, plan: Given | None, place: str, problems: Problems
+    law: Law, parameter: Parameter, table: InputTable | None, place: str, problems: Problems
 ) -> Dispersion | None:
     """A parameter that takes its values from a column of the plan: one that is named, or that has
     the name of its own column in a case table."""
@@ -129,14 +129,14 @@ def _of_column(
         if [name for name in LAWS if getattr(law, name) is not None] or law.weights:
             problems.add(place, "give a column of run.plan, or a law")
             return None
-        if plan is None:
+        if table is None:
             problems.add(f"{place}.column", "needs run.plan, the table that has it", law.column)
             return None
-    assert plan is not None
+    assert table is not None
     name = law.column or parameter.column
-    if not check_column(plan, name, place, problems):
+    if not check_column(table, name, place, problems):
         return None
-    return Dispersion(parameter, *plan.law(name), column=name)
+    return Dispersion(parameter, *table.law(name), column=name)
 
 
 def _is_structure(parts: list[str]) -> bool:

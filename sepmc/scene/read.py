@@ -18,7 +18,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
-from sepmc.scene.given import Given, Reader
+from sepmc.scene.input_table import InputTable, Reader
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
 from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
@@ -45,7 +45,7 @@ class CampaignFile:
     reference: Reference | None
     tree: dict[str, Any]
     no_effect: tuple[str, ...] = ()
-    plan: Given | None = None
+    input_table: InputTable | None = None
     folder: Path = Path()
 
     @property
@@ -164,17 +164,17 @@ def parse_campaign(
     correlations = read_array(Correlation, tree.get("correlation", []), "correlation", problems)
     problems.raise_if_any(source)
     check_scene(scene, problems)
-    plan = None
+    table = None
     if scene.run.plan is not None:
         if reader is None:
             problems.add("run.plan", "needs the reader of tables that sepmc.load has")
         else:
-            plan = reader(folder / scene.run.plan, problems)
+            table = reader(folder / scene.run.plan, problems)
         problems.raise_if_any(source)
-    dispersions = resolve(scene, laws, problems, plan)
-    if plan is not None:
-        _check_plan(plan, dispersions, problems)
-        run = msgspec.structs.replace(scene.run, cases=int(plan.numbers[-1]) + 1)
+    dispersions = resolve(scene, laws, problems, table)
+    if table is not None:
+        _check_input_table(table, dispersions, problems)
+        run = msgspec.structs.replace(scene.run, cases=int(table.numbers[-1]) + 1)
         scene = msgspec.structs.replace(scene, run=run)
     for dispersion in dispersions:
         check_dispersion(dispersion, scene, problems)
@@ -203,21 +203,23 @@ def parse_campaign(
         reference,
         tree,
         no_effect,
-        plan,
+        table,
         folder,
     )
 
 
-def _check_plan(plan: Given, dispersions: Sequence[Dispersion], problems: Problems) -> None:
+def _check_input_table(
+    table: InputTable, dispersions: Sequence[Dispersion], problems: Problems
+) -> None:
     """A plan gives what the campaign disperses, and nothing else by a name of its case tables."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
-    for name in plan.columns:
+    for name in table.columns:
         if name.startswith("in_") and name not in used and name not in known:
             said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
             problems.add(f"run.plan, column {name}", f"no such input here: {said}")
     if not used - {""} and not problems:
-        problems.add("run.plan", f"gives no input; {nearest('', known)}", plan.path.name)
+        problems.add("run.plan", f"gives no input; {nearest('', known)}", table.path.name)
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:

@@ -44,7 +44,7 @@ def _plan(
     campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None
 ) -> Flight:
     scene = campaign.scene
-    first, end = campaign.numbers.ranges[0] if campaign.file.plan else (0, _CASES)
+    first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, _CASES)
     draws = campaign.in_si(campaign.draw(first, min(_CASES, end - first)))
     kernel = load_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]

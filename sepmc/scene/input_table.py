@@ -19,12 +19,12 @@ _KNOTS = 257  # of the quantiles of a column of more
 class Reader(Protocol):
     """Reads a table of inputs; None, with the problems noted, if that cannot be."""
 
-    def __call__(self, path: Path, problems: Problems) -> "Given | None":
+    def __call__(self, path: Path, problems: Problems) -> "InputTable | None":
         """The table in the file at ``path``."""
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class InputTable:
     """A table of inputs: the ``numbers`` (n,) of its cases, rising, and its columns of numbers
     (n,)."""
 
@@ -58,7 +58,7 @@ class Given:
         return "given", tuple(knots.tolist()), ()
 
 
-def check_column(given: Given, name: str, place: str, problems: Problems) -> bool:
+def check_column(given: InputTable, name: str, place: str, problems: Problems) -> bool:
     """Whether a table has a column of finite numbers; notes it, if not."""
     if name not in given.columns:
         said = nearest(name, given.columns)

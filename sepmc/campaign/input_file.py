@@ -8,13 +8,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv
 
-from sepmc.scene.given import CASE, Given
+from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import Problems
 
 _MOST = 10**9
 
 
-def read_plan(path: Path, problems: Problems) -> Given | None:
+def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     """Read a table of inputs in CSV or Parquet; None, with the problems noted, if that cannot
     be."""
     place, count = "run.plan", len(problems)
@@ -48,4 +48,4 @@ def read_plan(path: Path, problems: Problems) -> Given | None:
     order = np.argsort(numbers)
     kept = frame.select_dtypes("number").drop(columns=CASE, errors="ignore")
     columns = {str(name): kept[name].to_numpy(dtype=float)[order] for name in kept}
-    return Given(path, numbers[order], columns)
+    return InputTable(path, numbers[order], columns)
