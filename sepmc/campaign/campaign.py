@@ -198,6 +198,14 @@ class Result:
         return self.kept.rows
 
 
+class _Told(dict[str, Any]):
+    """Told of a history in its ``attrs``, of which pandas makes deep copies for every column that
+    is taken from it: this one stays what it is."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_Told":
+        return self
+
+
 class Campaign(Definition):
     """A scene, its dispersions and its run settings, ready to fly."""
 
@@ -259,12 +267,11 @@ class Campaign(Definition):
             c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)
         }
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
+        errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
         frame.attrs = {
-            "units": {"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}},
-            "outcomes": outcomes,
-            "errors": {}
-            if found.error is None
-            else {c.name: float(x) for c, x in zip(self.outcome_columns, found.error, strict=True)},
+            "units": _Told({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
+            "outcomes": _Told(outcomes),
+            "errors": _Told({c.name: float(x) for c, x in errors}),
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": unfit + found.notes + together(scene, outcomes, which),
