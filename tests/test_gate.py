@@ -251,14 +251,14 @@ def test_thirty_scenes():
     assert set().union(*(kinds[seed] for seed in SEEDS)) == set().union(*kinds.values())
     jobs = [{"seed": seed, "cases": 2, "doors": seed in THROUGH_DOORS} for seed in SEEDS]
     found = list(judge_all(jobs))
-    assert not [v for v in found if drive.fails(v)], drive.table(found)
+    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
 
 
 @pytest.mark.slow
 def test_three_compiled_scenes():
     """So do three kernels compiled."""
     found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
-    assert not [v for v in found if drive.fails(v)], drive.table(found)
+    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
     assert all(v["compiled"] for v in found)
 
 
@@ -269,3 +269,14 @@ def test_a_scene_that_failed_once(path):
         verdict = compare.judge(tomllib.loads(path.read_text(encoding="utf-8")), path.stem, 2)
     assert not verdict.not_flown
     assert not verdict.fails, "\n".join([verdict.crash, *verdict.said])
+
+
+def test_a_scene_that_takes_too_long_is_told_and_no_fault():
+    """A scene without a verdict in time is counted and named, by its seed, and no row of it is said
+    to be the same."""
+    found = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
+    assert [v["not_flown"] for v in found] == ["no verdict within 0.05 s"]
+    assert not any(map(drive.fails, found))
+    text = drive.table(found)
+    assert "not compared: 1 x no verdict within 0.05 s (seeds 5)" in text
+    assert text.splitlines()[1].split() == ["all", *["0"] * (len(text.splitlines()[1].split()) - 1)]

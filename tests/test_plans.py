@@ -142,7 +142,7 @@ def test_some_cases_are_those_of_the_whole(file, sampler, tmp_path):
         some.to_pandas(), every[every["case"].isin([3, 4, 9])].reset_index(drop=True)
     )
     assert some.case(9).inputs == campaign.case(9).inputs
-    with pytest.raises(InputError, match="case = 5: is none of those flown, 3:5,9"):
+    with pytest.raises(InputError, match="case = 5: must be one of those flown, 3:5,9"):
         some.case(5)
     told = read_manifest(folder)
     assert (told["cases"], told["numbers"], told["of"]) == (3, "3:5,9", 12)

@@ -72,11 +72,12 @@ def test_one_page(page):
     tags = Tags()
     tags.feed(page)
     assert tags.open == []
-    assert all(found.startswith("#") for found in tags.refers)
+    assert all(found.startswith(("#", "data:image/png;base64,")) for found in tags.refers)
     assert "script" not in tags.count
     assert "A &lt; B &amp; &lt;script&gt;" in page
-    # outcomes over time and as histograms, vehicle, drivers, three figures of each worst case
-    assert tags.count["svg"] == 2 + 1 + 1 + 1 + 3 * 2
+    # outcomes over time, as shares, as they converge and as histograms; vehicle; drivers as swings
+    # and case by case; three figures of each worst case
+    assert tags.count["svg"] == 2 + 1 + 1 + 1 + 1 + 2 + 3 * 2
     assert len(page) < 3e6
 
 

@@ -169,7 +169,7 @@ class Result:
         no such case."""
         number = whole("case", number, 0)
         if number not in self.numbers:
-            raise InputError(f"case = {number}: is none of those flown, {self.numbers}")
+            raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
         found = self.campaign.case(number, self.seed, self.total)
         run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))

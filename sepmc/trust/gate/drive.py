@@ -52,8 +52,9 @@ def gate(
     tell = now_and_then(say, _EVERY_S)
 
     def so_far(seconds: float) -> str:
-        failing = sum(map(fails, found))
-        return f"{len(found)} of {len(jobs)} flown in {seconds:.0f} s, {failing} fail"
+        failing, left = sum(map(fails, found)), sum(bool(v.get("not_flown")) for v in found)
+        others = f", {left} not compared" if left else ""
+        return f"{len(found)} of {len(jobs)} flown in {seconds:.0f} s, {failing} fail{others}"
 
     for verdict in judge_all(jobs):
         found.append(verdict)
@@ -122,10 +123,13 @@ def table(verdicts: Iterable[Found]) -> str:
     statuses: Counter[str] = sum((Counter(v.get("statuses", {})) for v in flown), Counter())
     text += ["", "statuses: " + ", ".join(f"{n} {label}" for label, n in statuses.most_common())]
     text += [_worst(flown)] if any(v.get("rows") for v in flown) else []
-    for reason, n in Counter(
-        v["not_flown"][:100] for v in verdicts if v.get("not_flown")
-    ).most_common():
-        text.append(f"not compared: {n} x {reason}")
+    reasons: dict[str, list[int]] = {}
+    for v in verdicts:
+        if v.get("not_flown"):
+            reasons.setdefault(v["not_flown"][:100], []).append(v["seed"])
+    for reason, seeds in sorted(reasons.items(), key=lambda item: -len(item[1])):
+        named = ", ".join(map(str, seeds[:8])) + (", ..." if len(seeds) > 8 else "")
+        text.append(f"not compared: {len(seeds)} x {reason} (seeds {named})")
     failing = sorted({v["seed"] for v in flown if fails(v)})
     text.append(
         f"{len(verdicts)} scenes, "

@@ -110,15 +110,14 @@ def _work(
         verdict = worker.judge(job)
         if verdict is None:
             worker.close()
-            why = (
-                f"no verdict within {worker.limit_s:g} s" if worker.stopped else "the process died"
-            )
+            late = f"no verdict within {worker.limit_s:g} s" if worker.stopped else ""
             worker = None
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
                 "name": name,
                 "seed": job.get("seed"),
-                "crash": why,
+                "crash": "" if late else "the process died",
+                "not_flown": late,
                 "rows": {},
                 "said": [],
                 "compiled": job.get("compiled", False),
