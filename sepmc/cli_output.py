@@ -154,7 +154,8 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
     manifest = store.read_manifest(folder)
     if manifest.get("stats_only"):
         kept = (
-            "what there is stands in statistics.csv and statistics.json"
+            "what there is stands in statistics.csv and statistics.json, and sepmc run "
+            f"{folder} --case N flies any of its cases again"
             if manifest.get("complete")
             else "it was interrupted, so nothing was kept; fly it again with --overwrite"
         )
@@ -254,21 +255,27 @@ def tell_results(
 
 def tell_given(folder: Path, loaded: "Campaign", given: tuple[str, ...], shown: str | None) -> None:
     """Statistics and verdicts of the cases of a run in which terms hold, to the screen."""
+    import pandas as pd
+
     from sepmc.analysis import requirements
     from sepmc.analysis.given import names_of, where
     from sepmc.analysis.rows import Rows
-    from sepmc.analysis.statistics import summary_text
+    from sepmc.analysis.statistics import ok_rows, summary_text
     from sepmc.campaign import store
 
     cases = store.CaseColumns(folder)
-    columns = names_of(loaded.file.dispersions, list(cases))
+    columns = names_of(loaded.file.dispersions, [name for name in cases if name != "status"])
     held = where(cases, columns, given)
     outcomes, audits, bounds, required = loaded.summarised
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
     folded(f"{' and '.join(given)}: {held.sum()} of {cases.rows} cases")
-    if not held.any():
+    ok = int(ok_rows(cases)[held].sum())
+    if not ok:
+        ends = pd.Series(cases["status"][held]).value_counts()
+        told = ", ".join(f"{count} {label}" for label, count in ends.items())
+        folded(f"none of them came to its end as asked, so there are no statistics: {told}")
         return
     table, accuracy = summary.statistics(), store.read_manifest(folder).get("accuracy") or {}
     folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
@@ -472,14 +479,14 @@ def _share_figures(
     cases, values = store.CaseColumns(folder), {}
     ok = ok_rows(cases)
     for name in dict.fromkeys([*required, *converged]):
-        x = column(cases, name)[ok]
-        values[name] = x[np.isfinite(x)]
+        values[name] = np.where(ok, column(cases, name), np.nan)
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     written = []
     if required:
         of = {name: values[name] for name in required}
         written.append(beyond_figure(of, verdicts, into, units, about, suffix))
-    if shown := {name: values[name] for name in converged if len(values[name]) > 1}:
+    known = {name: values[name][np.isfinite(values[name])] for name in converged}
+    if shown := {name: x for name, x in known.items() if len(x) > 1}:
         written.append(convergence_figure(shown, into, units, about, suffix))
     return written
 
@@ -503,8 +510,17 @@ def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
     else:
         ends = zip(table["min"][there], table["max"][there], strict=True)
         varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
-        others = sorted(varied, key=_interest)
+        others = sorted(_different(varied, table), key=_interest)
     return list(dict.fromkeys([*required, *others]))
+
+
+def _different(names: list[str], table: "pd.DataFrame") -> list[str]:
+    """Of outcomes that are the same, as rates of two bodies that are one, the first alone."""
+    found: dict[tuple[str, ...], str] = {}
+    for name in names:
+        told = (f"{table.loc[name, key]:.7g}" for key in ("mean", "sigma", "min", "max"))
+        found.setdefault(tuple(told), name)
+    return list(found.values())
 
 
 _INTERESTING = (

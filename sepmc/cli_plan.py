@@ -72,6 +72,7 @@ def _timed(
     from sepmc.campaign.flight import fly, history_rows
 
     first, end = numbers.ranges[0]
+    fly(loaded, flight, loaded.in_si(loaded.draw(first, 1, seed, total)))  # what comes only once
     room, count, seconds = history_rows(loaded.scene) if separation else 0, _FEWEST, 0.0
     while seconds < _TRIED_S and count < end - first:
         count = min(_TIMES * count, end - first)

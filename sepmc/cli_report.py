@@ -90,10 +90,13 @@ def find_drivers(
     ]
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
     apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
-    counts = {item.name: int(causes.violating(item, rows)[0].sum()) for item in items}
-    violated = {
-        name: f"{name}, {count} of {rows.rows} cases" for name, count in counts.items() if count
-    }
+    violated = {}
+    for item in items:
+        violates, known = causes.violating(item, rows)
+        if count := int((violates & known).sum()):
+            unknown = rows.rows - int(known.sum())
+            left = f" ({unknown} others have no such outcome)" if unknown else ""
+            violated[item.name] = f"{item.name}, {count} of {known.sum()} cases{left}"
     return Driven(found, apart, violated, keys)
 
 
@@ -106,7 +109,9 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     if driven.drivers:
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
         store.write_text(folder / "drivers.csv", table.to_csv(index=False))
+        click.echo(folder / "drivers.csv")
     store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
+    click.echo(folder / "causes.csv")
     if plots:
         for path in draw_drivers(driven, folder, loaded, folder):
             click.echo(path)
@@ -121,24 +126,33 @@ def draw_drivers(
         return []
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     cases = store.CaseColumns(folder)
-    ok, violating = ok_rows(cases), np.zeros(cases.rows, dtype=bool)
-    for item in loaded.file.requirements:
-        violating |= causes.violating(item, cases)[0]
+    ok = ok_rows(cases)
+    by_metric = {
+        item.metric: causes.violating(item, cases)[0] & causes.violating(item, cases)[1]
+        for item in loaded.file.requirements
+    }
+    every = np.any(list(by_metric.values()), axis=0) if by_metric else np.zeros(cases.rows, bool)
+    violating = {name: by_metric.get(name, every)[ok] for name in driven.drivers}
     names = {*driven.drivers, *(str(name) for t in driven.drivers.values() for name in t.index)}
     rows = {name: column(cases, name)[ok] for name in names}
     return [
         tornado_figure(driven.drivers, into, units, driven.keys, about, suffix),
-        scatter_figure(
-            driven.drivers, rows, violating[ok], into, units, driven.keys, about, suffix
-        ),
+        scatter_figure(driven.drivers, rows, violating, into, units, driven.keys, about, suffix),
     ]
 
 
 def tell_comparison(
-    folders: tuple[Path, Path], runs: tuple[Campaign, Campaign], out: Path | None
+    folders: tuple[Path, Path],
+    runs: tuple[Campaign, Campaign],
+    out: Path | None,
+    overwrite: bool,
 ) -> None:
     """What differs between two runs, in their files, statuses, verdicts and outcomes: to the
     screen, and to ``compare.csv`` and ``compare.png`` in a folder if one is given."""
+    if out is not None and (out / "compare.csv").exists() and not overwrite:
+        raise store.StoreError(
+            f"{out}: holds a comparison; add --overwrite or choose another --out"
+        )
     rows = [store.CaseColumns(folder) for folder in folders]
     summaries = [summary_of(folder, run) for folder, run in zip(folders, runs, strict=True)]
     tables = [summary.statistics() for summary in summaries]
@@ -169,6 +183,7 @@ def tell_comparison(
         return
     store.make_writable(out)
     store.write_text(out / "compare.csv", table.to_csv())
+    click.echo(f"wrote {out / 'compare.csv'}")
     values = {}
     for name in telling:
         both = [column(cases, name)[ok_rows(cases)] for cases in rows]

@@ -130,6 +130,10 @@ def campaign(
         if dry_run:
             from sepmc.cli_plan import tell_plan
 
+            store.check_folder(folder, overwrite, resume)
+            if until:
+                loaded.until(until, numbers, resume)
+                click.echo(f"stops as soon as {until} is known, of at most:")
             tell_plan(loaded, cases, seed, folder, stats_only, click.echo)
             return
         with progress_bar(numbers.count, quiet) as progress:
@@ -147,7 +151,8 @@ def campaign(
                     announce=say,
                 )
             except KeyboardInterrupt:
-                which = "" if numbers.are_first else f" --cases {numbers}"
+                own = numbers == loaded.numbers or numbers.are_first
+                which = "" if own else f" --cases {numbers}"
                 what = (
                     f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
                     f"{folder} --resume{which}"
@@ -460,7 +465,8 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder for compare.csv and compare.png."
 )
-def compare(one: Path, two: Path, out: Path | None) -> None:
+@click.option("--overwrite", is_flag=True, help="Replace the comparison in --out.")
+def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
     """What differs between RUN_A and RUN_B: in their files, in statuses and verdicts, and in their
     outcomes, with a 95 % interval of each difference: of pairs of cases, where both runs have the
     same inputs in a case of the same number, as two runs of one seed have.
@@ -475,7 +481,7 @@ def compare(one: Path, two: Path, out: Path | None) -> None:
         manifest_with_rows(one)
         manifest_with_rows(two)
         first, second = (load_campaign(str(folder), (), warn=False) for folder in (one, two))
-        tell_comparison((one, two), (first, second), out)
+        tell_comparison((one, two), (first, second), out, overwrite)
 
 
 @click.command()

@@ -158,7 +158,7 @@ def chosen(
         summary = summary_of(folder, loaded)
         told = errors_told(store.read_manifest(folder).get("accuracy") or {})
         errors = with_scales(loaded, told, summary.statistics())
-        number, said = replay.worst(summary, loaded, errors, asked), f"is the worst of {asked}"
+        number, said = replay.worst(summary, loaded, errors, asked)
     elif way == "nearest":
         number, what = replay.near(cases, asked)
         said = f"is nearest to {what}"

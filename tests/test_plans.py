@@ -234,6 +234,8 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"V": [1.0, -1.0]}, "V", "the law reaches -1, but the value must be >= 0"),
         ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
         ({"V": ["fast", "slow"]}, "V", "no such column of numbers in plan.csv"),
+        ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V = '3,5': is no number in case 2"),
+        ({"case": [10**12], "V": [1.0]}, "V", "whole numbers from 0 to 999999999"),
         ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
         ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),
         ({"case": [0.5, 1], "V": [1.0, 2.0]}, "V", "column case = '0.5': must hold whole numbers"),
@@ -280,8 +282,9 @@ def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     result = campaign.run(200, out=tmp_path / "run", until=f"separation_speed_m_s:{size * 0.8}")
     assert result.numbers.count == 16
     assert result.to_pandas().equals(flown(campaign, 16))
-    assert "after 16 of 200 cases the mean of separation_speed_m_s is" in result.notes[-1]
     told = read_manifest(tmp_path / "run")
+    assert told["until"].startswith("after 16 of 200 cases the mean of separation_speed_m_s is")
+    assert not [note for note in result.notes if note.startswith("after")]
     assert (told["cases"], told["complete"], sepmc.load(tmp_path / "run").scene.run.cases) == (
         16,
         True,
@@ -331,3 +334,7 @@ def test_dry_run_writes_nothing(file, tmp_path):
     assert (code, folder.exists()) == (0, False), said
     assert "sprung: 1000 cases, seed 4, sampler random" in said
     assert "2 inputs" in said
+    folder.mkdir()
+    (folder / "mine").write_text("x", encoding="utf-8")
+    for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):
+        assert command("campaign", file, "--dry-run", *more)[0] == 2

@@ -30,6 +30,17 @@ def test_share_beyond_a_value(upper):
     assert np.isclose(band[:, 1].max(), interval(int(count.max()), 900)[1])
 
 
+def test_cases_without_an_outcome_are_beyond():
+    """A curve begins at the share of cases that have no outcome, as verdicts count them."""
+    x = np.concatenate([np.arange(90.0), np.full(10, np.nan)])
+    for upper in (True, False):
+        _, (ax,) = sheet(1, 1, (4.0, 3.0))
+        _beyond(ax, x, upper)
+        at, share = ax.get_lines()[0].get_data()
+        beyond = (89.0 - at if upper else at) + 10.0
+        np.testing.assert_allclose(share, beyond / 100.0)
+
+
 def test_running_mean_and_sigma():
     """Mean, sigma and their standard errors of the first n values, for every n, far from zero."""
     x = 1e6 + np.random.default_rng(4).gamma(2.0, size=400)

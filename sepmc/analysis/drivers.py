@@ -50,7 +50,8 @@ def drivers(
     DataFrame, a row per input, what drives most first
         ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
         65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
-        of the cases in which the input is lowest and highest, in its unit; ``first`` with a 95 %
+        of the cases in which the input is lowest and highest, in its unit, all of these of the
+        independent cases of a Saltelli design alone; ``first`` with a 95 %
         interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur 2012; Saltelli et al. 2010);
         ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``. ``attrs["mean"]`` is
         the outcome's mean.
@@ -71,6 +72,10 @@ def drivers(
     names = [inputs[i] for i in varied]
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
     known, outcomes = x[varied][:, there], y[there]
+    if sampler == SALTELLI:  # the others of a group repeat these two but for one input, or for one
+        size = len(inputs) + 2
+        apart = np.isin(np.arange(len(y)) % size, (0, size - 1))
+        known, outcomes = x[varied][:, there & apart], y[there & apart]
     _by_rank(table, known, outcomes)
     tenths = [_tails(row, outcomes) for row in known]
     table[["mean_low", "mean_high"]] = tenths
@@ -168,7 +173,10 @@ def text(
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
     left = len(table) - most
     return "\n".join(
-        [f"what drives {outcome}", *(f"  {line}".rstrip() for line in lines)]
+        [
+            f"what drives {outcome}, the surest first-order index first",
+            *(f"  {line}".rstrip() for line in lines),
+        ]
         + ([f"  and {left} inputs that do less"] if left > 0 else [])
     )
 

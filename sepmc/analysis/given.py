@@ -57,6 +57,8 @@ def where(
         try:
             number = float(value)
         except ValueError:
-            raise InputError(f"given = {text}: {value!r} must be a number") from None
+            number = np.nan
+        if np.isnan(number):
+            raise InputError(f"given = {text}: {value!r} must be a number")
         found &= _TESTS[test](column(rows, columns[name]), number)
     return found

@@ -354,7 +354,7 @@ class Campaign(Definition):
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
-        stop = None if until is None else self._until(until, numbers, resume)
+        stop = None if until is None else self.until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
         folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
@@ -425,7 +425,7 @@ class Campaign(Definition):
             resumed=len(done),
         )
 
-    def _until(self, text: str, numbers: Numbers, resume: bool) -> Until:
+    def until(self, text: str, numbers: Numbers, resume: bool) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         found = read_until(text, [column.name for column in self.outcome_columns])
         if resume or not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:

@@ -62,7 +62,8 @@ class Chunks:
         self.campaign, self.flight, self.draws = campaign, flight, draws
         self.timing, self.folder = timing, folder
         self.wanted = draws.numbers.count - (earlier or {}).get("cases_held", 0)
-        self._stopped: list[str] = []  # why that was enough
+        self._known = ""  # how well a statistic is known that decides how many cases are flown
+        self._stopped: list[str] = []  # the same if it is not enough
         self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
         self.held, self.failures_held = 0, 0  # those that the sink has taken
@@ -190,6 +191,7 @@ class Chunks:
             "implausible_inertias": self.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
+            **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
         try:
@@ -283,13 +285,16 @@ class Chunks:
         summary = self.kept().summary
         (value, half), enough = until.known(summary), until.is_met(summary)
         asked = f"{100 * until.tolerance:g} %" if until.relative else f"{until.tolerance:g}"
-        self._stopped = [
+        self._known = (
             f"after {self.flown} of {self.draws.numbers.count} cases the {until.name} is "
             f"{value:.6g} +- {half:.2g} (95 %); asked +- {asked}{'' if enough else ': NOT MET'}"
-        ]
+        )
+        self._stopped = [] if enough else [self._known]
         if enough:
             self.wanted = self.flown
             self.draws = Draws(self.draws.seed, Numbers.first(self.flown), self.flown)
+            if self.announce:
+                self.announce(self._known)
         return enough
 
     def kept(self) -> Kept:

@@ -38,7 +38,9 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
         whole = np.isfinite(given) & (given % 1 == 0) & (given >= 0) & (given < _MOST)
         if not whole.all():
             bad = str(frame[CASE].iloc[int(np.argmin(whole))])
-            problems.add(f"{place}, column {CASE}", "must hold whole numbers >= 0", bad)
+            problems.add(
+                f"{place}, column {CASE}", f"must hold whole numbers from 0 to {_MOST - 1}", bad
+            )
         elif len(np.unique(given)) < len(given):
             problems.add(f"{place}, column {CASE}", "holds a number twice")
         else:
@@ -46,6 +48,13 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if len(problems) > count:
         return None
     order = np.argsort(numbers)
+    for name in frame:  # a word among numbers makes a column one of words
+        words = pd.to_numeric(frame[name], errors="coerce").isna() & frame[name].notna()
+        if name != CASE and 0 < words.sum() < 0.5 * len(frame):
+            at = int(np.argmax(words))
+            said = f"is no number in case {numbers[at]}"
+            problems.add(f"{place}, column {name}", said, str(frame[name].iloc[at]))
+            return None
     kept = frame.select_dtypes("number").drop(columns=CASE, errors="ignore")
     columns = {str(name): kept[name].to_numpy(dtype=float)[order] for name in kept}
     return InputTable(path, numbers[order], columns)

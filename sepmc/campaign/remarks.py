@@ -53,13 +53,18 @@ def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
             "run.plan: intervals and verdicts hold as far as the rows of the plan are independent "
             "random cases"
         )
-    elif not numbers.are_first:
+    if not numbers.are_first and numbers != campaign.numbers:
         yield (
             f"cases {numbers} are named: intervals and verdicts hold unless they were chosen by "
             "what they do"
         )
     if sampler == "random":
         return
+    if sampler == "lhs" and campaign.file.copulas:
+        yield (
+            "run.sampler = 'lhs': parameters of a [[correlation]] keep their laws, but do not have "
+            "one case in each of equal parts"
+        )
     if sampler == SALTELLI:
         yield (
             "run.sampler = 'saltelli': cases repeat each other but for one parameter, so intervals "

@@ -14,7 +14,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 from sepmc.scene.messages import InputError, nearest
-from sepmc.schema import Status
+from sepmc.schema import Status, is_yes_or_no
 
 
 @dataclass(frozen=True)
@@ -104,15 +104,22 @@ def near(cases: store.CaseColumns, asked: str) -> tuple[int, str]:
     return int(numbers[np.abs(values - target).argmin()]), f"{outcome} = {target:.6g}"
 
 
-def worst(summary: Rows | Stream, campaign: Definition, errors: dict, asked: str) -> int:
-    """The worst case of a requirement, which is named, or by its metric."""
+def worst(
+    summary: Rows | Stream, campaign: Definition, errors: dict, asked: str
+) -> tuple[int, str]:
+    """The worst case of a requirement, which is named, or by its metric, and what it is; of an
+    outcome that is yes or no, or of a status, the first of those that violate it."""
     known = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler
     for verdict in summary.verdicts(errors, audited, sampler):
         if asked in (verdict.name, verdict.metric):
             if verdict.worst_case is None:
                 raise InputError(f"worst = {asked}: no case shows it")
-            return int(verdict.worst_case)
+            if verdict.at_least is verdict.at_most is None or is_yes_or_no(verdict.metric):
+                said = f"is the first of {verdict.violations} that violate {verdict.name}"
+            else:
+                said = f"is the worst of {verdict.name}"
+            return int(verdict.worst_case), said
     ways = "; without a requirement, ask for the least or greatest of an outcome"
     raise InputError(f"worst = {asked}: no such requirement; {nearest(asked, known)}{ways}")
 

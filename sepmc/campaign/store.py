@@ -72,14 +72,25 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
 def open_folder(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> Path:
-    """Make ``folder`` ready to be written, without losing anything unasked. ``resumable``: say that
-    it could be resumed.
+    """Make ``folder`` ready to be written, without losing anything unasked; see `check_folder`.
+    Raises StoreError, too, if it cannot be written."""
+    check_folder(folder, overwrite, resume, resumable)
+    if overwrite and folder.is_dir():
+        _clear(folder)
+    make_writable(folder)
+    return folder
+
+
+def check_folder(
+    folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
+) -> None:
+    """See whether ``folder`` may be written, and change nothing. ``resumable``: say that it could
+    be resumed.
 
     Raises
     ------
     StoreError
-        If it exists and neither ``overwrite`` nor ``resume`` is given, is no run folder, or cannot
-        be written.
+        If it exists and neither ``overwrite`` nor ``resume`` is given, or is no run folder.
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give --out a folder")
@@ -96,15 +107,11 @@ def open_folder(
                 f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
                 "another --out"
             )
-        if overwrite:
-            _clear(folder)
-    for name in _OURS:
+    for name in () if overwrite else _OURS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(
                 f"{folder / name}: is a file where a run keeps a folder; choose another --out"
             )
-    make_writable(folder)
-    return folder
 
 
 def make_writable(folder: Path) -> None:

@@ -16,6 +16,7 @@ from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
 
 FRAMES, _PER_SECOND, _AROUND = 100, 20, 40  # of the film; points around a rim
 _VIEWS = ((1, "up (m)"), (2, "right (m)"))  # coordinate across the flight, and its name
+_SIGNS = "+ centre of mass; square: joint, filled while it holds; arrow: its constraint force"
 _SHAPE = 0.3  # height of a view, of its width
 _ARROW = 0.15  # of the vehicle's length: the greatest constraint force
 
@@ -54,18 +55,24 @@ def film(
     limits = _limits(shots, scene)
     force = max((shot.largest_force for shot in shots), default=0.0)
     figure, axes = sheet(2, 1, (8.0, 2.9))
+
+    def show(shot: _Shot) -> None:
+        for ax, (up, label) in zip(axes, _VIEWS, strict=True):
+            ax.clear()
+            shot.draw(ax, up, force, _ARROW * limits[0])
+            ax.set_aspect("equal", adjustable="box")
+            ax.set(xlim=limits[1], ylim=limits[2 if up == 1 else 3], ylabel=label)
+            ax.grid(True, color="#e4e4e4", linewidth=0.5)
+        axes[-1].set_xlabel(f"aft (m)\n{_SIGNS}", fontsize=9)
+        figure.suptitle(f"{title}\n{shot.caption}", fontsize=10)
+
+    show(shots[0])
+    figure.canvas.draw()
+    figure.set_layout_engine("none")  # found once: frames stand still, and take half of the time
     with writer.saving(figure, str(path), dpi=90):
         for number, shot in enumerate(shots):
-            for ax, (up, label) in zip(axes, _VIEWS, strict=True):
-                ax.clear()
-                shot.draw(ax, up, force, _ARROW * limits[0])
-                ax.set_aspect("equal", adjustable="box")
-                ax.set(xlim=limits[1], ylim=limits[2 if up == 1 else 3], ylabel=label)
-                ax.grid(True, color="#e4e4e4", linewidth=0.5)
-            axes[-1].set_xlabel("aft (m)")
-            figure.suptitle(f"{title}\n{shot.caption}", fontsize=10)
+            show(shot)
             writer.grab_frame()
-            figure.set_layout_engine("none")  # found once: half of the time of a frame
             progress(number)
     return path
 

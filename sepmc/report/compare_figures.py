@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.report.style import BLUE, VERMILION, in_words, made, save, sheet
+from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 
 def overlay_figure(
@@ -37,5 +37,5 @@ def overlay_figure(
         ax.set_ylim(0.0, 1.0)
     for ax in axes[len(values) :]:
         ax.remove()
-    figure.suptitle(f"{names[0]} and {names[1]}", fontsize=11)
+    entitle(figure, f"{names[0]} and {names[1]}")
     return save(figure, made(folder) / "compare.png")

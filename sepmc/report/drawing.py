@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
 
-from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, save
+from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, save
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
@@ -92,7 +92,7 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
         ax.tick_params(labelsize=9)
-    figure.suptitle(title, fontsize=11)
+    entitle(figure, title)
     return save(figure, path)
 
 

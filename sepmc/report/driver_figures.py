@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sepmc.report.style import BLUE, VERMILION, in_words, made, save, sheet
+from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
 
@@ -34,7 +34,8 @@ def tornado_figure(
     columns = min(2, len(found))
     figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
     for ax, (outcome, table) in zip(axes, found.items(), strict=False):
-        middle, ends = table.attrs["mean"], table[["mean_low", "mean_high"]]
+        # those that the printed table has, the largest swing first
+        middle, ends = table.attrs["mean"], table[["mean_low", "mean_high"]].head(_BARS)
         swing = (ends - middle).abs().max(axis=1)
         top = ends.loc[swing.nlargest(_BARS).index[::-1]]
         places = np.arange(len(top))
@@ -55,7 +56,7 @@ def tornado_figure(
         ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
     for ax in axes[len(found) :]:
         ax.remove()
-    figure.suptitle(f"What drives the outcomes of {about}", fontsize=11)
+    entitle(figure, f"What drives the outcomes of {about}")
     return save(figure, made(folder) / f"drivers{suffix}")
 
 
@@ -65,7 +66,7 @@ _DOTS, _INPUTS = 3000, 3  # cases that are drawn; inputs of an outcome
 def scatter_figure(
     found: Mapping[str, pd.DataFrame],
     rows: Mapping[str, np.ndarray],
-    violating: np.ndarray,
+    violating: Mapping[str, np.ndarray],
     folder: Path,
     units: Mapping[str, str],
     keys: Mapping[str, str],
@@ -79,32 +80,31 @@ def scatter_figure(
     ----------
     found, folder, units, keys, about : as for `tornado_figure`
     rows : the ok cases, by column
-    violating : which of them violate a requirement (n,), drawn as crosses
+    violating : by outcome, which of them violate what is required of it, or, where that is nothing,
+        any requirement (n,); drawn as crosses
     """
     figure, axes = sheet(len(found), _INPUTS, (4.0, 2.7))
-    shown = np.zeros(len(violating), dtype=bool)
-    shown[: max(1, _DOTS)] = True
     for row, (outcome, table) in enumerate(found.items()):
+        crossed = violating[outcome]
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
             if k >= len(table):
                 ax.remove()
                 continue
             name = str(table.index[k])
-            fine = shown & ~violating
+            fine = ~crossed & (np.arange(len(crossed)) < _DOTS)
             ax.plot(
                 rows[name][fine], rows[outcome][fine], ".", ms=2.5, color=BLUE, alpha=0.5,
-                label="cases" if not violating.any() else "cases that meet all requirements",
-                rasterized=True,
+                label="cases", rasterized=True,
             )  # fmt: skip
-            if violating.any():
+            if crossed.any():
                 ax.plot(
-                    rows[name][violating], rows[outcome][violating], "x", ms=5, color=VERMILION,
-                    label="cases that violate one",
+                    rows[name][crossed], rows[outcome][crossed], "x", ms=5, color=VERMILION,
+                    label="cases that violate what is required of the outcome, or else anything",
                 )  # fmt: skip
             ax.set_xlabel(keys.get(name, name), fontsize=8.5)
             if not k:
                 words = in_words(outcome, unit)
                 ax.set_ylabel(f"{words} ({unit})" if unit else words, fontsize=9)
-    figure.suptitle(f"Outcomes of {about} over what drives them most", fontsize=11)
+    entitle(figure, f"Outcomes of {about} over what drives them most")
     return save(figure, made(folder) / f"scatter{suffix}")

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
-from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, in_words, made, save, sheet
+from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
 
 BANDS = (
     ("min", "max", "#dce9f5", "min to max"),
@@ -170,7 +170,7 @@ def histogram_figures(
             )
         for ax in axes[len(names) :]:
             ax.remove()
-        figure.suptitle(about, fontsize=11)
+        entitle(figure, about)
         written.append(save(figure, folder / f"{file}{suffix}"))
     return written
 
@@ -310,7 +310,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
     words = f"{title[:1].upper()}{title[1:]}, n {len(numbers)}"
-    figure.suptitle(f"{about}: {words}" if about else words, fontsize=11)
+    entitle(figure, f"{about}: {words}" if about else words)
     return save(figure, path)
 
 
@@ -441,7 +441,7 @@ def _time_page(
             ax.set_xlabel("time (s)")
     for ax in axes[len(panels) :]:
         ax.remove()
-    figure.suptitle(title, fontsize=11)
+    entitle(figure, title)
     return save(figure, path)
 
 

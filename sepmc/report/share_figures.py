@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from scipy import stats
 
 from sepmc.analysis.requirements import Verdict
-from sepmc.report.style import BLACK, BLUE, VERMILION, in_words, made, save, sheet
+from sepmc.report.style import BLACK, BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 _POINTS = 400  # of a curve
 _RISK = 0.05  # of an interval, both sides
@@ -31,7 +31,8 @@ def beyond_figure(
 
     Parameters
     ----------
-    values : mapping of outcome to its values (n,) in the ok cases
+    values : mapping of outcome to its values (n,) in all cases; NaN, where a case does not have it,
+        counts as beyond, as it does for a verdict
     verdicts : on the requirements, each drawn if ``values`` has its metric
     folder : made if it is not there
     units : of the outcomes
@@ -57,22 +58,24 @@ def beyond_figure(
                 v.design_value, allowed, "D", color=BLACK, ms=5, zorder=5,
                 label="design value, with the confidence required",
             )  # fmt: skip
-        ax.set_title(f"{v.name}: {v.verdict}", fontsize=10)
+        missing = int(np.isnan(values[v.metric]).sum())
+        told = f"; {missing} cases without outcome count as beyond" if missing else ""
+        ax.set_title(f"{v.name}: {v.verdict}{told}", fontsize=10)
         ax.set_xlabel(f"{name} ({unit})" if unit else name)
         ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")
     for ax in axes[len(sides) :]:
         ax.remove()
-    figure.suptitle(f"Requirements of {about}", fontsize=11)
+    entitle(figure, f"Requirements of {about}")
     return save(figure, made(folder) / f"requirements{suffix}")
 
 
 def _beyond(ax: Axes, values: np.ndarray, upper: bool) -> None:
     """The share of values that lie above, or below, each of them, and its band."""
-    x, n = np.sort(values), len(values)
-    where = np.unique(x[np.unique(np.geomspace(1, n, _POINTS).astype(int)) - 1])
-    where = np.union1d(where, x[n - np.unique(np.geomspace(1, n, _POINTS).astype(int))])
+    x, n = np.sort(values[~np.isnan(values)]), len(values)
+    places = np.unique(np.geomspace(1, len(x), _POINTS).astype(int))
+    where = np.union1d(x[places - 1], x[len(x) - places])
     below = np.searchsorted(x, where, "left"), np.searchsorted(x, where, "right")
-    k = n - below[1] if upper else below[0]
+    k = n - len(x) + (len(x) - below[1] if upper else below[0])
     low = np.where(k > 0, stats.beta.ppf(_RISK / 2, np.maximum(k, 1), n - k + 1), 0.0)
     high = np.where(k < n, stats.beta.ppf(1 - _RISK / 2, k + 1, np.maximum(n - k, 1)), 1.0)
     step: Literal["post", "pre"] = "post" if upper else "pre"
@@ -118,7 +121,7 @@ def convergence_figure(
             ax.set_title(in_words(outcome, unit), fontsize=9.5)
     for ax in axes[-2:]:
         ax.set_xlabel("ok cases")
-    figure.suptitle(f"Convergence of {about}", fontsize=11)
+    entitle(figure, f"Convergence of {about}")
     return save(figure, made(folder) / f"convergence{suffix}")
 
 

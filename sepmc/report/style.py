@@ -8,6 +8,7 @@ nothing covers data. No pyplot: a figure here has no window and no state.
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib
 import numpy as np
@@ -66,6 +67,12 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, l
         ax.ticklabel_format(axis="y", scilimits=(-5, 8))
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure, axes
+
+
+def entitle(figure: Figure, text: str) -> None:
+    """Put a title above all axes, folded to the width of the figure."""
+    # 11 pt letters are about 6 pt wide
+    figure.suptitle(fill(text, int(figure.get_figwidth() * 72.0 / 6.0)), fontsize=11)
 
 
 def save(figure: Figure, path: Path) -> Path:
