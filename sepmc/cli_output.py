@@ -518,8 +518,9 @@ def _different(names: list[str], table: "pd.DataFrame") -> list[str]:
     """Of outcomes that are the same, as rates of two bodies that are one, the first alone."""
     found: dict[tuple[str, ...], str] = {}
     for name in names:
-        told = (f"{table.loc[name, key]:.7g}" for key in ("mean", "sigma", "min", "max"))
-        found.setdefault(tuple(told), name)
+        row = table.loc[name].astype(float)
+        told = tuple(f"{row[key]:.7g}" for key in ("mean", "sigma", "min", "max"))
+        found.setdefault(told, name)
     return list(found.values())
 
 

@@ -92,11 +92,11 @@ def find_drivers(
     apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
     violated = {}
     for item in items:
-        violates, known = causes.violating(item, rows)
-        if count := int((violates & known).sum()):
-            unknown = rows.rows - int(known.sum())
+        violates, there = causes.violating(item, rows)
+        if count := int((violates & there).sum()):
+            unknown = rows.rows - int(there.sum())
             left = f" ({unknown} others have no such outcome)" if unknown else ""
-            violated[item.name] = f"{item.name}, {count} of {known.sum()} cases{left}"
+            violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
     return Driven(found, apart, violated, keys)
 
 
@@ -127,11 +127,13 @@ def draw_drivers(
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     cases = store.CaseColumns(folder)
     ok = ok_rows(cases)
-    by_metric = {
+    by_metric: dict[str, np.ndarray] = {
         item.metric: causes.violating(item, cases)[0] & causes.violating(item, cases)[1]
         for item in loaded.file.requirements
     }
-    every = np.any(list(by_metric.values()), axis=0) if by_metric else np.zeros(cases.rows, bool)
+    every = np.zeros(cases.rows, dtype=bool)
+    for violates in by_metric.values():
+        every |= violates
     violating = {name: by_metric.get(name, every)[ok] for name in driven.drivers}
     names = {*driven.drivers, *(str(name) for t in driven.drivers.values() for name in t.index)}
     rows = {name: column(cases, name)[ok] for name in names}
