@@ -206,7 +206,12 @@ def test_through_a_run_folder(tmp_path):
     kept = pd.read_csv(tmp_path / "run" / "drivers.csv")
     assert kept["input"].tolist() == table.index.tolist()
     assert_allclose(kept["rank"], table["rank"], rtol=1e-14)
-    assert "what drives separation_speed_m_s\n" in told.stdout
+    assert "what drives separation_speed_m_s, the surest first-order index first\n" in told.stdout
+    rows = result.to_pandas()
+    ok = rows[rows["status"] == "ok"]
+    late = f"({len(rows) - len(ok)} others have no such outcome)"
+    violations = (ok["separation_speed_m_s"] < 0.55).sum()
+    assert f"slow, {violations} of {len(ok)} cases {late}" in told.stdout
     first = result.causes("never-released")[0]
     causes_kept = pd.read_csv(tmp_path / "run" / "causes.csv")
     of_release = causes_kept[causes_kept["violated"] == "never-released"].iloc[0]
@@ -236,4 +241,8 @@ def test_a_saltelli_campaign(tmp_path):
     assert any("repeat each other" in note for note in result.notes)
     table = result.drivers("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"
+    # ranks are of the cases that do not repeat each other: the first and the last of each four
+    alone = result.to_pandas()[lambda rows: (rows["case"] % 4).isin([0, 3])]
+    expected = alone[table.index].corrwith(alone["upper_pitch_deg"], method="spearman")
+    assert_allclose(table["rank"], expected)
     assert_allclose(table["total"], [1.0, 0.0], atol=0.15)
