@@ -59,7 +59,7 @@ def speaker(quiet: bool) -> Callable[[str], None]:
 
 
 def screen_width() -> int:
-    """Characters of a line: of the terminal or, where there is none, of plain tables."""
+    """Characters of a line of a table: of the terminal or of COLUMNS, or else of plain tables."""
     from sepmc.analysis.statistics import WIDTH
 
     if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
@@ -68,8 +68,9 @@ def screen_width() -> int:
 
 
 def folded(text: str) -> None:
-    """Print a text, its lines folded between words where a screen is narrower."""
-    if sys.stdout.isatty() or "COLUMNS" in os.environ:
+    """Print a text, on a terminal with its lines folded between words; into a file as it is, where
+    a sentence is looked for in one line."""
+    if sys.stdout.isatty():
         folds = TextWrapper(
             screen_width(), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
