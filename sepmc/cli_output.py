@@ -434,7 +434,8 @@ def draw_figures(
         at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
         bounds[item.metric] = bounds.get(item.metric, []) + at
     outcomes = telling_outcomes(loaded, table)
-    written += _share_figures(folder, loaded, verdicts, outcomes, into, suffix, converging)
+    shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
+    written += _share_figures(folder, loaded, verdicts, outcomes[:shown], into, suffix)
     if len(outcomes) > _DRAWN and not every:
         say(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
@@ -453,20 +454,20 @@ def draw_figures(
     )
 
 
-_CONVERGING = 4  # outcomes whose mean and sigma are drawn over the number of cases
+# outcomes whose mean and sigma are drawn over the number of cases, by themselves and in a report
+_CONVERGING, _ON_A_PAGE = 4, 2
 
 
 def _share_figures(
     folder: Path,
     loaded: "Campaign",
     verdicts: "Sequence[Verdict]",
-    outcomes: "Sequence[str]",
+    converged: "Sequence[str]",
     into: Path,
     suffix: str,
-    converging: bool,
 ) -> list[Path]:
-    """Draw what share of cases is beyond what is required, and how means converge, if there are
-    rows to see it from; returns the paths."""
+    """Draw what share of cases is beyond what is required, and how the means of some outcomes
+    converge, if there are rows to see it from; returns the paths."""
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -474,7 +475,6 @@ def _share_figures(
     from sepmc.report.share_figures import beyond_figure, convergence_figure
 
     required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
-    converged = list(outcomes[:_CONVERGING]) if converging else []
     if store.read_manifest(folder).get("stats_only") or not (required or converged):
         return []
     cases, values = store.CaseColumns(folder), {}
