@@ -111,6 +111,7 @@ def test_numbers_are_a_set(numbers, others, size):
         (" 300 ", 300),
         ("25:28,73", Numbers(((25, 28), (73, 74)))),
         ("5,3,4", Numbers(((3, 6),))),
+        ("7:900000000,0:9,3", Numbers(((0, 900_000_000),))),  # and takes no memory
         ("7,", None),
         ("4:4", None),
         ("-3", None),
@@ -233,8 +234,9 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
     [
         ({"V": [1.0, -1.0]}, "V", "the law reaches -1, but the value must be >= 0"),
         ({"V": [1.0, np.nan]}, "V", "column V of plan.csv is no number in case 1"),
-        ({"V": ["fast", "slow"]}, "V", "no such column of numbers in plan.csv"),
-        ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V = '3,5': is no number in case 2"),
+        ({"V": ["fast", "slow"]}, "V", "'fast' in case 0 is no number"),
+        ({"V": [1.0, 2.0], "in_body_fore_mass_kg": [3.0, "x"]}, "V", "'x' in case 1 is no number"),
+        ({"V": ["1.0", "2.0", "3,5"]}, "V", "column V of plan.csv: '3,5' in case 2 is no number"),
         ({"case": [10**12], "V": [1.0]}, "V", "whole numbers from 0 to 999999999"),
         ({"V": [1.0, 2.0]}, "W", "no such column of numbers in plan.csv; did you mean|known here"),
         ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),

@@ -48,13 +48,12 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if len(problems) > count:
         return None
     order = np.argsort(numbers)
-    for name in frame:  # a word among numbers makes a column one of words
-        words = pd.to_numeric(frame[name], errors="coerce").isna() & frame[name].notna()
-        if name != CASE and 0 < words.sum() < 0.5 * len(frame):
-            at = int(np.argmax(words))
-            said = f"is no number in case {numbers[at]}"
-            problems.add(f"{place}, column {name}", said, str(frame[name].iloc[at]))
-            return None
+    words = {}  # a word among numbers makes a column one of words
+    for name in frame:
+        bad_ones = pd.to_numeric(frame[name], errors="coerce").isna() & frame[name].notna()
+        if bad_ones.any():
+            at = int(np.argmax(bad_ones))
+            words[str(name)] = f"{str(frame[name].iloc[at])!r} in case {numbers[at]} is no number"
     kept = frame.select_dtypes("number").drop(columns=CASE, errors="ignore")
     columns = {str(name): kept[name].to_numpy(dtype=float)[order] for name in kept}
-    return InputTable(path, numbers[order], columns)
+    return InputTable(path, numbers[order], columns, words)

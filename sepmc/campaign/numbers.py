@@ -22,11 +22,23 @@ class Numbers:
     @classmethod
     def of(cls, numbers: Iterable[int]) -> "Numbers":
         """Of the numbers given, in any order."""
-        sorted_ = np.unique(np.fromiter(numbers, dtype=np.int64))
+        given = numbers if isinstance(numbers, np.ndarray) else np.fromiter(numbers, dtype=np.int64)
+        sorted_ = np.unique(given).astype(np.int64)
         ends = np.flatnonzero(np.diff(sorted_) != 1)
         firsts = sorted_[np.concatenate([[0], ends + 1])] if len(sorted_) else sorted_
         lasts = sorted_[np.concatenate([ends, [len(sorted_) - 1]])] if len(sorted_) else sorted_
         return cls(tuple(zip(firsts.tolist(), (lasts + 1).tolist(), strict=True)))
+
+    @classmethod
+    def of_ranges(cls, ranges: Iterable[tuple[int, int]]) -> "Numbers":
+        """Of ranges (first, end) in any order, which may overlap."""
+        merged: list[tuple[int, int]] = []
+        for first, end in sorted(ranges):
+            if merged and first <= merged[-1][1]:
+                merged[-1] = merged[-1][0], max(end, merged[-1][1])
+            else:
+                merged.append((first, end))
+        return cls(tuple(merged))
 
     @classmethod
     def first(cls, count: int) -> "Numbers":
@@ -122,7 +134,7 @@ def _of_text(text: str, name: str) -> int | Numbers:
         except ValueError:
             raise fault from None
         return whole(name, number if number.is_integer() else text, 1, MOST)
-    numbers: list[int] = []
+    ranges = []
     for part in text.split(","):
         ends = part.split(":")
         if len(ends) > 2 or not all(end.strip().isdecimal() for end in ends):
@@ -130,5 +142,5 @@ def _of_text(text: str, name: str) -> int | Numbers:
         first, end = int(ends[0]), int(ends[-1]) + (len(ends) == 1)
         if not first < end <= MOST:
             raise fault
-        numbers += range(first, end)
-    return Numbers.of(numbers)
+        ranges.append((first, end))
+    return Numbers.of_ranges(ranges)

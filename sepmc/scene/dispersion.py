@@ -108,7 +108,7 @@ def resolve(
             )
             continue
         seen[parameter.path] = columns[parameter.column] = key
-        if law.column is not None or (table and parameter.column in table.columns):
+        if law.column is not None or (table and table.has(parameter.column)):
             given = _of_column(law, parameter, table, place, problems)
             result += [given] if given else []
             continue

@@ -3,7 +3,7 @@ before."""
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -26,11 +26,16 @@ class Reader(Protocol):
 @dataclass(frozen=True, eq=False)
 class InputTable:
     """A table of inputs: the ``numbers`` (n,) of its cases, rising, and its columns of numbers
-    (n,)."""
+    (n,); of columns in which there are ``words``, the first word."""
 
     path: Path
     numbers: np.ndarray
     columns: dict[str, np.ndarray]
+    words: dict[str, str] = field(default_factory=dict)
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a column, of numbers or not."""
+        return name in self.columns or name in self.words
 
     def rows(self, first: int, count: int) -> np.ndarray:
         """Places (count,) of the cases ``first`` to ``first + count``. Raises KeyError with the
@@ -61,6 +66,9 @@ class InputTable:
 def check_column(given: InputTable, name: str, place: str, problems: Problems) -> bool:
     """Whether a table has a column of finite numbers; notes it, if not."""
     if name not in given.columns:
+        if name in given.words:
+            problems.add(place, f"column {name} of {given.path.name}: {given.words[name]}")
+            return False
         said = nearest(name, given.columns)
         problems.add(place, f"no such column of numbers in {given.path.name}; {said}", name)
         return False

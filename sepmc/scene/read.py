@@ -214,7 +214,7 @@ def _check_input_table(
     """A plan gives what the campaign disperses, and nothing else by a name of its case tables."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
-    for name in table.columns:
+    for name in (*table.columns, *table.words):
         if name.startswith("in_") and name not in used and name not in known:
             said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
             problems.add(f"run.plan, column {name}", f"no such input here: {said}")
