@@ -198,7 +198,7 @@ def text(
 ) -> str:
     """Causes as an engineer reads them in a terminal; inputs by their ``keys``."""
     if not found:
-        return f"{what}: no input or pair of inputs sets these cases apart from the rest"
+        return f"{what}: no input or pair of inputs is shown to set these cases apart from the rest"
     lines = [f"{what}: what sets these cases apart from the rest"]
     for one in found[:most]:
         where = " and ".join(
