@@ -265,8 +265,7 @@ def tell_given(folder: Path, loaded: "Campaign", given: tuple[str, ...], shown: 
     from sepmc.campaign import store
 
     cases = store.CaseColumns(folder)
-    columns = names_of(loaded.file.dispersions, [name for name in cases if name != "status"])
-    held = where(cases, columns, given)
+    held = where(cases, names_of(loaded.file.dispersions, list(cases)), given)
     outcomes, audits, bounds, required = loaded.summarised
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)

@@ -127,12 +127,11 @@ def draw_drivers(
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     cases = store.CaseColumns(folder)
     ok = ok_rows(cases)
-    by_metric: dict[str, np.ndarray] = {
-        item.metric: causes.violating(item, cases)[0] & causes.violating(item, cases)[1]
-        for item in loaded.file.requirements
-    }
+    by_metric: dict[str, np.ndarray] = {}
     every = np.zeros(cases.rows, dtype=bool)
-    for violates in by_metric.values():
+    for item in loaded.file.requirements:
+        violates = np.logical_and(*causes.violating(item, cases))
+        by_metric[item.metric] = by_metric.get(item.metric, False) | violates
         every |= violates
     violating = {name: by_metric.get(name, every)[ok] for name in driven.drivers}
     names = {*driven.drivers, *(str(name) for t in driven.drivers.values() for name in t.index)}

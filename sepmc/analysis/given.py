@@ -21,9 +21,9 @@ _TESTS = {
 
 
 def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
-    """What the columns of a case table can be called: by their names, and inputs by their keys and
-    paths."""
-    found = {name: name for name in columns}
+    """What the columns of numbers of a case table can be called: by their names, and inputs by
+    their keys and paths."""
+    found = {name: name for name in columns if name != "status"}
     for law in dispersions:
         found |= {law.parameter.key: law.parameter.column, law.parameter.path: law.parameter.column}
     return found

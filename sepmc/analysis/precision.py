@@ -9,11 +9,10 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import interval
-from sepmc.analysis.statistics import PERCENTILES
+from sepmc.analysis.statistics import PERCENTILES, TWO_SIDED
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
 
-_NORMAL = 1.959963984540054  # of 95 %, both sides
 _MEANT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
 
 
@@ -41,22 +40,21 @@ class Until:
 
     def known(self, summary: _Summary) -> tuple[float, float]:
         """The statistic, and half of its 95 % interval: infinite where there are too few cases."""
-        counts = summary.counts
-        if self.metric not in summary.statistics().index:
+        counts, table = summary.counts, summary.statistics()
+        if self.metric not in table.index:
             return _share(counts.get(self.metric, 0), sum(counts.values()))
-        row = summary.statistics().loc[self.metric].astype(float).to_dict()
+        row = table.loc[self.metric].astype(float).to_dict()
         if self.statistic == "share":
             return _share(round(row["n"] * row["mean"]) if row["n"] else 0, round(row["n"]))
         value = row[self.statistic]
         if self.statistic in PERCENTILES:
             half = (row[f"{self.statistic}_high"] - row[f"{self.statistic}_low"]) / 2.0
         else:
-            half = _NORMAL * row[f"{self.statistic}_se"]
+            half = TWO_SIDED * row[f"{self.statistic}_se"]
         return value, math.inf if np.isnan(half) else half
 
-    def is_met(self, summary: _Summary) -> bool:
-        """Whether the statistic is known well enough."""
-        value, half = self.known(summary)
+    def is_met(self, value: float, half: float) -> bool:
+        """Whether a statistic that is ``known`` so is known well enough."""
         return half <= self.tolerance * (abs(value) if self.relative else 1.0)
 
 

@@ -282,8 +282,8 @@ class Chunks:
     def is_known(self, until: Until) -> bool:
         """Whether the cases so far are enough to know a statistic; these are then all that are
         wanted."""
-        summary = self.kept().summary
-        (value, half), enough = until.known(summary), until.is_met(summary)
+        value, half = until.known(self.kept().summary)
+        enough = until.is_met(value, half)
         asked = f"{100 * until.tolerance:g} %" if until.relative else f"{until.tolerance:g}"
         self._known = (
             f"after {self.flown} of {self.draws.numbers.count} cases the {until.name} is "
