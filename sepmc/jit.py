@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, PassManager
 from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import (
@@ -21,16 +23,14 @@ from numba.core.typed_passes import (
     NativeLowering,
     NoPythonBackend,
     NopythonTypeInference,
-    PreLowerStripPhis,
 )
 from numba.core.untyped_passes import (
     FixupArgs,
     GenericRewrites,
     IRProcessing,
-    ReconstructSSA,
     TranslateByteCode,
 )
-from numba.extending import intrinsic, overload
+from numba.extending import lower_builtin, type_callable
 from platformdirs import user_cache_dir
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must
@@ -118,8 +118,13 @@ class _Lowering(NativeLowering):
 
 
 class Lean(CompilerBase):
-    """Numba's compiler for functions that have no closures, constant branches or overloads to
-    copy: without the passes that look for them."""
+    """Numba's compiler without passes that a piece has no need of: those that look for closures,
+    constant branches and overloads to copy; a name for each value that a variable has, which took
+    half of the time of `fly_block` (a variable keeps its type); ends of lives, since a piece owns
+    no memory."""
+
+    before_lowering: Any = ()
+    lowering: type[NativeLowering] = _Lowering
 
     def define_pipelines(self):
         passes = PassManager("lean")
@@ -128,16 +133,52 @@ class Lean(CompilerBase):
             (FixupArgs, "arguments"),
             (IRProcessing, "blocks"),
             (GenericRewrites, "constant places of tuples"),
-            (ReconstructSSA, "one name for one value"),
             (NopythonTypeInference, "types"),
-            (PreLowerStripPhis, "values that branches join"),
-            (IRLegalization, "ends of lives"),
-            (_Lowering, "lowering"),
+            *self.before_lowering,
+            (self.lowering, "lowering"),
             (NoPythonBackend, "code"),
         ):
             passes.add_pass(each, says)
         passes.finalize()
         return [passes]
+
+
+class _Linked(JITCodeLibrary):
+    """Code that is linked into a piece, which optimises it: no machine code is made of it alone."""
+
+    def _finalize_final_module(self):
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Linking(NativeLowering):
+    """Lowering of a function that pieces call, and nothing else. LLVM's passes make a formula
+    straight before it is copied: without them, loops that call some are not vectorised."""
+
+    def run_pass(self, state):
+        if not state.flags.no_cpython_wrapper:
+            return super().run_pass(state)
+        name = state.func_id.func_qualname
+        state.library = _Linked(state.targetctx.codegen(), name)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        if state.flags.forceinline:
+            state.library.finalize()
+        lowered = state["cr"]
+        called = _dynfunc.make_function(
+            lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (state.library,)
+        )
+        state.targetctx.insert_user_function(called, lowered.fndesc, [state.library])
+        state["cr"] = lowered._replace(cfunc=called)
+        return True
+
+
+class Callee(Lean):
+    """The same for what pieces call: it holds the workspace it is given until it ends."""
+
+    before_lowering = ((IRLegalization, "ends of lives"),)
+    lowering: type[NativeLowering] = _Linking
 
 
 # Wrappers make a function callable from Python. A process that only fills the cache needs none but
@@ -147,11 +188,12 @@ BARE = "SEPMC_BARE"  # set in the environment of such a process
 _WRAPPED = _BARE if os.environ.get(BARE) else {}
 # A formula on scalars and tuples: callable from Python for tests, and always copied into its
 # caller, since a loop over cases with a call in it is not vectorised.
-formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", forceinline=True, **_WRAPPED)
+_CALLED: dict[str, Any] = {"fastmath": _FASTMATH, "error_model": "numpy", "pipeline_class": Callee}
+formula = numba.njit(forceinline=True, **_CALLED, **_WRAPPED)
 # A formula too large for that.
-long_formula = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_WRAPPED)
+long_formula = numba.njit(**_CALLED, **_WRAPPED)
 # What works on a workspace: called from compiled code only.
-routine = numba.njit(fastmath=_FASTMATH, error_model="numpy", **_BARE)
+routine = numba.njit(**_CALLED, **_BARE)
 
 
 def keep_apart() -> None:
@@ -159,23 +201,17 @@ def keep_apart() -> None:
     which took most of the time to compile."""
 
 
-def _mark_apart_intrinsic(typing_context):
+@type_callable(keep_apart)
+def _type_of_mark(context):
+    return lambda: numba.types.none
+
+
+@lower_builtin(keep_apart)
+def _mark_apart(context, builder, signature, arguments):
     """Mark the function that is being compiled as one that is called, never copied into its
     caller."""
-
-    def generate(context, builder, signature, arguments):
-        builder.function.attributes.add("noinline")
-        return context.get_dummy_value()
-
-    return numba.types.none(), generate
-
-
-_mark_apart: Any = intrinsic(_mark_apart_intrinsic)
-
-
-@overload(keep_apart, inline="always")
-def _keep_apart():
-    return lambda: _mark_apart()
+    builder.function.attributes.add("noinline")
+    return context.get_dummy_value()
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and
 side by side, loaded."""
 
+import gc
 import hashlib
 import importlib.util
 import os
@@ -16,6 +17,10 @@ from sepmc.engine.written import Kernel
 from sepmc.jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
 from sepmc.kernel.pieces import ALIKE
 
+# What is left to the collector before it looks: looking took a fifth of the time to compile.
+_GARBAGE = 1_000_000
+# modules whose routines take seconds to compile, however short what calls them
+_LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
 _BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
 
@@ -65,8 +70,14 @@ def missing(names: Sequence[str]) -> list[str]:
         return []
     held = {path.name.partition(".")[0] for path in CACHE_FOLDER.glob("*/sepmc_piece_*.nbi")}
     left = [name for name in dict.fromkeys(names) if name not in held]
-    left.sort(key=lambda name: -(CACHE_FOLDER / f"{name}.py").stat().st_size)
+    left.sort(key=_takes, reverse=True)
     return left if is_module_cached(_BLOCKS) else [_BLOCKS, *left]
+
+
+def _takes(name: str) -> tuple[bool, int]:
+    """What tells how long a piece takes to compile: whether it calls long routines, its length."""
+    text = (CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    return any(module in text for module in _LONG), len(text)
 
 
 def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
@@ -88,6 +99,7 @@ def serve() -> None:
     done."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what anything prints is no answer
+    gc.set_threshold(_GARBAGE)
     call_types.keep()
     for line in sys.stdin:
         name = line.strip()

@@ -53,19 +53,6 @@ class Table:
         self.array[key] = value
 
 
-class Rows:
-    """An array of zeros of two axes, whose rows are what a list is."""
-
-    def __init__(self, shape: tuple[int, int]):
-        self.rows = [Numbers([0.0] * shape[1]) for _ in range(shape[0])]
-
-    def __getitem__(self, key: Any) -> Any:
-        return self.rows[key[0]][key[1]] if isinstance(key, tuple) else self.rows[key]
-
-    def __setitem__(self, key: tuple[int, int], value: Any) -> None:
-        self.rows[key[0]][key[1]] = value
-
-
 def in_numbers(array: np.ndarray, kept: bool = False) -> Any:
     """What a kernel is given for an array: a list that reads fast, or what is written to the array
     if it is to be ``kept``."""
@@ -103,8 +90,6 @@ def _rounded(to: Any) -> Any:
 
 _MATH = SimpleNamespace(**vars(math) | {"sqrt": lambda x: math.sqrt(x) if x >= 0.0 else math.nan})
 _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _rounded(math.ceil)})
-# stages that take parts of the workspace for arrays, and have one of their own
-_ON_ARRAYS = {"search_clearance"}
 
 
 class _Divisions(ast.NodeTransformer):
@@ -223,7 +208,6 @@ def load(text: str) -> Kernel:
             exec(_compiled(text, "<kernel>"), module.__dict__)
         for plain in (module, *_plain.values()):
             _in_python(plain)
-        vars(module).update(np=SimpleNamespace(**vars(_NUMPY) | {"zeros": Rows}))
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(
             guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module
@@ -244,8 +228,6 @@ def _in_python(module: ModuleType) -> None:
             setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
         elif name == "put_cell":
             setattr(module, name, _put_cell)
-        elif name in _ON_ARRAYS and not hasattr(value, "on_array"):
-            setattr(module, name, _on_array(value))
 
 
 def _eliminate(
@@ -290,16 +272,3 @@ def _put_cell(
     numbers = w[k : k + functions * len(weights)]
     for f in range(functions):
         *_, w[found + f] = itertools.accumulate(map(operator.mul, weights, numbers[f::functions]))
-
-
-def _on_array(stage: Any) -> Any:
-    """A stage, for a workspace that is a list."""
-
-    def on_array(w: list[float], job: int) -> None:
-        array = np.array(w)
-        with np.errstate(all="ignore"):
-            stage(array, job)
-        w[:] = array.tolist()
-
-    on_array.on_array = True  # type: ignore[attr-defined]
-    return on_array

@@ -30,10 +30,7 @@ _ARGUMENTS = (
         "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)",
     ),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    (
-        "scene, integers, numbers, pace, times",
-        "record(a, 10), indices(a, 11), vector(a, 12), vector(a, 13), indices(a, 14)",
-    ),
+    ("numbers, pace, times", "vector(a, 12), vector(a, 13), indices(a, 14)"),
 )
 
 
@@ -67,12 +64,9 @@ def emit_block(out: Text, c: Context) -> None:
     if c.shape.borders or c.slabs.has("AIR"):
         text("centre(w, 0.0)")
     if c.shape.switches:
-        text("m = Model(scene, integers, numbers)")
-        text(
-            f"p = np.zeros((LANES, {int(c.model.size_w)}))  # as `sepmc.routines.stretches` reads "
-            "it"
+        text.lanes().block("for k in range(nominal.shape[0]):")(
+            f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
         )
-        text.lanes().block("for k in range(nominal.shape[0]):")("p[l, k] = w[P + k * LANES + l]")
     text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
     for number, stage in enumerate(c.shape.stages):
         _phase(text, c, number, stage)
@@ -304,7 +298,7 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         scope.store(f"LAST_{stage.name}_{event.name}", math.inf)
     scope.write(text)
     if c.shape.switches:
-        _switches(text, c)
+        text("switch(w, a)")
     if stage.stops > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
@@ -353,7 +347,7 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
-    inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = times[0], 1.0 + steps[{number}], 0.0")
+    inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = float(times[0]), 1.0 + steps[{number}], 0.0")
     if stage.waits_for_load:
         inner(
             f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T "
@@ -443,18 +437,27 @@ def _noted(c: Context, number: int) -> list[str]:
     return found + ([f"clearances_{stage.name}(w)"] if c.counted(stage) else [])
 
 
-def _switches(text: Text, c: Context) -> None:
-    """Stop at the next switch of a load, and note what acts until then."""
+def emit_switch(out: Text, c: Context) -> None:
+    """A function that ends a stretch at the next switch of a load, and notes what acts until
+    then."""
+    if not c.shape.switches:
+        return
+    says = "Stop at the next switch of a load, and note what acts until then."
+    c.slabs.add("CASES", int(c.model.size_w))  # as `sepmc.routines.stretches` reads them
+    text = out.function("switch(w, a: Arrays)", says)
+    text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
-    text("t = w[T + l]", "end = min(w[END + l], next_break(t, m, p[l]))", "w[END + l] = end")
-    text("set_stretch(0.5 * (t + end), m, p[l])")
+    text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")
+    text("end = min(w[END + l], next_break(t, m, w, case))", "w[END + l] = end")
+    text("set_stretch(0.5 * (t + end), m, w, case)")
     for i, motor in enumerate(c.shape.scene.motor):
         c.slabs.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i
-        text(f"put3(w, BURNING_{motor.name} + l, vec3.get(p[l], {work + at.BURNING}))")
+        text(f"put3(w, BURNING_{motor.name} + l, vec3.get(w, case + {work + at.BURNING}))")
     for i, load in enumerate(c.shape.scene.load):
         c.slabs.add(f"ACTS_{load.name}", 1)
-        text(f"w[ACTS_{load.name} + l] = p[l, {int(c.model.loads_w) + at.LOAD_WORK * i + at.ACTS}]")
+        work = int(c.model.loads_w) + at.LOAD_WORK * i
+        text(f"w[ACTS_{load.name} + l] = w[case + {work + at.ACTS}]")
 
 
 def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:

@@ -64,14 +64,14 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
-        f"w[JOB + {at.JOB_POWERS}] = {powers}",
+        f"w[JOB + {at.JOB_POWERS}] = {float(powers)}",
     )
     for k, body in enumerate(entry.bodies):
         first, count = (
             int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
         )
         place = at.JOB_PARTS + 2 * k
-        text(f"w[JOB + {place}], w[JOB + {place + 1}] = SHARED + {first}, {count}")
+        text(f"w[JOB + {place}], w[JOB + {place + 1}] = float(SHARED + {first}), {float(count)}")
     for slab, first, place, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES),

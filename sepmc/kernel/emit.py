@@ -5,7 +5,7 @@ The module flies LANES cases side by side. Sizes and places are constants in it,
 coefficients are data: scenes of the same shape share it. `sepmc check --code` prints it.
 """
 
-from sepmc.kernel.block import emit_block
+from sepmc.kernel.block import emit_block, emit_switch
 from sepmc.kernel.clearances import emit_clearances
 from sepmc.kernel.context import Context
 from sepmc.kernel.energy import emit_energy
@@ -97,6 +97,7 @@ def _body(c: Context) -> Text:
             emit_await(body, c, stage)
     if c.shape.borders:
         emit_layers(body, c)
+    emit_switch(body, c)
     emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)

@@ -2,6 +2,7 @@
 numba here."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -133,6 +134,7 @@ def _dopri5() -> Method:
 METHODS = {"rk4": _rk4, "dopri5": _dopri5, "dop853": _dop853}
 
 
+@cache
 def method(name: str) -> Method:
     """The method called ``name``."""
     return METHODS[name]()

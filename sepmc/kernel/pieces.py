@@ -6,18 +6,25 @@ without the name: a scene that differs in its outputs compiles only what differs
 what they have in common.
 
 A piece is a function of the workspace and numbers. Functions that take anything else stay with
-their callers.
+their callers. Places in the workspace are numbers in it.
 """
 
 import ast
-import re
 from dataclasses import dataclass
 from functools import lru_cache
 
+from sepmc.kernel.folding import fold, whole_numbers
+from sepmc.routines.layout import LANES
+
 ENTRY = "fly_block"
 ALIKE = "flown"  # the name of its function in every piece
+_TOLD = ("SIZE_W", "GUARDS", "STAGES")  # constants that who enters a kernel asks for
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
-_MARKS = ("keep_apart()",)  # a line of a stage that a piece has no use for
+_MARK = "keep_apart"  # called in a line that a piece has no use for
+_HEAD = '''"""Piece of a written kernel."""
+
+from sepmc.engine.pieces import callee, piece, workspace
+'''
 
 
 @dataclass(frozen=True)
@@ -29,84 +36,55 @@ class Piece:
 
 
 class _Module:
-    """What stands in a module: the line or lines that give each name its meaning."""
+    """What stands in a module: the statement that gives each name its meaning."""
 
     def __init__(self, text: str):
-        self.lines = text.splitlines()
+        module = ast.parse(text)
+        numbers = whole_numbers(module, LANES)
         self.functions: dict[str, ast.FunctionDef] = {}
         self.meanings: dict[str, ast.stmt] = {}
-        for node in ast.parse(text).body:
+        for node in module.body:
             if isinstance(node, ast.FunctionDef):
+                fold(node, numbers)
                 self.functions[node.name] = node
-            elif isinstance(node, ast.Import | ast.ImportFrom):
+            elif isinstance(node, ast.ImportFrom):
+                self.meanings |= {
+                    alias.name: ast.ImportFrom(node.module, [alias], 0) for alias in node.names
+                }
+            elif isinstance(node, ast.Import):
                 self.meanings |= {alias.asname or alias.name: node for alias in node.names}
             elif isinstance(node, ast.Assign):
-                self.meanings |= dict.fromkeys(_stored(node), node)
+                self.meanings |= dict.fromkeys(_names(node, ast.Store), node)
         self.codes = {
             name: code
             for name, node in self.functions.items()
             if (code := _codes(node)) is not None
         }
         self.places = {name: place for place, name in enumerate(self.codes)}
-
-    def source(self, node: ast.stmt) -> list[str]:
-        """Lines of a statement, its decorators among them."""
-        first = min([node.lineno, *(d.lineno for d in getattr(node, "decorator_list", []))])
-        return self.lines[first - 1 : node.end_lineno]
-
-    def line(self, name: str, node: ast.stmt) -> list[str]:
-        """What gives a name its meaning; of an import, only the part that does."""
-        return (
-            [f"from {node.module} import {name}"]
-            if isinstance(node, ast.ImportFrom)
-            else self.source(node)
-        )
+        self.order = {name: place for place, name in enumerate(self.meanings)}
 
     def piece(self, name: str) -> Piece:
         """The piece of a function, with the functions that it calls in the ordinary way."""
-        own: list[str] = []
-        called: list[str] = []
-        needed: dict[str, ast.stmt] = {}
-        left = [name]
-        if name == ENTRY:
-            needed |= {
-                constant: self.meanings[constant] for constant in ("SIZE_W", "GUARDS", "STAGES")
-            }
-        while left:
-            function = left.pop()
-            own.append(function)
-            names = list(_loaded(self.functions[function], function == name))
-            while names:
-                used = names.pop(0)
+        own, called, needed = [name], [], dict.fromkeys(_TOLD if name == ENTRY else ())
+        for function in own:  # which grows
+            left = _used(self.functions[function], function == name)
+            for used in left:
                 if used in self.codes and used != name:
                     called.append(used)
                 elif used in self.functions and used not in own:
-                    left.append(used)
+                    own.append(used)
                 elif used in self.meanings and used not in needed:
-                    needed[used] = self.meanings[used]
-                    names += _loaded(self.meanings[used])
-        lines = [
-            '"""Piece of a written kernel."""',
-            "",
-            "from sepmc.engine.pieces import callee, piece, workspace",
-        ]
-        order = sorted(needed, key=lambda used: (needed[used].lineno, used))
-        for used in order:
-            lines += [text for text in self.line(used, needed[used]) if text not in lines]
+                    needed[used] = None
+                    left += _names(self.meanings[used], ast.Load)
+        meanings = (self.meanings[used] for used in sorted(needed, key=self.order.__getitem__))
+        lines = list(dict.fromkeys(ast.unparse(meaning) for meaning in meanings))
         lines += [
             f"{used} = callee({self.places[used]}, {self.codes[used]!r})"
             for used in dict.fromkeys(called)
         ]
-        for function in reversed(own):
-            source = [
-                text
-                for text in self.source(self.functions[function])
-                if function != name or text.strip() not in _MARKS
-            ]
-            if function == name:
-                source = _as_piece(source, name, self.codes[name])
-            lines += ["", "", *source]
-        return Piece(name, "\n".join(lines) + "\n")
+        lines += [ast.unparse(self.functions[function]) for function in reversed(own[1:])]
+        lines.append(ast.unparse(_as_piece(self.functions[name], self.codes[name])))
+        return Piece(name, _HEAD + "\n".join(lines) + "\n")
 
 
 @lru_cache(maxsize=16)
@@ -117,14 +95,27 @@ def split(text: str) -> list[Piece]:
     return [module.piece(name) for name in module.places]
 
 
-def _as_piece(source: list[str], name: str, codes: str) -> list[str]:
-    """Lines of a function whose workspace is given by its address, without its name and what it
-    says."""
-    lines = [f"@piece({codes!r})" if line.startswith("@") else line for line in source]
-    head = next(i for i, line in enumerate(lines) if line.startswith("def "))
-    lines[head] = re.sub(r": [A-Za-z]+", "", lines[head]).replace(f"{name}(w", f"{ALIKE}(address")
-    says = next(i for i, line in enumerate(lines) if line.rstrip().endswith('"""') and i > head)
-    return [*lines[: head + 1], "    w = workspace(address)", *lines[says + 1 :]]
+def _as_piece(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
+    """A function whose workspace is given by its address, without its name and what it says."""
+    mark, start = (
+        ast.parse(line).body[0] for line in (f"@piece({codes!r})\ndef {ALIKE}(): ...", _START)
+    )
+    assert isinstance(mark, ast.FunctionDef)
+    arguments = [ast.arg("address"), *(ast.arg(other.arg) for other in function.args.args[1:])]
+    mark.args.args, mark.body = arguments, [start, *_lines(function)]
+    return mark
+
+
+_START = "w = workspace(address)"
+
+
+def _lines(function: ast.FunctionDef) -> list[ast.stmt]:
+    """Lines of a function after what it says and the mark that keeps it apart."""
+    return [
+        line
+        for line in function.body[1:]
+        if not (isinstance(line, ast.Expr) and _names(line, ast.Load) == [_MARK])
+    ]
 
 
 def _codes(node: ast.FunctionDef) -> str | None:
@@ -139,20 +130,12 @@ def _codes(node: ast.FunctionDef) -> str | None:
     return "".join(_CODES[kind] for kind in kinds)
 
 
-def _stored(node: ast.AST) -> list[str]:
-    return [
-        n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-    ]
+def _used(function: ast.FunctionDef, as_piece: bool) -> list[str]:
+    """Names that a function uses; as a piece, or as it stands."""
+    lines = _lines(function) if as_piece else [function]
+    return list(dict.fromkeys(name for line in lines for name in _names(line, ast.Load)))
 
 
-@lru_cache(maxsize=4096)
-def _loaded(node: ast.stmt, body_only: bool = False) -> list[str]:
-    """Names that a statement uses, or the body of a function."""
-    parts = node.body if body_only and isinstance(node, ast.FunctionDef) else [node]
-    found = [
-        n.id
-        for part in parts
-        for n in ast.walk(part)
-        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
-    ]
-    return [name for name in dict.fromkeys(found) if not (body_only and f"{name}()" in _MARKS)]
+def _names(node: ast.AST, use: type[ast.expr_context]) -> list[str]:
+    """Names in a statement that are read, or given a meaning."""
+    return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, use)]

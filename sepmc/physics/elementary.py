@@ -7,11 +7,10 @@ kernel uses them, so that all agree. Checked against mpmath.
 
 import math
 import struct
-from typing import Any
 
 import numpy as np
 from numba import types
-from numba.extending import intrinsic, overload
+from numba.extending import lower_builtin, type_callable
 
 from sepmc.jit import formula
 
@@ -30,26 +29,20 @@ def power_of_two(k: float) -> float:
     )
 
 
-def _power_of_two_intrinsic(typing_context, k):
+@type_callable(power_of_two)
+def _type_of_power(context):
+    return lambda k: types.float64
+
+
+@lower_builtin(power_of_two, types.float64)
+def _compiled_power(context, builder, signature, arguments):
     """The exponent's bits put in place."""
+    from llvmlite import ir  # noqa: PLC0415
 
-    def generate(context, builder, signature, arguments):
-        from llvmlite import ir  # noqa: PLC0415
-
-        bits = builder.fptosi(
-            builder.fadd(arguments[0], ir.Constant(ir.DoubleType(), 1023.0)), ir.IntType(64)
-        )
-        return builder.bitcast(builder.shl(bits, ir.Constant(ir.IntType(64), 52)), ir.DoubleType())
-
-    return types.float64(types.float64), generate
-
-
-_power_of_two: Any = intrinsic(_power_of_two_intrinsic)
-
-
-@overload(power_of_two, inline="always")
-def _overload_power_of_two(k):
-    return lambda k: _power_of_two(k)
+    bits = builder.fptosi(
+        builder.fadd(arguments[0], ir.Constant(ir.DoubleType(), 1023.0)), ir.IntType(64)
+    )
+    return builder.bitcast(builder.shl(bits, ir.Constant(ir.IntType(64), 52)), ir.DoubleType())
 
 
 @formula

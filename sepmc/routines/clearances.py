@@ -15,8 +15,6 @@ its distance ends: the bound then counts what is beyond by no more than it can m
 
 import math
 
-import numpy as np
-
 from sepmc.jit import keep_apart, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.lips import lip_gap, lip_least
@@ -26,7 +24,6 @@ from sepmc.routines import layout as at
 # two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of
 # the first or of the second body
 SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
-_PLACES = 5  # of a step at which the relative motion is looked at
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
 # times that may a rim stand before the end of its shell and count as within: rims that are flush at
@@ -39,127 +36,111 @@ _SURE = 1e-7  # m: where the bound is as near as this, C follows from the distan
 _NEAR_LIP = 1e-3
 # times what a rim may move in an interval: its chord beyond an end then changes evenly
 _WELL_ACROSS = 256.0
-_DEPTH = 56  # halvings of a step, one within the other, at most
 # halvings of a step in all; 10 are usual, 150 where a rim leaves a shell. A step that takes them
 # all is given up
 _MOST = 20_000
-# of a time within the step: fraction, distance, C of the interval it ends, pose
+# of a node, a time within the step: fraction, distance, C of the interval it ends, pose
 _AT, _VALUE, _BEND, _POSE = 0, 1, 2, 3
-_NODE = 15
 
 
 @routine
 def search_clearance(w, job):
-    """`watch_clearance` of what stands at w[job] and behind (`layout.JOB_TIME`, ...); its result
-    goes there too."""
-    parts, centres, powers = job + at.JOB_PARTS, job + at.JOB_CENTRES, int(w[job + at.JOB_POWERS])
-    parts_a, parts_b = (int(w[parts]), int(w[parts + 1])), (int(w[parts + 2]), int(w[parts + 3]))
-    cg_a, cg_b = vec3.get(w, centres), vec3.get(w, centres + 3)
-    path = w[job + at.JOB_PATH : job + at.JOB_PATH + powers * at.PATH].reshape((powers, at.PATH))
-    found = w[job + at.JOB_FOUND : job + at.JOB_DONE]
-    done = watch_clearance(
-        parts_a, parts_b, cg_a, cg_b, w, w[job + at.JOB_TIME], w[job + at.JOB_LENGTH], path, found
-    )
-    w[job + at.JOB_DONE] = 1.0 if done else 0.0
+    """Search a step for less than the clearance found so far: least distance, its time, the nearest
+    point of the first body (3, layout), and whether the bodies touch; NaN at first. All stands at
+    w[job] and behind (`layout.JOB_TIME`, ...), as does whether the search came to an end.
 
-
-@routine
-def watch_clearance(parts_a, parts_b, cg_a, cg_b, numbers, t, h, path, found):
-    """Search a step of length h from t for less than the clearance in ``found``: least distance,
-    its time, the nearest point of the first body (3, layout), and whether the bodies touch; NaN at
-    first. Returns whether the search came to an end.
-
-    parts_a, parts_b : start in ``numbers`` and number of the parts of both outlines
-        (`layout.PART_SIZE`)
-    cg_a, cg_b : layout points of the mass centres
-    path : (order + 1, PATH), over the step, by powers of its share gone by: place of b less that of
-        a (3), attitudes of a and b (4, 4)
+    JOB_PARTS : start in ``w`` and number of the parts of both outlines (`layout.PART_SIZE`)
+    JOB_CENTRES : layout points of the mass centres
+    JOB_PATH : (order + 1, PATH), over the step, by powers of its share gone by: place of b less
+        that of a (3), attitudes of a and b (4, 4)
     """
     keep_apart()
-    poses, nodes = np.empty((_PLACES, 12)), np.empty((_DEPTH + 2, _NODE))
-    for n in range(_PLACES):
-        _pose(n / (_PLACES - 1), path, poses[n])
-    motion, searched = _motion(poses, h), True
-    for n in range(parts_a[1]):
-        pa = parts_a[0] + at.PART_SIZE * n
-        part_a = _part(pa, cg_a, numbers)
-        for l in range(parts_b[1]):
-            pb = parts_b[0] + at.PART_SIZE * l
-            part_b = _part(pb, cg_b, numbers)
-            shell_a, shell_b = numbers[pa] != 0.0, numbers[pb] != 0.0
+    parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
+    cg_a, cg_b = vec3.get(w, job + at.JOB_CENTRES), vec3.get(w, job + at.JOB_CENTRES + 3)
+    for n in range(at.PLACES):
+        _pose(n / (at.PLACES - 1), w, job, poses + at.POSE * n)
+    motion, searched = _motion(w, poses, h), True
+    for n in range(int(w[parts + 1])):
+        pa = int(w[parts]) + at.PART_SIZE * n
+        part_a = _part(pa, cg_a, w)
+        for m in range(int(w[parts + 3])):
+            pb = int(w[parts + 2]) + at.PART_SIZE * m
+            part_b = _part(pb, cg_b, w)
+            shell_a, shell_b = w[pa] != 0.0, w[pb] != 0.0
             if shell_a and shell_b:
                 continue  # two shells: each is met by the other body's solids
             kind = SHELL_ON_FIRST if shell_a else (SHELL_ON_SECOND if shell_b else SOLIDS)
             length = part_b[2] if shell_a else part_a[2]
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
-                pair = kind, end, part_a, part_b
-                searched = _search(pair, motion, t, h, path, poses, nodes, cg_a, found) and searched
+                searched = _search((kind, end, part_a, part_b), motion, w, job) and searched
             for end in range(2 if kind != SOLIDS else 0):
-                pair = (LIP_ON_FIRST if shell_a else LIP_ON_SECOND), end, part_a, part_b
-                searched = _search(pair, motion, t, h, path, poses, nodes, cg_a, found) and searched
-    return searched
+                lip = LIP_ON_FIRST if shell_a else LIP_ON_SECOND
+                searched = _search((lip, end, part_a, part_b), motion, w, job) and searched
+    w[job + at.JOB_DONE] = 1.0 if searched else 0.0
 
 
 @routine
-def _part(p, cg, numbers):
-    """Part of a body's outline, whose numbers start at numbers[p], in the axes of the body from its
+def _part(p, cg, w):
+    """Part of a body's outline, whose numbers start at w[p], in the axes of the body from its
     centre of mass."""
-    start = (cg[0] - numbers[p + 1], numbers[p + 2] - cg[1], numbers[p + 3] - cg[2])
-    length = numbers[p + 4]
+    start = (cg[0] - w[p + 1], w[p + 2] - cg[1], w[p + 3] - cg[2])
+    length = w[p + 4]
     return (
         start,
         (-1.0 if length >= 0.0 else 1.0, 0.0, 0.0),
         abs(length),
-        numbers[p + 5],
-        numbers[p + 6],
+        w[p + 5],
+        w[p + 6],
     )
 
 
 @routine
-def _pose(theta, path, pose):
+def _pose(theta, w, job, pose):
     """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a
-    fraction of the step."""
+    fraction of the step; to w[pose] and behind."""
     keep_apart()
     for n in range(at.PATH):
         total = 0.0
-        for q in range(path.shape[0] - 1, -1, -1):
-            total = total * theta + path[q, n]
-        pose[n] = total
-    apart = (pose[0], pose[1], pose[2])
-    to = quat.matrix(quat.unit((pose[3], pose[4], pose[5], pose[6])))
-    r = quat.matrix(quat.unit((pose[7], pose[8], pose[9], pose[10])))
+        for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
+            total = total * theta + w[job + at.JOB_PATH + at.PATH * q + n]
+        w[pose + n] = total
+    apart = vec3.get(w, pose)
+    to = quat.matrix(quat.unit((w[pose + 3], w[pose + 4], w[pose + 5], w[pose + 6])))
+    r = quat.matrix(quat.unit((w[pose + 7], w[pose + 8], w[pose + 9], w[pose + 10])))
     for n in range(3):
         column = vec3.unrotate(to, (r[n], r[3 + n], r[6 + n]))
-        pose[n], pose[3 + n], pose[6 + n] = column
-    vec3.put(pose, 9, vec3.unrotate(to, apart))
+        w[pose + n], w[pose + 3 + n], w[pose + 6 + n] = column
+    vec3.put(w, pose + 9, vec3.unrotate(to, apart))
 
 
 @routine
-def _motion(poses, h):
+def _motion(w, poses, h):
     """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's
     origin seen from b, and of its axes."""
     keep_apart()
-    piece = h / (_PLACES - 1)
+    piece = h / (at.PLACES - 1)
     speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(1, _PLACES):
-        rate = vec3.sub(vec3.get(poses[n], 9), vec3.get(poses[n - 1], 9))
-        back = vec3.sub(_back(poses[n]), _back(poses[n - 1]))
+    for n in range(1, at.PLACES):
+        now, last = poses + at.POSE * n, poses + at.POSE * (n - 1)
+        rate = vec3.sub(vec3.get(w, now + 9), vec3.get(w, last + 9))
+        back = vec3.sub(_back(w, now), _back(w, last))
         speed_a, speed_b = max(speed_a, vec3.dot(rate, rate)), max(speed_b, vec3.dot(back, back))
         total = 0.0
         for c in range(9):
-            total += (poses[n, c] - poses[n - 1, c]) ** 2
+            total += (w[now + c] - w[last + c]) ** 2
         turn = max(turn, total)
         if n > 1:
-            before = vec3.sub(vec3.get(poses[n - 1], 9), vec3.get(poses[n - 2], 9))
+            first = last - at.POSE
+            before = vec3.sub(vec3.get(w, last + 9), vec3.get(w, first + 9))
             change = vec3.sub(rate, before)
-            change_back = vec3.sub(back, vec3.sub(_back(poses[n - 1]), _back(poses[n - 2])))
+            change_back = vec3.sub(back, vec3.sub(_back(w, last), _back(w, first)))
             bend_a, bend_b = (
                 max(bend_a, vec3.dot(change, change)),
                 max(bend_b, vec3.dot(change_back, change_back)),
             )
             total = 0.0
             for c in range(9):
-                total += (poses[n, c] - 2.0 * poses[n - 1, c] + poses[n - 2, c]) ** 2
+                total += (w[now + c] - 2.0 * w[last + c] + w[first + c]) ** 2
             curl = max(curl, total)
     square = piece * piece
     bend_a, bend_b, curl = (
@@ -175,9 +156,9 @@ def _motion(poses, h):
 
 
 @routine
-def _back(pose):
+def _back(w, pose):
     """Origin of body a in the axes of b, but for its sign."""
-    return vec3.unrotate(vec3.get_matrix(pose, 0), vec3.get(pose, 9))
+    return vec3.unrotate(vec3.get_matrix(w, pose), vec3.get(w, pose + 9))
 
 
 @routine
@@ -203,11 +184,17 @@ def _is_through(shell, best):
 
 
 @routine
-def _placed(part, pose):
+def _placed(part, w, pose):
     """A part of body b in the axes of body a."""
     start, axis, length, r0, r1 = part
-    r = vec3.get_matrix(pose, 0)
-    return vec3.add(vec3.get(pose, 9), vec3.rotate(r, start)), vec3.rotate(r, axis), length, r0, r1
+    r = vec3.get_matrix(w, pose)
+    return (
+        vec3.add(vec3.get(w, pose + 9), vec3.rotate(r, start)),
+        vec3.rotate(r, axis),
+        length,
+        r0,
+        r1,
+    )
 
 
 @routine
@@ -220,11 +207,11 @@ def _rim(part, end):
 
 
 @routine
-def _distance(pair, pose, margin):
+def _distance(pair, w, pose, margin):
     """Distance of a pair and its nearest point on body a, axes of a."""
     keep_apart()
     kind, end, part_a, part = pair
-    part_b = _placed(part, pose)
+    part_b = _placed(part, w, pose)
     if kind == SOLIDS:
         distance, here, _ = outlines.gap(part_a, part_b)
     elif kind == SHELL_ON_FIRST:
@@ -239,11 +226,11 @@ def _distance(pair, pose, margin):
 
 
 @routine
-def _far(pair, pose):
+def _far(pair, w, pose):
     """What a pair cannot be nearer than, m, found cheaply. Of a rim and a shell: as a distance
     without sign."""
     kind, end, part_a, part = pair
-    part_b = _placed(part, pose)
+    part_b = _placed(part, w, pose)
     if kind == SOLIDS:
         return outlines.least_gap(part_a, part_b)
     if kind == LIP_ON_FIRST:
@@ -256,11 +243,11 @@ def _far(pair, pose):
 
 
 @routine
-def _along(pair, pose):
+def _along(pair, w, pose):
     """Least and greatest coordinate of a rim along the axis of its shell, m, and how far from the
     axis it reaches at most."""
     kind, end, part_a, part = pair
-    part_b = _placed(part, pose)
+    part_b = _placed(part, w, pose)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
     centre, normal, radius = _rim(solid, end)
     tilt = vec3.cross(normal, shell[1])
@@ -287,32 +274,34 @@ def _most(x0, x1, move, bend, dt):
 
 
 @routine
-def _note(distance, here, time, cg, found):
+def _note(distance, here, time, w, job):
     """Take over a new least distance with its time and the nearest point of the first body,
     layout."""
-    found[0], found[1] = distance, time
-    vec3.put(found, 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
-    found[5] = 1.0 if distance <= 0.0 else 0.0
+    found, cg = job + at.JOB_FOUND, vec3.get(w, job + at.JOB_CENTRES)
+    w[found], w[found + 1] = distance, time
+    vec3.put(w, found + 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
+    w[found + 5] = 1.0 if distance <= 0.0 else 0.0
 
 
 @routine
-def _search(pair, motion, t, h, path, poses, nodes, cg, found):
-    """Search a step for a pair being nearer than found[0], or in touch earlier than known;
-    ``nodes`` is scratch. Returns whether it came to an end.
+def _search(pair, motion, w, job):
+    """Search a step for a pair being nearer than known, or in touch earlier. Returns whether the
+    search came to an end.
 
-    From left to right and always as deep as needed: nodes[0] is the left end of an interval,
-    nodes[top] its right end, and below that stand the right ends of those that follow.
+    From left to right and always as deep as needed: the first of the job's nodes is the left end of
+    an interval, number ``top`` its right end, and below that stand the right ends of those that
+    follow.
     """
     keep_apart()
     kind, _, part_a, part_b = pair
-    size = _reach(part_a) + _reach(part_b)
+    size, h = _reach(part_a) + _reach(part_b), w[job + at.JOB_LENGTH]
     if kind == SHELL_ON_SECOND:
         speed, bend = motion[1] + motion[2] * _reach(part_a), motion[4] + motion[5] * _reach(part_a)
     else:
         speed, bend = motion[0] + motion[2] * _reach(part_b), motion[3] + motion[5] * _reach(part_b)
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
-    beyond = found[0]  # NaN: nothing known yet
+    beyond = w[job + at.JOB_FOUND]  # NaN: nothing known yet
     if _is_rim(kind):
         if _is_through(shell, beyond):
             return True
@@ -323,70 +312,75 @@ def _search(pair, motion, t, h, path, poses, nodes, cg, found):
         )
     elif beyond < 0.0:
         return True
-    if 0.5 * (_far(pair, poses[0]) + _far(pair, poses[_PLACES - 1]) - speed * h) > beyond:
+    first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.PLACES - 1)
+    if 0.5 * (_far(pair, w, first) + _far(pair, w, last) - speed * h) > beyond:
         return True
+    left = job + at.JOB_NODES
     for end in range(2):
-        nodes[end, _POSE:] = poses[end * (_PLACES - 1)]
-        nodes[end, _AT], nodes[end, _BEND] = end, math.inf
-        _visit(pair, nodes[end], tiny, t, h, cg, found)
+        node = left + at.NODE * end
+        for n in range(at.POSE):
+            w[node + _POSE + n] = w[(last if end else first) + n]
+        w[node + _AT], w[node + _BEND] = float(end), math.inf
+        _visit(pair, w, job, node, tiny)
     top, halvings = 1, 0
     while top > 0 and halvings < _MOST:
-        left, right = nodes[0], nodes[top]
-        dt = (right[_AT] - left[_AT]) * h
-        if top > _DEPTH or not _worth_halving(
-            pair, left, right, bend, speed, dt, tiny, t + left[_AT] * h, found
-        ):
-            left[:] = right
+        right = left + at.NODE * top
+        dt = (w[right + _AT] - w[left + _AT]) * h
+        if top > at.DEPTH or not _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
+            for n in range(at.NODE):
+                w[left + n] = w[right + n]
             top -= 1
             continue
-        middle = nodes[top + 1]
-        middle[_AT] = 0.5 * (left[_AT] + right[_AT])
-        _pose(middle[_AT], path, middle[_POSE:])
-        _visit(pair, middle, tiny, t, h, cg, found)
-        middle[_BEND] = right[_BEND] = math.inf
-        # twice the second derivative
-        if max(left[_VALUE], middle[_VALUE], right[_VALUE]) < math.inf:
-            middle[_BEND] = right[_BEND] = (
-                8.0 * abs(left[_VALUE] - 2.0 * middle[_VALUE] + right[_VALUE]) / (dt * dt)
-            )
+        middle = right + at.NODE
+        w[middle + _AT] = 0.5 * (w[left + _AT] + w[right + _AT])
+        _pose(w[middle + _AT], w, job, middle + _POSE)
+        _visit(pair, w, job, middle, tiny)
+        before, now, after = w[left + _VALUE], w[middle + _VALUE], w[right + _VALUE]
+        curve = math.inf
+        if max(before, now, after) < math.inf:  # twice the second derivative
+            curve = 8.0 * abs(before - 2.0 * now + after) / (dt * dt)
+        w[middle + _BEND] = w[right + _BEND] = curve
         top += 1
         halvings += 1
     return top == 0
 
 
 @routine
-def _visit(pair, node, tiny, t, h, cg, found):
-    """Distance of a pair at a time whose pose stands in ``node``; taken over if it is less, or
+def _visit(pair, w, job, node, tiny):
+    """Distance of a pair at a time whose pose stands at a node; taken over if it is less, or
     touches earlier."""
     keep_apart()
-    distance, here = _distance(pair, node[_POSE:], _FLUSH * tiny)
-    node[_VALUE] = distance
-    time, best = t + node[_AT] * h, found[0]
+    distance, here = _distance(pair, w, node + _POSE, _FLUSH * tiny)
+    w[node + _VALUE] = distance
+    time = w[job + at.JOB_TIME] + w[node + _AT] * w[job + at.JOB_LENGTH]
+    best, since = w[job + at.JOB_FOUND], w[job + at.JOB_FOUND + 1]
     if (
         distance < best - tiny
         or (math.isnan(best) and distance < math.inf)
-        or (distance == best == 0.0 and time < found[1])
+        or (distance == best == 0.0 and time < since)
+        or math.isnan(distance)
     ):
-        _note(distance, here, time, cg, found)
-    elif math.isnan(distance):
-        _note(distance, here, time, cg, found)
+        _note(distance, here, time, w, job)
 
 
 @routine
-def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
-    """Whether a pair may be nearer than found[0] between two times, or touch earlier than known."""
+def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
+    """Whether a pair may be nearer than known from the first node to the one at ``right``, or touch
+    earlier."""
     keep_apart()
-    kind, d0, d1, best = pair[0], left[_VALUE], right[_VALUE], found[0]
+    left, best = job + at.JOB_NODES, w[job + at.JOB_FOUND]
+    kind, d0, d1, curve = pair[0], w[left + _VALUE], w[right + _VALUE], w[right + _BEND]
     move = speed * dt
     if not move > tiny:
         return False
     if not _is_rim(kind):
         if best == 0.0:  # only touching earlier counts
-            may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, right, move, dt) < 0.0
-            return may_touch and d0 > 0.0 and time < found[1]
-        return _least_solids(d0, d1, bend, right, move, dt) < best - tiny
-    lowest0, highest0, outmost0 = _along(pair, left[_POSE:])
-    lowest1, highest1, outmost1 = _along(pair, right[_POSE:])
+            may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, curve, move, dt) < 0.0
+            time = w[job + at.JOB_TIME] + w[left + _AT] * w[job + at.JOB_LENGTH]
+            return may_touch and d0 > 0.0 and time < w[job + at.JOB_FOUND + 1]
+        return _least_solids(d0, d1, bend, curve, move, dt) < best - tiny
+    lowest0, highest0, outmost0 = _along(pair, w, left + _POSE)
+    lowest1, highest1, outmost1 = _along(pair, w, right + _POSE)
     shell = pair[2] if kind == SHELL_ON_FIRST else pair[3]
     _, _, length, r0, r1 = shell
     if _is_through(shell, best):
@@ -411,11 +405,12 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
         and min(highest0, highest1) > length + well
         and lowest > 0.0
     )
-    if (across_start or across_end) and 0.125 * right[_BEND] * dt * dt <= _SURE:
-        return _least(d0, d1, right[_BEND], dt) < limit
+    if (across_start or across_end) and 0.125 * curve * dt * dt <= _SURE:
+        return _least(d0, d1, curve, dt) < limit
     if beside or not (lowest >= 0.0 and highest >= 0.0):  # or may come or go at the ends
         margin = move + flush
-        d0, d1 = _distance(pair, left[_POSE:], margin)[0], _distance(pair, right[_POSE:], margin)[0]
+        d0 = _distance(pair, w, left + _POSE, margin)[0]
+        d1 = _distance(pair, w, right + _POSE, margin)[0]
         if max(d0, d1) == math.inf:
             return False
     lip = wide * rise / length  # how deep within the ends a lip can be nearest
@@ -423,17 +418,17 @@ def _worth_halving(pair, left, right, bend, speed, dt, tiny, time, found):
     if limit > 0.0 and (beside or lips):  # such distances are positive
         bend += 4.0 * speed * speed / max(0.5 * (d0 + d1 - move), _NEAR_LIP * wide)
     if 0.125 * bend * dt * dt <= _SURE:
-        bend = min(bend, right[_BEND])
+        bend = min(bend, curve)
     return _least(d0, d1, bend, dt) < limit
 
 
 @routine
-def _least_solids(d0, d1, bend, right, move, dt):
+def _least_solids(d0, d1, bend, curve, move, dt):
     """What two solids, or a lip and a solid, are nowhere nearer than between two times."""
     low = 0.5 * (d0 + d1 - move)
     if not low > 0.0:
         return low
     bend += (move / dt) ** 2 / low
     if 0.125 * bend * dt * dt <= _SURE:
-        bend = min(bend, right[_BEND])
+        bend = min(bend, curve)
     return max(low, _least(d0, d1, bend, dt))

@@ -10,8 +10,11 @@ import math
 import numpy as np
 
 from sepmc.jit import config, formula
+from sepmc.routines import layout
 
-LANES = 1 if config.DISABLE_JIT else 8  # without the compiler there is nothing to vectorise
+LANES = (
+    1 if config.DISABLE_JIT else layout.LANES
+)  # without the compiler there is nothing to vectorise
 
 
 @formula

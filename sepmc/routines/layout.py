@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+LANES = 8  # cases side by side in compiled code
+
 # Fixed head.
 SURFACE_GRAVITY, WIND_SPEED, WIND_DIRECTION = 0, 1, 2
 ALTITUDE, SPEED, OMEGA, ALPHA, PITCH, YAW, ROLL, PATH_YAW, PATH_REFERENCE, END_TIME = (
@@ -109,12 +111,17 @@ ACTS = 0
 LOAD_WORK = 1
 
 
-# Numbers that say where two bodies are: place of one seen from the other, attitudes of both. Of a
-# search for their least distance, one behind the other: the step's start and length, powers of the
-# path, start and number of the parts of both outlines, mass centres, what is found, whether the
-# search came to an end, and the path over the step.
+# Numbers that say where two bodies are: place of one seen from the other, attitudes of both.
 PATH = 11
-JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, JOB_PATH = (
+# Of a search for their least distance: places of a step at which their relative motion is looked
+# at, and numbers of a pose, one body seen from the other; halvings of the step, one within the
+# other, at most, and numbers of a node, a time within it.
+PLACES, POSE = 5, 12
+DEPTH, NODE = 56, 15
+# One behind the other: the step's start and length, powers of the path, start and number of the
+# parts of both outlines, mass centres, what is found, whether the search came to an end, poses and
+# nodes, and the path over the step.
+JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE = (
     0,
     1,
     2,
@@ -122,8 +129,10 @@ JOB_TIME, JOB_LENGTH, JOB_POWERS, JOB_PARTS, JOB_CENTRES, JOB_FOUND, JOB_DONE, J
     7,
     13,
     19,
-    20,
 )
+JOB_POSES = 20
+JOB_NODES = JOB_POSES + PLACES * POSE
+JOB_PATH = JOB_NODES + (DEPTH + 2) * NODE
 # What a lane holds of a pack of splines that it looks up, a cell: low and high end and what
 # distances count from, for each axis; basis functions there, as in the pack, and their values; a
 # weight; coefficients, the functions side by side.

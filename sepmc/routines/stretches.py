@@ -1,5 +1,8 @@
 """Stretches of time between the switches of motors and loads: when the next switch comes, and what
-acts in between."""
+acts in between.
+
+The numbers of a case stand in ``w`` one after the other, from ``case`` on.
+"""
 
 import math
 
@@ -9,33 +12,33 @@ from sepmc.routines.layout import GRAIN
 
 
 @formula
-def motor_params(i, m):
+def motor_params(i, m, case):
     """Where the parameters of motor i start in ``w``."""
-    return m.scene.motors_p + at.MOTOR_SIZE * i
+    return case + m.scene.motors_p + at.MOTOR_SIZE * i
 
 
 @formula
-def load_params(i, m):
+def load_params(i, m, case):
     """Where the parameters of load i start in ``w``."""
-    return m.scene.loads_p + at.LOAD_SIZE * i
+    return case + m.scene.loads_p + at.LOAD_SIZE * i
 
 
 @formula
-def motor_work(i, m):
+def motor_work(i, m, case):
     """Where what motor i does in a stretch stands in ``w``."""
-    return m.scene.motors_w + at.MOTOR_WORK * i
+    return case + m.scene.motors_w + at.MOTOR_WORK * i
 
 
 @formula
-def load_work(i, m):
+def load_work(i, m, case):
     """Where what load i does in a stretch stands in ``w``."""
-    return m.scene.loads_w + at.LOAD_WORK * i
+    return case + m.scene.loads_w + at.LOAD_WORK * i
 
 
 @routine
-def _starts(i, m, w):
+def _starts(i, m, w, case):
     """When motor i ignites, s."""
-    p = motor_params(i, m)
+    p = motor_params(i, m, case)
     return w[p + at.IGNITION] + w[p + at.IGNITION_DELAY]
 
 
@@ -46,17 +49,17 @@ def _later(earliest, time, t):
 
 
 @routine
-def next_break(t, m, w):
+def next_break(t, m, w, case):
     """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin
     and end of constant loads; and the end of a brief transient, whose steps are then as short as it
     is."""
     keep_apart()
-    brief = at.BRIEF / at.TRANSIENT * w[at.END_TIME]
+    brief = at.BRIEF / at.TRANSIENT * w[case + at.END_TIME]
     earliest = math.inf
     for i in range(m.scene.n_motors):
-        start = _starts(i, m, w)
+        start = _starts(i, m, w, case)
         earliest = _later(earliest, start, t)
-        p = motor_params(i, m)
+        p = motor_params(i, m, case)
         end, build_up, tail_off = start + w[p + at.BURN], w[p + at.BUILD_UP], w[p + at.TAIL_OFF]
         earliest = _later(earliest, end, t)
         if 0.0 < build_up < brief:
@@ -67,19 +70,19 @@ def next_break(t, m, w):
         for k in range(rows):
             earliest = _later(earliest, start + m.numbers[first + 2 * k], t)
     for i in range(m.scene.n_loads):
-        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_START], t)
-        earliest = _later(earliest, w[load_params(i, m) + at.LOAD_END], t)
+        earliest = _later(earliest, w[load_params(i, m, case) + at.LOAD_START], t)
+        earliest = _later(earliest, w[load_params(i, m, case) + at.LOAD_END], t)
     return earliest
 
 
 @routine
-def set_stretch(middle, m, w):
+def set_stretch(middle, m, w, case):
     """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a
     switch."""
     keep_apart()
     for i in range(m.scene.n_motors):
-        p, work = motor_params(i, m), motor_work(i, m)
-        since = middle - _starts(i, m, w)
+        p, work = motor_params(i, m, case), motor_work(i, m, case)
+        since = middle - _starts(i, m, w, case)
         w[work + at.BURNING], w[work + at.LEVEL], w[work + at.SLOPE] = at.OFF, 1.0, 0.0
         if since >= 0.0 and since < w[p + at.BURN]:
             w[work + at.BURNING] = at.ON
@@ -96,8 +99,8 @@ def set_stretch(middle, m, w):
                 0.0,
             )
     for i in range(m.scene.n_loads):
-        p = load_params(i, m)
-        w[load_work(i, m) + at.ACTS] = (
+        p = load_params(i, m, case)
+        w[load_work(i, m, case) + at.ACTS] = (
             1.0 if w[p + at.LOAD_START] <= middle < w[p + at.LOAD_END] else 0.0
         )
 
