@@ -97,6 +97,28 @@ def test_parentheses_are_those_that_are_needed(scope):
     assert scope.lines()[-1] == "w[OUT + l] = a - (b - c) * (a / (b * c)) - -c"
 
 
+def test_a_name_means_one_kind_of_thing_in_a_function():
+    """A variable of compiled code has one type: of two loops over lanes, and of what is written by
+    hand, another shape has another name; the next function begins anew."""
+    slabs, text = Slabs(), Text()
+    for signature in ("one(w)", "two(w)"):
+        lines = text.function(signature, "Says.")
+        if signature == "one(w)":
+            lines("row, turned = 0, 1")
+        for shape in (3, 9, 3):
+            scope = Scope(slabs, Scope(slabs))
+            x = scope.load("X", shape)
+            scope.store("ROW", vec3.dot(x, x).called("row"))
+            scope.store("OUT", scope.load("ROW") * scope.load("ROW"))
+            scope.write(lines)
+    given = [line.strip().split(" = ")[0] for line in text.lines if " = " in line]
+    names = [name for name in given if not name.startswith("w[")]
+    assert names == [
+        "row, turned", *("x", "row_2", "x_2", "row_2", "x", "row_2"),
+        *("x", "row", "x_2", "row", "x", "row"),
+    ]  # fmt: skip
+
+
 def test_a_name_never_meets_that_of_a_formula(scope):
     scope.store("OUT", total([scalar.larger(scope.load("A"), 0.0)] * 2))
     assert scope.lines() == ["larger_2 = larger(w[A + l], 0.0)", "w[OUT + l] = larger_2 + larger_2"]

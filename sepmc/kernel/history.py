@@ -43,11 +43,7 @@ def _keep(out: Text, c: Context) -> None:
     says = "Separations at the instants within the step just made, every so many seconds."
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text("every, history = vector(a, 5)[0], block(a, 8)")
-    text("low, high = math.inf, 0.0")
-    text.lanes()(
-        "low = min(low, w[BEGIN_T + l])",
-        "high = max(high, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l])",
-    )
+    _span(text)
     text.block("if not high < math.inf:")("return")
     rows = (
         "range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), "
@@ -72,6 +68,15 @@ def _keep(out: Text, c: Context) -> None:
     )
     inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")(
         "history[first + l, row, k] = w[APART + k * LANES + l]"
+    )
+
+
+def _span(text: Text) -> None:
+    """From when to when the steps of all lanes go."""
+    text("low, high = math.inf, 0.0")
+    text.lanes()(
+        "low = min(low, w[BEGIN_T + l])",
+        "high = max(high, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l])",
     )
 
 
@@ -130,7 +135,9 @@ def _keep_everything(out: Text, c: Context) -> None:
     )
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text("instants, history = table(a, 5), block(a, 8)")
+    _span(text)
     text = text.block("for row in range(instants.shape[0]):")
+    text.block("if not low - 1e-12 <= instants[row, 0] <= high + 1e-12:")("continue")
     text("there = 0.0")
     inner = text.lanes()
     inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")

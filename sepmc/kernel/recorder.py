@@ -279,12 +279,12 @@ class Scope:
 
     def lines(self) -> list[str]:
         """All that leads to what is stored, for one lane."""
-        return _Writer(self).lines()
+        return _Writer(self, {}).lines()
 
     def write(self, text: Text) -> None:
         """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads
         it is not vectorised."""
-        writer = _Writer(self)
+        writer = _Writer(self, text.names)
         lines = writer.lines()
         text(*writer.shared)
         inner = text.lanes()
@@ -295,8 +295,8 @@ class Scope:
 class _Writer:
     """The names and lines of a scope."""
 
-    def __init__(self, scope: Scope):
-        self.scope = scope
+    def __init__(self, scope: Scope, of_function: dict[str, Any]):
+        self.scope, self.of_function = scope, of_function
         self.uses: dict[int, int] = {}
         # values that a choice is between: computed before it, so that lanes need not part
         self.alone: set[int] = set()
@@ -340,7 +340,7 @@ class _Writer:
         op, args, shape = self.scope.nodes[node]
         code, precedence = self._code(op, args, shape)
         if op == "shared":
-            name = self._name(f"shared_{args[0]}")
+            name = self._name(f"shared_{args[0]}", shape)
             self.shared.append(f"{name} = {code}")
             self.spelled[node] = name, _ATOM
             return None
@@ -355,17 +355,19 @@ class _Writer:
         if (once and node not in self.scope.names) or op in ("item", "constant", "named"):
             self.spelled[node] = code, precedence
             return None
-        name = self._name(self.scope.names.get(node) or _word(op, args))
+        name = self._name(self.scope.names.get(node) or _word(op, args), shape)
         self.spelled[node] = name, _ATOM
         return f"{name} = {code}"
 
-    def _name(self, base: str) -> str:
-        """A name that stands for nothing else."""
+    def _name(self, base: str, shape: Shape) -> str:
+        """A name that stands for nothing else here, and in its function for nothing of another
+        shape: a variable of compiled code has one type."""
         name, number = base, 1
-        while name in self.taken:
+        while name in self.taken or self.of_function.get(name, shape) != shape:
             number += 1
             name = f"{base}_{number}"
         self.taken.add(name)
+        self.of_function[name] = shape
         return name
 
     def _code(self, op: str, args: tuple[Any, ...], shape: Shape) -> tuple[str, int]:

@@ -1,25 +1,40 @@
 """Lines of a module that is being written, and the slabs of its workspace."""
 
 import contextlib
+import re
 import textwrap
 from collections.abc import Iterator
+from typing import Any
 
 WIDTH = 100
+_BY_HAND = "written by hand"
+_ASSIGNED = re.compile(r"(?:for )?((?:[a-z]\w*, )*[a-z]\w*) (?:=|in) ")
 
 
 class Text:
-    """Lines at an indent; called with lines to add. Texts made by `indented` share them."""
+    """Lines at an indent; called with lines to add. Texts made by `indented` share them, and what
+    the names of their function stand for: a name means one kind of thing in a function."""
 
-    def __init__(self, indent: int = 0, lines: list[str] | None = None):
+    def __init__(
+        self,
+        indent: int = 0,
+        lines: list[str] | None = None,
+        names: dict[str, Any] | None = None,
+    ):
         self.lines: list[str] = [] if lines is None else lines
+        self.names: dict[str, Any] = {} if names is None else names
         self.indent = indent
 
     def __call__(self, *lines: str) -> None:
+        for line in lines:
+            if found := _ASSIGNED.match(line):
+                for name in found[1].split(", "):
+                    self.names.setdefault(name, _BY_HAND)
         self.lines += ["    " * self.indent + line if line else "" for line in lines]
 
     def indented(self, by: int) -> "Text":
         """The same lines, continued further to the right."""
-        return Text(self.indent + by, self.lines)
+        return Text(self.indent + by, self.lines, self.names)
 
     def block(self, head: str) -> "Text":
         """A line that opens a block, such as a loop; returns where the lines in it go."""
@@ -33,7 +48,8 @@ class Text:
     def function(self, signature: str, says: str) -> "Text":
         """Head of a function and its docstring; returns where its lines go."""
         self("", "", "@routine")
-        inner = self.block(f"def {signature}:")
+        inner = Text(self.indent + 1, self.lines)
+        self(f"def {signature}:")
         inner(*textwrap.wrap(f'"""{says}"""', WIDTH - 4 * inner.indent, break_long_words=False))
         inner("keep_apart()")
         return inner
