@@ -96,6 +96,11 @@ def save(figure: Figure, path: Path) -> Path:
             ncols=columns,
             **style,
         )
+    layout = figure.get_layout_engine()
+    if layout is not None:  # savefig would draw all unseen before, only to lay it out
+        figure.set_dpi(_dots)
+        layout.execute(figure)
+        figure.set_layout_engine(None)
     said = {"Date": None} if path.suffix == ".svg" else {"Software": None}
     if path.suffix == ".pdf":
         said = {"CreationDate": None, "Producer": None, "Creator": None}
