@@ -186,9 +186,9 @@ class Callee(Lean):
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 BARE = "SEPMC_BARE"  # set in the environment of such a process
 _WRAPPED = _BARE if os.environ.get(BARE) else {}
+_CALLED: dict[str, Any] = {"fastmath": _FASTMATH, "error_model": "numpy", "pipeline_class": Callee}
 # A formula on scalars and tuples: callable from Python for tests, and always copied into its
 # caller, since a loop over cases with a call in it is not vectorised.
-_CALLED: dict[str, Any] = {"fastmath": _FASTMATH, "error_model": "numpy", "pipeline_class": Callee}
 formula = numba.njit(forceinline=True, **_CALLED, **_WRAPPED)
 # A formula too large for that.
 long_formula = numba.njit(**_CALLED, **_WRAPPED)

@@ -12,9 +12,8 @@ import numpy as np
 from sepmc.jit import config, formula
 from sepmc.routines import layout
 
-LANES = (
-    1 if config.DISABLE_JIT else layout.LANES
-)  # without the compiler there is nothing to vectorise
+# without the compiler there is nothing to vectorise
+LANES = 1 if config.DISABLE_JIT else layout.LANES
 
 
 @formula
