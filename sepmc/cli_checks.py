@@ -260,10 +260,32 @@ def compile_(
     default=0,
     help="With --random: scenes whose kernels fly compiled as well.",
 )
+@click.option(
+    "--rows",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="With --random: cases of every scene that are flown and compared.",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=600.0,
+    show_default=True,
+    help="With --random: seconds after which a scene is left without a verdict.",
+)
 @BRIEF
 @QUIET
 def verify(
-    peers: bool, count: int | None, seed: int, compiled: int, brief: bool, quiet: bool
+    peers: bool,
+    count: int | None,
+    seed: int,
+    compiled: int,
+    rows: int,
+    limit_s: float,
+    brief: bool,
+    quiet: bool,
 ) -> None:
     """Hold the engine against closed forms, classical formulations and conservation laws: one
     table, exit code 1 on any miss.
@@ -281,7 +303,7 @@ def verify(
         if count is not None:
             from sepmc.trust.gate import drive
 
-            found = drive.gate(count, seed, compiled, speaker(quiet))
+            found = drive.gate(count, seed, compiled, speaker(quiet), rows, limit_s)
             click.echo(drive.table(found))
             sys.exit(1 if any(map(drive.fails, found)) else 0)
         from sepmc.trust import verify as suite

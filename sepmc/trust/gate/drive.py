@@ -11,7 +11,7 @@ import tomli_w
 from sepmc.engine.door import now_and_then
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree
-from sepmc.trust.gate.workers import Job, Worker, judge_all
+from sepmc.trust.gate.workers import LIMIT_S, Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
 _EVERY_S = 10.0  # between words on how far it is
@@ -26,6 +26,7 @@ def gate(
     compiled: int = 0,
     say: Callable[[str], None] = print,
     cases: int = CASES,
+    limit_s: float = LIMIT_S,
 ) -> list[Found]:
     """Judge the scenes of seeds ``seed`` to ``seed + count``.
 
@@ -35,6 +36,7 @@ def gate(
     compiled : how many of them, the first ones, fly compiled as well
     say : told a line for every scene that fails, and now and then how far it is
     cases : rows of a scene that are flown and compared
+    limit_s : a scene that takes longer gets no verdict, and is told
 
     Returns
     -------
@@ -56,7 +58,7 @@ def gate(
         others = f", {left} not compared" if left else ""
         return f"{len(found)} of {len(jobs)} flown in {seconds:.0f} s, {failing} fail{others}"
 
-    for verdict in judge_all(jobs):
+    for verdict in judge_all(jobs, limit_s=limit_s):
         found.append(verdict)
         if fails(verdict):
             say("\n".join(sentences(verdict)))

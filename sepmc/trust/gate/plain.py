@@ -8,6 +8,7 @@ about: whatever they are, the run reports the error it was flown with, and rows 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 
@@ -25,14 +26,15 @@ from sepmc.schema import Status
 _MOST_STEPS = 64  # of a phase
 _HOPELESS = 16  # steps with which no case is sound: then each is flown again by itself
 _HIGH = 8  # order of a method whose halved steps tell its error
-_CASES = 3  # as many as the gate compares: what the others need in steps would not be seen
+_CASES = 3  # as many as the gate compares
 
 
 @contextmanager
-def flown_plainly(wanted: bool = True) -> Iterator[None]:
-    """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here."""
+def flown_plainly(wanted: bool = True, cases: int = _CASES) -> Iterator[None]:
+    """Let campaigns be flown so meanwhile: kernels as plain Python, in steps found here by so many
+    cases, which need be no more than are compared."""
     usual = campaigns.plan_flight
-    campaigns.plan_flight = _plan if wanted else usual
+    campaigns.plan_flight = partial(_plan, trials=min(cases, _CASES)) if wanted else usual
     try:
         with interpreted(wanted):
             yield
@@ -41,11 +43,14 @@ def flown_plainly(wanted: bool = True) -> Iterator[None]:
 
 
 def _plan(
-    campaign: Definition, history: bool = False, announce: Callable[[str], None] | None = None
+    campaign: Definition,
+    history: bool = False,
+    announce: Callable[[str], None] | None = None,
+    trials: int = _CASES,
 ) -> Flight:
     scene = campaign.scene
-    first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, _CASES)
-    draws = campaign.in_si(campaign.draw(first, min(_CASES, end - first)))
+    first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, trials)
+    draws = campaign.in_si(campaign.draw(first, min(trials, end - first)))
     kernel = load_kernel(pilot.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)

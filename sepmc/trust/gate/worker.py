@@ -29,7 +29,7 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
     begun = time.perf_counter()
     tree = scene(job["seed"]) if "seed" in job else job["tree"]
     name, cases = job.get("name") or f"seed {job['seed']}", job.get("cases", 3)
-    with flown_plainly(not job.get("compiled")):
+    with flown_plainly(not job.get("compiled"), cases):
         if job.get("shrink"):
             return {
                 "tree": shrink(

@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from typing import Any
 
 Job = dict[str, Any]
-_LIMIT_S = 600.0  # of one scene
+LIMIT_S = 600.0  # of one scene
 
 
 class Worker:
     """A process that judges one scene after the other."""
 
-    def __init__(self, limit_s: float = _LIMIT_S):
+    def __init__(self, limit_s: float = LIMIT_S):
         environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
@@ -70,7 +70,7 @@ class Worker:
 
 
 def judge_all(
-    jobs: list[Job], processes: int = 2, limit_s: float = _LIMIT_S
+    jobs: list[Job], processes: int = 2, limit_s: float = LIMIT_S
 ) -> Iterator[dict[str, Any]]:
     """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than
     ``limit_s`` gets none."""
