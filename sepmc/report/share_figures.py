@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy import stats
+from scipy.special import betaincinv, ndtri
 
 from sepmc.analysis.requirements import Verdict
 from sepmc.report.style import BLACK, BLUE, VERMILION, entitle, in_words, made, save, sheet
@@ -76,8 +76,8 @@ def _beyond(ax: Axes, values: np.ndarray, upper: bool) -> None:
     where = np.union1d(x[places - 1], x[len(x) - places])
     below = np.searchsorted(x, where, "left"), np.searchsorted(x, where, "right")
     k = n - len(x) + (len(x) - below[1] if upper else below[0])
-    low = np.where(k > 0, stats.beta.ppf(_RISK / 2, np.maximum(k, 1), n - k + 1), 0.0)
-    high = np.where(k < n, stats.beta.ppf(1 - _RISK / 2, k + 1, np.maximum(n - k, 1)), 1.0)
+    low = np.where(k > 0, betaincinv(np.maximum(k, 1), n - k + 1, _RISK / 2), 0.0)
+    high = np.where(k < n, betaincinv(k + 1, np.maximum(n - k, 1), 1 - _RISK / 2), 1.0)
     step: Literal["post", "pre"] = "post" if upper else "pre"
     floor = 0.3 / n  # where no case is beyond, a logarithm has no place
     ax.fill_between(
@@ -111,7 +111,7 @@ def convergence_figure(
         for ax, curve, errors, what in zip(
             axes[2 * row : 2 * row + 2], *_running(x, n), ("mean", "sigma"), strict=True
         ):
-            reach = stats.norm.ppf(1 - _RISK / 2) * errors
+            reach = ndtri(1 - _RISK / 2) * errors
             ax.fill_between(
                 n, curve - reach, curve + reach, color="#a9cdea", linewidth=0, label="95 %"
             )

@@ -27,26 +27,33 @@ def on_frustum(points: Array, frustum: tuple) -> Array:
     from_start = points - start
     along = np.einsum("ij,ij->i", from_start, axis)
     across = from_start - along[:, None] * axis
-    rho = np.linalg.norm(across, axis=1)
-    share = np.clip(along / length, 0.0, 1.0) if length > 0.0 else np.zeros_like(along)
-    within = (along >= 0.0) & (along <= length) & (rho <= r0 + (r1 - r0) * share)
+    rho = np.sqrt(np.einsum("ij,ij->i", across, across))
+    # in the plane of the axis and the point: which of both ends and the side is nearest
     rise, square = r1 - r0, length**2 + (r1 - r0) ** 2
-    side = (
-        np.clip((along * length + (rho - r0) * rise) / square, 0.0, 1.0)
+    share = (
+        _between((along * length + (rho - r0) * rise) / square, 0.0, 1.0)
         if square > 0.0
         else np.zeros_like(along)
     )
-    feet = [  # of both ends and of the side: (along, rho)
-        (np.zeros_like(rho), np.minimum(rho, r0)),
-        (np.full_like(rho, length), np.minimum(rho, r1)),
-        (side * length, r0 + side * rise),
-    ]
-    squares = np.array([(along - z) ** 2 + (rho - r) ** 2 for z, r in feet])
-    nearest = np.argmin(squares, axis=0)
-    z, r = (np.choose(nearest, [foot[i] for foot in feet]) for i in range(2))
-    z, r = np.where(within, along, z), np.where(within, rho, r)
-    outward = across / np.where(rho > 0.0, rho, 1.0)[:, None]
-    return start + z[:, None] * axis + r[:, None] * outward
+    z, r = share * length, r0 + share * rise
+    squares = (along - z) ** 2 + (rho - r) ** 2
+    for end, radius in ((0.0, r0), (length, r1)):
+        disc = np.minimum(rho, radius)
+        off = (along - end) ** 2 + (rho - disc) ** 2
+        nearer = off < squares
+        z, r = np.where(nearer, end, z), np.where(nearer, disc, r)
+        squares = np.where(nearer, off, squares)
+    side = r0 + rise * (_between(along / length, 0.0, 1.0) if length > 0.0 else 0.0)
+    within = (along >= 0.0) & (along <= length) & (rho <= side)
+    # how far the nearest point is from the point: along the axis, and as a share of rho
+    z = np.where(within, 0.0, along - z)
+    out = np.where(within, 0.0, (rho - r) / np.where(rho > 0.0, rho, 1.0))
+    return points - z[:, None] * axis - out[:, None] * across
+
+
+def _between(values: Array, least: float, most: float) -> Array:
+    """Values no less and no more than so much; `numpy.clip` takes twice as long."""
+    return np.minimum(np.maximum(values, least), most)
 
 
 def reach(frustum: tuple, u: Array) -> Array:
