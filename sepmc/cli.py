@@ -40,6 +40,7 @@ for _command in (
     cli_runs.stats,
     cli_runs.plot,
     cli_runs.drivers,
+    cli_runs.laws,
     cli_runs.compare,
     cli_runs.report,
     cli_checks.template,

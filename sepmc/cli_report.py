@@ -9,7 +9,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import causes, compare, drivers
+from sepmc.analysis import causes, compare, drivers, laws
 from sepmc.analysis.rows import Rows
 from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summary_text
 from sepmc.analysis.stream import Stream
@@ -74,10 +74,8 @@ def find_drivers(
 ) -> Driven:
     """What drives the outcomes ``named``, or those that matter most, and what sets apart the cases
     that violate a requirement or did not come to their end."""
-    rows, known = store.CaseColumns(folder), [column.name for column in loaded.outcome_columns]
-    for name in named:
-        if name not in known:
-            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+    rows = store.CaseColumns(folder)
+    _check_known(loaded, named)
     keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
     sampler, found = loaded.scene.run.sampler, {}
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
@@ -98,6 +96,32 @@ def find_drivers(
             left = f" ({unknown} others have no such outcome)" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
     return Driven(found, apart, violated, keys)
+
+
+def _check_known(loaded: Campaign, named: tuple[str, ...]) -> None:
+    """Raise if a campaign has no such outcome."""
+    known = [column.name for column in loaded.outcome_columns]
+    for name in named:
+        if name not in known:
+            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+
+
+def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
+    """Which laws the outcomes ``named``, or those that matter most, follow: to the screen, and of
+    all outcomes that are numbers to ``laws.csv``."""
+    _check_known(loaded, named)
+    table = summary_of(folder, loaded).statistics()
+    every = [str(name) for name in table.index if not is_yes_or_no(str(name))]
+    found = laws.laws(store.CaseColumns(folder), every)
+    for name in named:
+        if name not in every:
+            raise store.StoreError(f"{name}: is yes or no, so it has no law")
+    told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
+    units = {c.name: c.unit for c in loaded.outcome_columns}
+    sampler = loaded.scene.run.sampler
+    folded(laws.text(found.loc[told], table, units, screen_width(), sampler))
+    store.write_text(folder / "laws.csv", found.to_csv())
+    click.echo(folder / "laws.csv")
 
 
 def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: bool) -> None:

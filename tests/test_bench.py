@@ -21,7 +21,6 @@ from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.store import StoreError
 from sepmc.kernel.structure import make_shape
 
-
 STAGES = ("import", "pilot", "kernel", "statistics")
 
 
@@ -62,7 +61,9 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     if formulation == "full":  # the cost of every feature is measured of the other: a kernel each
         variants = features._variants
         monkeypatch.setattr(features, "_variants", lambda *given: variants(*given)[:2])
-        took = [{"stage": s, "kind": "stage", "s": 1.0, "best_s": 1.0, "repeats": 1} for s in STAGES]
+        took = [
+            {"stage": s, "kind": "stage", "s": 1.0, "best_s": 1.0, "repeats": 1} for s in STAGES
+        ]
         monkeypatch.setattr(stages, "measure", lambda *_: pd.DataFrame(took))
     out = tmp_path / "bench"
     result = call(

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis import causes, drivers, requirements
+from sepmc.analysis import causes, drivers, laws, requirements
 from sepmc.analysis.given import names_of, where
 from sepmc.analysis.precision import Until, read_until
 from sepmc.analysis.statistics import statistics
@@ -34,7 +34,7 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign, read_campaign
-from sepmc.schema import Status
+from sepmc.schema import Status, is_yes_or_no
 
 _LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
@@ -148,6 +148,11 @@ class Result:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         sampler = self.campaign.scene.run.sampler
         return drivers.drivers(self._rows(), self._inputs, outcome, sampler, indices)
+
+    def laws(self) -> pd.DataFrame:
+        """Shape of every outcome that is a number, and the law nearest to it, a row each; see
+        `sepmc.analysis.laws.laws`."""
+        return laws.laws(self._rows(), [n for n in self.outcomes if not is_yes_or_no(n)])
 
     def causes(self, name: str) -> list[causes.Cause]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
