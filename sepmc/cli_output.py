@@ -254,8 +254,15 @@ def tell_results(
     return code
 
 
-def tell_given(folder: Path, loaded: "Campaign", given: tuple[str, ...], shown: str | None) -> None:
-    """Statistics and verdicts of the cases of a run in which terms hold, to the screen."""
+def tell_given(
+    folder: Path,
+    loaded: "Campaign",
+    given: tuple[str, ...],
+    shown: str | None,
+    as_json: bool = False,
+) -> None:
+    """Statistics and verdicts of the cases of a run in which terms hold, to the screen: as tables,
+    or as what ``statistics.json`` would hold of these cases."""
     import pandas as pd
 
     from sepmc.analysis import requirements
@@ -270,16 +277,29 @@ def tell_given(folder: Path, loaded: "Campaign", given: tuple[str, ...], shown: 
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
-    folded(f"{' and '.join(given)}: {held.sum()} of {cases.rows} cases")
     ok = int(ok_rows(cases)[held].sum())
+    if ok:
+        accuracy = store.read_manifest(folder).get("accuracy") or {}
+        table, audited = summary.statistics(), summary.audit()
+        verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
+    if as_json:
+        told: dict[str, Any] = {"given": list(given)}
+        if ok:
+            of = [verdict.to_dict() for verdict in verdicts]
+            told |= store.statistics_as_json(
+                _matching(table, shown), summary.counts, units, audited, summary.failed, of
+            )
+        else:
+            told |= {"cases": summary.counts, "failed_cases": summary.failed}
+        click.echo(store.json_text(told), nl=False)
+        return
+    folded(f"{' and '.join(given)}: {held.sum()} of {cases.rows} cases")
     if not ok:
         ends = pd.Series(cases["status"][held]).value_counts()
-        told = ", ".join(f"{count} {label}" for label, count in ends.items())
-        folded(f"none of them came to its end as asked, so there are no statistics: {told}")
+        said = ", ".join(f"{count} {label}" for label, count in ends.items())
+        folded(f"none of them came to its end as asked, so there are no statistics: {said}")
         return
-    table, accuracy = summary.statistics(), store.read_manifest(folder).get("accuracy") or {}
     folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
-    verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
     if verdicts:
         folded(requirements.text(verdicts, units, width))
 

@@ -331,7 +331,9 @@ def replay(
     metavar="TERM",
     help="Of the cases only in which this holds, such as joint.bolt.fails=1; writes nothing.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print statistics.json instead of tables.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print what statistics.json holds instead of tables."
+)
 @CHECK
 def stats(
     folder: Path, columns: str | None, given: tuple[str, ...], as_json: bool, must_pass: bool
@@ -354,9 +356,9 @@ def stats(
         loaded = load_campaign(str(folder), (), warn=False)
         _check_required(loaded, must_pass)
         if given:
-            if as_json or must_pass:
-                raise click.UsageError("--given is for the screen, without --json and --check")
-            tell_given(folder, loaded, given, columns)
+            if must_pass:
+                raise click.UsageError("--check is of all cases, without --given")
+            tell_given(folder, loaded, given, columns, as_json)
             return
         summary = summary_of(folder, loaded)
         if not manifest.get("complete", True):

@@ -1,5 +1,7 @@
 """Statistics of the cases in which something holds: the same as those of these rows alone."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -65,3 +67,12 @@ def test_given_an_input(tmp_path):
     assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in found.output
     assert f"{violated} of {len(some)} cases violate it" in found.output
     assert sorted(folder.iterdir()) == before
+    found = CliRunner().invoke(main, [*words, "--json"])
+    told = json.loads(found.stdout)
+    assert told["given"] == ["initial.alpha_deg>5"]
+    assert told["cases"]["ok"] == len(some)
+    assert told["requirements"][0]["violations"] == violated
+    assert list(told["outcomes"]) == ["upper_pitch_deg"]
+    assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
+    nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
+    assert json.loads(nobody.stdout)["cases"]["ok"] == 0

@@ -141,8 +141,13 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON; a number that is not finite becomes null, as JSON has none."""
-    write_text(path, json.dumps(_finite(data), indent=2, allow_nan=False) + "\n")
+    """Write JSON: see `json_text`."""
+    write_text(path, json_text(data))
+
+
+def json_text(data: Any) -> str:
+    """Data as JSON; a number that is not finite becomes null, as JSON has none."""
+    return json.dumps(_finite(data), indent=2, allow_nan=False) + "\n"
 
 
 def _finite(data: Any) -> Any:
@@ -442,34 +447,47 @@ def write_statistics(
     failed: dict[str, list[int]] | None = None,
     verdicts: Sequence[dict[str, Any]] = (),
 ) -> None:
-    """Write ``statistics.csv`` and ``statistics.json``; ``of`` maps each outcome to its unit,
-    ``failed`` names first cases by status, ``verdicts`` are those on requirements. What is not a
-    number is null."""
-    columns = {
-        str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
-        for name in stats
-    }
-    frame = pd.DataFrame(
-        {"unit": [of.get(str(name), "") for name in stats.index], **columns}, index=stats.index
-    )
+    """Write ``statistics.csv`` and ``statistics.json``: see `statistics_as_json`."""
+    frame = _with_units(stats, of)
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
+    told = statistics_as_json(stats, counts, of, audit, failed, verdicts)
+    write_json(folder / "statistics.json", told)
+
+
+def statistics_as_json(
+    stats: pd.DataFrame,
+    counts: dict[str, int],
+    of: dict[str, str],
+    audit: pd.DataFrame,
+    failed: dict[str, list[int]] | None = None,
+    verdicts: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
+    """What ``statistics.json`` holds; ``of`` maps each outcome to its unit, ``failed`` names first
+    cases by status, ``verdicts`` are those on requirements. What is not a number is null."""
     rows, audited = (
         {
             str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()}
             for name, row in table.to_dict("index").items()
         }
-        for table in (frame, audit)
+        for table in (_with_units(stats, of), audit)
     )
-    write_json(
-        folder / "statistics.json",
-        {
-            "cases": counts,
-            "failed_cases": failed or {},
-            "requirements": list(verdicts),
-            "outcomes": rows,
-            "audit": audited,
-        },
-    )
+    return {
+        "cases": counts,
+        "failed_cases": failed or {},
+        "requirements": list(verdicts),
+        "outcomes": rows,
+        "audit": audited,
+    }
+
+
+def _with_units(stats: pd.DataFrame, of: dict[str, str]) -> pd.DataFrame:
+    """Statistics with the unit of each outcome first; numbers of cases are whole."""
+    columns = {
+        str(name): stats[name].astype("Int64") if name in ("case_min", "case_max") else stats[name]
+        for name in stats
+    }
+    units = [of.get(str(name), "") for name in stats.index]
+    return pd.DataFrame({"unit": units, **columns}, index=stats.index)
 
 
 def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str]) -> Path:
