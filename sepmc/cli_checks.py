@@ -95,6 +95,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         from sepmc.campaign.chunks import implausible_note
         from sepmc.campaign.remarks import of_file, sampled
         from sepmc.kernel.describe import lines
+        from sepmc.scene.units import unit_text
 
         settings_of_run = loaded.scene.run
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
@@ -128,7 +129,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         click.echo(f"  dispersed    {len(loaded.file.dispersions)} parameters")
         for dispersion in loaded.file.dispersions:
             key, _, law = dispersion.sentence.partition(": ")
-            click.echo(f"    {key:44s} {law} {dispersion.parameter.unit}")
+            click.echo(f"    {key:44s} {law} {unit_text(dispersion.parameter.unit)}")
         for copula in loaded.file.copulas:
             keys = [loaded.file.dispersions[place].parameter.key for place in copula.places]
             click.echo(f"    together: {', '.join(keys)}")

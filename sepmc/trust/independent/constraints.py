@@ -42,6 +42,10 @@ class Constraints:
         )
         self.axis_b = _vectors([j.axes[row[1]] for j, row in turns])
         self.axis_a = _vectors([j.axes[row[2]] for j, row in turns])
+        # what takes an angular rate to the rate of a vector of its body, body axes
+        self.of_arm_a, self.of_arm_b, self.of_e, self.of_axis_a, self.of_axis_b = (
+            -skew(vectors) for vectors in (self.arm_a, self.arm_b, self.e, self.axis_a, self.axis_b)
+        )
         # rank and consistency show at the first state: later ones, of trial steps, are off the
         # joints
         self.rank, self.known = -1, False
@@ -71,19 +75,19 @@ class Constraints:
             d = self._gaps(x, r)
             rate = (
                 v[self.b]
-                + _swept(r, w, self.b, self.arm_b)
+                + _swept(r, w, self.b, self.of_arm_b)
                 - v[self.a]
-                - _swept(r, w, self.a, self.arm_a)
+                - _swept(r, w, self.a, self.of_arm_a)
             )
-            e, e_rate = _turned(r, self.a[:m], self.e), _swept(r, w, self.a[:m], self.e)
+            e, e_rate = _turned(r, self.a[:m], self.e), _swept(r, w, self.a[:m], self.of_e)
             out[:m] = _dot(e, rate[:m]) + _dot(d[:m], e_rate)
             out[m : self.points] = (
                 _dot(d[m:], rate[m:]) / np.sqrt(np.sum(d[m:] * d[m:], axis=1))[:, None]
             )
         if self.count > self.points:
             a, b = _turned(r, self.turn_a, self.axis_a), _turned(r, self.turn_b, self.axis_b)
-            turning = _dot(a, _swept(r, w, self.turn_b, self.axis_b)) + _dot(
-                b, _swept(r, w, self.turn_a, self.axis_a)
+            turning = _dot(a, _swept(r, w, self.turn_b, self.of_axis_b)) + _dot(
+                b, _swept(r, w, self.turn_a, self.of_axis_a)
             )
             out[self.points :] = turning
         return out
@@ -198,6 +202,7 @@ def _turned(r: Array, bodies: Array, vectors: Array) -> Array:
     return (r[bodies] @ vectors[:, :, None])[:, :, 0]
 
 
-def _swept(r: Array, w: Array, bodies: Array, vectors: Array) -> Array:
-    """Rates (m, 3, k) of `_turned` for angular rates (n + 1, 3, k): R (w x vector)."""
-    return r[bodies] @ -skew(vectors) @ w[bodies]
+def _swept(r: Array, w: Array, bodies: Array, of: Array) -> Array:
+    """Rates (m, 3, k) of `_turned` for angular rates (n + 1, 3, k): R (w x vector), ``of`` being
+    the matrices (m, 3, 3) that take w to that product."""
+    return r[bodies] @ of @ w[bodies]
