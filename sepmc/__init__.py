@@ -7,7 +7,7 @@ try:
 except PackageNotFoundError:  # run from a bare tree
     __version__ = "0+unknown"
 
-__all__ = ["SceneError", "__version__", "load"]
+__all__ = ["RunWarning", "SceneError", "SceneWarning", "__version__", "load"]
 
 
 def __getattr__(name: str):  # the heavy parts are imported when first used
@@ -15,10 +15,10 @@ def __getattr__(name: str):  # the heavy parts are imported when first used
         from sepmc.campaign.campaign import load  # noqa: PLC0415
 
         return load
-    if name == "SceneError":
-        from sepmc.scene.messages import SceneError  # noqa: PLC0415
+    if name in ("RunWarning", "SceneError", "SceneWarning"):
+        from sepmc.scene import messages  # noqa: PLC0415
 
-        return SceneError
+        return getattr(messages, name)
     raise AttributeError(f"module 'sepmc' has no attribute {name!r}")
 
 

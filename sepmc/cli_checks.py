@@ -148,12 +148,12 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         warned = [*sampled(loaded, numbers), *of_file(loaded)]
         warned += undispersed(loaded)
         if not no_flight:
-            from sepmc.scene.messages import SceneWarning
+            from sepmc.scene.messages import SceneWarning, nobody
 
             with warnings.catch_warnings():  # the file's are told already
                 warnings.simplefilter("ignore", SceneWarning)
                 rough = loaded.with_settings({"solver.accuracy": _ROUGH})
-            flown = rough.simulate(step_s=rough.scene.run.end_time).attrs
+            flown = rough.simulate(step_s=rough.scene.run.end_time, announce=nobody).attrs
             click.echo(f"  nominal      {flown['status']}")
             warned += [said for said in flown["notes"] if said not in warned]
         for warning in warned + ([note] if note else []) + redundant(loaded):

@@ -30,7 +30,7 @@ from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.drawing import drawing
 from sepmc.report.driver_figures import scatter_figure, tornado_figure
 from sepmc.report.figures import run_figures
-from sepmc.scene.messages import nearest
+from sepmc.scene.messages import nearest, nobody
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -301,7 +301,7 @@ def _worst(
     for number, v in list(reversed(worst.items()))[:_REPLAYED]:
         say(f"flies case {number} again, the worst of {v.name}")
         every_s = loaded.scene.run.end_time / _REPLAY_ROWS
-        history = loaded.simulate(loaded.case(number, seed), every_s)
+        history = loaded.simulate(loaded.case(number, seed), every_s, nobody)
         unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")
         title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
         found.append(page.Replay(title.rstrip(), history))

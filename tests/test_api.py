@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -325,7 +326,13 @@ def test_a_nominal_case_that_goes_together(pair, tmp_path, settings):
         json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))["notes"]
         == result.notes
     )
-    assert campaign.simulate().attrs["notes"] == [note]
+    with pytest.warns(sepmc.RunWarning) as told:
+        assert campaign.simulate().attrs["notes"] == [note]
+    assert [str(each.message) for each in told] == [note]
+    assert all(each.filename == __file__ for each in told)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", sepmc.RunWarning)  # who listens is not told twice
+        campaign.simulate(announce=lambda _: None)
     assert "case 2" in campaign.simulate(campaign.case(2)).attrs["notes"][0]
 
 

@@ -14,6 +14,7 @@ from sepmc.bench.clock import rounds
 from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
 from sepmc.engine.door import use_threads
+from sepmc.scene.messages import nobody
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
@@ -81,8 +82,11 @@ def flown_here(
 ) -> dict[str, float]:
     """Fly a campaign in this process; times, s, and peak memory, MB."""
     campaign = Campaign(parse_campaign(tree, name))
-    campaign.run(1, threads=threads, stats_only=True)
-    timings = [campaign.run(cases, threads=threads, stats_only=True).timing for _ in range(repeats)]
+    campaign.run(1, threads=threads, stats_only=True, announce=nobody)
+    timings = [
+        campaign.run(cases, threads=threads, stats_only=True, announce=nobody).timing
+        for _ in range(repeats)
+    ]
     kernel, sample = (median(t[stage] for t in timings) for stage in ("kernel", "sample"))
     return {"kernel_s": kernel, "sample_s": sample, "peak_MB": peak_memory() / 1e6}
 

@@ -16,6 +16,7 @@ from sepmc.bench.study import Study, drawn
 from sepmc.campaign import pilot, store
 from sepmc.campaign.campaign import load
 from sepmc.engine import door
+from sepmc.scene.messages import nobody
 
 _IMPORTS = "import numba, pandas, pyarrow"
 
@@ -102,6 +103,7 @@ def stages_here(file: str, cases: int, threads: int, folder: str) -> dict[str, f
         cases,
         threads=threads,
         out=Path(folder) / "stages",
+        announce=nobody,
         overwrite=(Path(folder) / "stages").exists(),
     )
     found["kernel"] = result.timing["kernel"]

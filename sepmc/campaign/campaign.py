@@ -2,6 +2,7 @@
 alone."""
 
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -31,7 +32,7 @@ from sepmc.campaign.sinks import Kept
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, RunWarning, nearest
 from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.schema import Status, is_yes_or_no
@@ -273,13 +274,15 @@ class Campaign(Definition):
         }
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
+        notes = unfit + found.notes + together(scene, outcomes, which)
+        _warn(notes, announce)
         frame.attrs = {
             "units": _Told({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
             "outcomes": _Told(outcomes),
             "errors": _Told({c.name: float(x) for c, x in errors}),
             "status": found.status.label,
             "compiled": found.compiled,
-            "notes": unfit + found.notes + together(scene, outcomes, which),
+            "notes": notes,
         }
         return frame
 
@@ -341,7 +344,8 @@ class Campaign(Definition):
             share of a status.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
-            Told what begins, and that kernels must be compiled if so.
+            Told what begins, and that kernels must be compiled if so. Without it, notes on the run
+            are also given as warnings (`sepmc.RunWarning`).
 
         Raises
         ------
@@ -416,6 +420,7 @@ class Campaign(Definition):
         finally:
             if folder:
                 chunks.write_manifest(threads, complete=chunks.held == chunks.wanted)
+        _warn(chunks.notes, announce)
         return Result(
             self,
             chunks.kept(),
@@ -484,6 +489,12 @@ class Campaign(Definition):
                 f"{folder}: the histories of {dropped} cases are gone, so these are flown again"
             )
         return store.cases_done(folder)
+
+
+def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:
+    """Give notes as warnings, where nothing is announced to anyone."""
+    for note in notes if announce is None else ():
+        warnings.warn(note, RunWarning, stacklevel=3)
 
 
 def _said(numbers: Numbers) -> str:

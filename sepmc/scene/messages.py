@@ -20,6 +20,14 @@ class SceneWarning(UserWarning):
     """Input that can be flown but deserves a look."""
 
 
+class RunWarning(UserWarning):
+    """A note on a run that deserves a look, for who flies it from Python and listens to nothing."""
+
+
+def nobody(_: str) -> None:
+    """Listens to what is announced, and tells no one."""
+
+
 class Problems(list[str]):
     """Collects problems while a file is read."""
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign, Result
 from sepmc.engine.door import interpreted
+from sepmc.scene.messages import nobody
 from sepmc.scene.model import GROUND
 from sepmc.scene.read import parse_campaign
 
@@ -45,7 +46,7 @@ class NominalFlight:
 
     def __init__(self, flown: Campaign, every: float = 0.01):
         self.scene = flown.scene
-        self.history = flown.simulate(step_s=every)
+        self.history = flown.simulate(step_s=every, announce=nobody)
         self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
         self.t, self.phase = (
             self.history["time_s"].to_numpy(),
@@ -94,7 +95,7 @@ def run_plainly(flown: Campaign, cases: int) -> Result:
     pilot.CORNERS, pilot.SAMPLE = _CORNERS, _SAMPLE
     try:
         with interpreted():
-            return flown.run(cases=cases)
+            return flown.run(cases=cases, announce=nobody)
     finally:
         pilot.CORNERS, pilot.SAMPLE = usual
 

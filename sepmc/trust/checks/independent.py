@@ -10,6 +10,7 @@ import numpy as np
 from sepmc.campaign.accuracy import errors
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.engine.door import interpreted
+from sepmc.scene.messages import nobody
 from sepmc.trust import independent
 from sepmc.trust.flights import SCENES, SIZES, NominalFlight, campaign
 from sepmc.trust.line import CLOSE, Line
@@ -81,7 +82,7 @@ def campaigns() -> list[Line]:
 def _campaign(name: str, cases: int) -> list[Line]:
     flown = load(f"{name}.toml")
     with interpreted(False):
-        result = flown.run(cases=cases)
+        result = flown.run(cases=cases, announce=nobody)
     assert result.flight is not None
     assert result.accuracy is not None
     scale = result.flight.scale  # what the error that is told is a share of

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.campaign.campaign import load
+from sepmc.scene.messages import nobody
 from sepmc.trust import lagrange
 from sepmc.trust.checks.kinds import furthest
 from sepmc.trust.flights import NominalFlight, run_plainly
@@ -27,7 +28,7 @@ CASES = range(4)
 
 @cache
 def _drawn() -> dict[str, np.ndarray]:
-    return load("table2.toml", FINE).run(cases=200).table
+    return load("table2.toml", FINE).run(cases=200, announce=nobody).table
 
 
 def _scatter() -> dict[str, float]:

@@ -36,6 +36,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sepmc.scene.messages import nobody
 from sepmc.trust.peers.case import GROUND, Case, attitude
 from sepmc.trust.peers.loads import motor_switches
 
@@ -277,7 +278,7 @@ def compare(
         case = Case(data)
         times = np.arange(int(np.floor(case.end_time / step_s + 1e-9)) + 1) * step_s
         times[-1] = min(times[-1], case.end_time)
-        history = campaign.simulate(resolved, step_s)
+        history = campaign.simulate(resolved, step_s, nobody)
         if history.attrs["status"] != "ok":
             raise ValueError(f"case {number} did not fly: {history.attrs['status']}")
         if history["time_s"].iloc[-1] < times[-1] - 1e-9:
