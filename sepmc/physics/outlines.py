@@ -209,17 +209,23 @@ def _nearest(n, e1, e2, e3, tiny):
     """
     best = dot(n, n), (0.0, 0.0, 0.0), n
     t, v = _edge(n, e1)
-    best = _better(best, (t, 0.0, 0.0), v, n, e1, e2, e3)
+    if t > 0.0:
+        best = _better(best, (t, 0.0, 0.0), v, n, e1, e2, e3)
     t, v = _edge(n, e2)
-    best = _better(best, (0.0, t, 0.0), v, n, e1, e2, e3)
+    if t > 0.0:
+        best = _better(best, (0.0, t, 0.0), v, n, e1, e2, e3)
     t, v = _edge(n, e3)
-    best = _better(best, (0.0, 0.0, t), v, n, e1, e2, e3)
+    if t > 0.0:
+        best = _better(best, (0.0, 0.0, t), v, n, e1, e2, e3)
     s, t, v = _triangle(n, e1, e2)
-    best = _better(best, (s, t, 0.0), v, n, e1, e2, e3)
+    if s > 0.0:
+        best = _better(best, (s, t, 0.0), v, n, e1, e2, e3)
     s, t, v = _triangle(n, e1, e3)
-    best = _better(best, (s, 0.0, t), v, n, e1, e2, e3)
+    if s > 0.0:
+        best = _better(best, (s, 0.0, t), v, n, e1, e2, e3)
     s, t, v = _triangle(n, e2, e3)
-    best = _better(best, (0.0, s, t), v, n, e1, e2, e3)
+    if s > 0.0:
+        best = _better(best, (0.0, s, t), v, n, e1, e2, e3)
     within, shares = _origin_within(n, e1, e2, e3, tiny)
     if within:
         return True, shares, n
