@@ -11,7 +11,7 @@ from sepmc.scene.checks import check_dispersion
 from sepmc.scene.dispersion import resolve
 from sepmc.scene.fields import Field, fields_of
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Law, Scene
+from sepmc.scene.model import Law, NotNegative, Scene
 from sepmc.scene.parameters import item_names, value
 from sepmc.trust.gate.dice import Dice, rounded
 
@@ -161,7 +161,7 @@ def _range(scene: Scene, path: Path, nominal: float, dice: Dice) -> tuple[float,
     if ".".join(path.parts).endswith(_ROUND) and dice.chance(0.5):
         return 0.0, 2.0 * math.pi
     kind = path.field.quantity.kind if path.field is not None else ""
-    positive = (path.field is not None and "NotNegative" in str(path.field.type)) or kind in (
+    positive = (path.field is not None and str(NotNegative) in str(path.field.type)) or kind in (
         "stiffness",
         "damping",
         "time",
