@@ -272,6 +272,7 @@ class _SingleFlight:
         take minutes."""
         if steps > _PLAIN and not self.compiled:
             self.kernel, self.compiled = load_kernel(self.text, self.announce), True
+            self.known.clear()  # its ends may differ in the last bit
 
 
 def _instants(
