@@ -10,11 +10,12 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from sepmc.kernel.splines import pack
+from sepmc.kernel.tables import sum_of_cell
 from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.physics.rims import rim_gap
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
-from sepmc.routines.splines import curve, grid6, hold_cell, is_held, put_cell
+from sepmc.routines.splines import curve, grid6, hold_cell, is_held
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
@@ -96,6 +97,7 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
     found = place + 3 * LANES
     w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
     w[cell : cell + LANES] = math.inf
+    lines = "\n".join(sum_of_cell(str(cell), str(place), str(found), 6, seen))
     random, held = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)
     for turn in range(60):
@@ -112,7 +114,8 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
                 held += 1
             else:
                 hold_cell(w, cell + lane, at, *lanes[lane])
-        put_cell(w, found, cell, place, 6, *seen)
+        for lane in range(LANES):
+            exec(lines, {"w": w, "l": lane, "LANES": LANES})
         expected = np.array([grid6(pack_of, 0, *lanes[lane]) for lane in range(LANES)])
         assert_allclose(w[found:].reshape(6, LANES).T, expected, rtol=0, atol=1e-13)
         assert np.isnan(expected[0]).all() == (turn == 30 and max(counts) > 1)

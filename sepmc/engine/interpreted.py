@@ -11,9 +11,7 @@ import ast
 import contextlib
 import importlib.abc
 import importlib.machinery
-import itertools
 import math
-import operator
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -24,7 +22,6 @@ import numpy as np
 
 from sepmc.engine.written import Kernel
 from sepmc.jit import config
-from sepmc.routines import layout as at
 
 _AGAIN = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # what is imported a second time
 _plain: dict[str, ModuleType] = {}  # second copies, by name
@@ -226,8 +223,6 @@ def _in_python(module: ModuleType) -> None:
             setattr(module, name, in_numbers(value))
         elif name == "eliminate" and not isinstance(value, partial):
             setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
-        elif name == "put_cell":
-            setattr(module, name, _put_cell)
 
 
 def _eliminate(
@@ -250,25 +245,3 @@ def _eliminate(
             pivot, found = smallest, lapack.dgetrs(factors, order, side / largest)[0]
     w[out : out + n] = found.tolist()
     return pivot
-
-
-def _put_cell(
-    w: list[float], found: int, cell: int, place: int, functions: int, *counts: int
-) -> None:
-    """`splines.put_cell` of one lane: the same products and sums in the same order, numbers that
-    stand side by side taken at once."""
-    values = []
-    for n, count in enumerate(counts):
-        s = w[place + n] - w[cell + at.CELL_ENDS + 3 * n + 2]
-        k = cell + at.CELL_BASIS + 16 * n
-        values.append(
-            [
-                w[i] + s * (w[i + 1] + s * (w[i + 2] + s * w[i + 3]))
-                for i in range(k, k + 4 * count, 4)
-            ]
-        )
-    weights = [u * v * z for u, v, z in itertools.product(*values)]
-    k = cell + at.CELL_COEFFICIENTS
-    numbers = w[k : k + functions * len(weights)]
-    for f in range(functions):
-        *_, w[found + f] = itertools.accumulate(map(operator.mul, weights, numbers[f::functions]))

@@ -62,7 +62,7 @@ from sepmc.routines.clearances import search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model
-from sepmc.routines.splines import hold_cell, is_held, put_cell
+from sepmc.routines.splines import hold_cell, is_held
 from sepmc.routines.stretches import next_break, set_stretch
 '''
 

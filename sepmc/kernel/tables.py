@@ -56,14 +56,19 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
     """A function for what tables give at a state of a phase."""
     if not has_tables(c.shape):
         return
-    text = out.function(
+    text = Text(out.indent + 1)  # that of each table comes before it
+    _over_height(out, text, c, stage)
+    bodies = [body for body in c.shape.bodies if looks_up(c.shape, body)]
+    if bodies:
+        _of_bodies(out, text, c, stage, bodies)
+    out.function(
         f"look_up_{stage.name}(w)",
         f"What tables give at the state S in phase {stage.name}, into slabs of lanes.",
-    )
-    _over_height(text, c, stage)
-    bodies = [body for body in c.shape.bodies if looks_up(c.shape, body)]
-    if not bodies:
-        return
+    ).lines.extend(text.lines)
+
+
+def _of_bodies(out: Text, text: Text, c: Context, stage: Stage, bodies: list[str]) -> None:
+    """Lines for the coefficients of bodies, from tables and with what a distance adds."""
     s = State(c, c.scope(), stage, "S")
     for body in bodies:
         if _table(c, body) >= 0:
@@ -74,7 +79,7 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
     for body in bodies:
         c.slabs.add(f"LOOKED_UP_{body}", COEFFICIENTS)
         if (start := _table(c, body)) >= 0:
-            _sum_cells(text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
+            _sum_cells(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _entries(c, bodies):
@@ -84,7 +89,7 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
         )
         c.slabs.add(f"INCREMENTS_{i}", COEFFICIENTS)
         _within_ends(text, c, start, f"DISTANCE_{i}")
-        _sum_cells(text, c, start, f"CELL_OF_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
+        _sum_cells(out, text, c, start, f"CELL_OF_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
         inner = text.block(f"for k in range({COEFFICIENTS}):").lanes()
         inner(
             f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * "
@@ -92,7 +97,7 @@ def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
         )
 
 
-def _over_height(text: Text, c: Context, stage: Stage) -> None:
+def _over_height(out: Text, text: Text, c: Context, stage: Stage) -> None:
     """Lines for what depends on the height of a body: logarithm of the density and speed of sound,
     and what the wind has there more."""
     in_air = [body for body in c.shape.bodies if _has_air(c.shape, body)]
@@ -107,6 +112,7 @@ def _over_height(text: Text, c: Context, stage: Stage) -> None:
     for body in in_air:
         c.slabs.add(f"AIR_OF_{body}", 2)
         _sum_cells(
+            out,
             text,
             c,
             int(c.model.air_x),
@@ -119,7 +125,13 @@ def _over_height(text: Text, c: Context, stage: Stage) -> None:
         c.slabs.add(f"WIND_{body}", 2)
         _within_ends(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
         _sum_cells(
-            text, c, int(c.model.wind_x), f"WIND_CELL_{body}", f"WIND_HEIGHT_{body}", f"WIND_{body}"
+            out,
+            text,
+            c,
+            int(c.model.wind_x),
+            f"WIND_CELL_{body}",
+            f"WIND_HEIGHT_{body}",
+            f"WIND_{body}",
         )
 
 
@@ -139,6 +151,7 @@ def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
 
 
 def _sum_cells(
+    out: Text,
     text: Text,
     c: Context,
     start: int,
@@ -147,12 +160,16 @@ def _sum_cells(
     found: str,
     leaves: Status = Status.OUTSIDE_TABLE,
 ) -> None:
-    """Lines that put what a pack gives at places of three numbers where it is read; ``start`` is
-    that of the pack among the numbers that cases share, ``cell`` where lanes hold theirs; who
-    ``leaves`` it is lost so."""
+    """Lines that put what a pack gives at places of three numbers where it is read, and, the first
+    time, a function that sums it; ``start`` is that of the pack among the numbers that cases share,
+    ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
     functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
     if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
         c.case.scope.store(cell, math.inf)  # holds no place
+        says = "What a table gives at the places of lanes, from the cells that they hold."
+        inner = out.function(f"sum_{cell}(w)", says).lanes()
+        for line in sum_of_cell(cell, place, found, functions, counts):
+            inner.broken(line)
     inner = text.lanes()
     inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
     inner = inner.block(f"if not is_held(w, {cell} + l, x, y, z):")
@@ -160,7 +177,40 @@ def _sum_cells(
         f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
         lost_unless("inside", leaves),
     )
-    text(f"put_cell(w, {found}, {cell}, {place}, {functions}, {', '.join(map(str, counts))})")
+    text(f"sum_{cell}(w)")
+
+
+def sum_of_cell(cell: str, place: str, found: str, functions: int, counts: list[int]) -> list[str]:
+    """Lines for one lane: the basis functions of each axis at its place, their products, and what
+    so many functions are with these; all places are constants, so that lanes are vectorised."""
+
+    def held(k: int) -> str:
+        return f"w[{part(cell, k)} + l]"
+
+    lines, products = [], [""]
+    for n, (axis, count) in enumerate(zip("uvz", counts, strict=True)):
+        if count == 1:  # an axis of one point: its function is 1
+            continue
+        lines.append(f"s = w[{part(place, n)} + l] - {held(at.CELL_ENDS + 3 * n + 2)}")
+        for i in range(count):
+            a, b, c, d = (held(at.CELL_BASIS + 16 * n + 4 * i + q) for q in range(4))
+            lines.append(f"{axis}{i} = {a} + s * ({b} + s * ({c} + s * {d}))")
+        products = [
+            f"{product} * {axis}{i}" if product else f"{axis}{i}"
+            for product in products
+            for i in range(count)
+        ]
+    weights = [f"weight_{k}" for k in range(len(products))]
+    lines += [
+        f"{weight} = {product or '1.0'}" for weight, product in zip(weights, products, strict=True)
+    ]
+    for f in range(functions):
+        terms = (
+            f"{weight} * {held(at.CELL_COEFFICIENTS + functions * k + f)}"
+            for k, weight in enumerate(weights)
+        )
+        lines.append(f"w[{part(found, f)} + l] = {' + '.join(terms)}")
+    return lines
 
 
 def _counts(c: Context, start: int) -> list[int]:

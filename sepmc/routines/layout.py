@@ -134,9 +134,9 @@ JOB_POSES = 20
 JOB_NODES = JOB_POSES + PLACES * POSE
 JOB_PATH = JOB_NODES + (DEPTH + 2) * NODE
 # What a lane holds of a pack of splines that it looks up, a cell: low and high end and what
-# distances count from, for each axis; basis functions there, as in the pack, and their values; a
-# weight; coefficients, the functions side by side.
-CELL_ENDS, CELL_BASIS, CELL_VALUES, CELL_WEIGHT, CELL_COEFFICIENTS = 0, 9, 57, 69, 70
+# distances count from, for each axis; basis functions there, as in the pack; coefficients, the
+# functions side by side.
+CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of
 # dop853
 PEAK_NODES = 8

@@ -131,40 +131,6 @@ def hold_cell(w, cell, at, x, y, z):
     return inside or math.isnan(x) or math.isnan(y) or math.isnan(z)
 
 
-@long_formula
-def put_cell(w, found, cell, place, functions, x_count, y_count, z_count):
-    """Values of the functions of the cells that lanes hold, of so many basis functions along each
-    axis, at the places (three numbers) from w[place] on, into w[found] and so on: `grid6` of all
-    lanes side by side."""
-    keep_apart()
-    for n, count in ((0, x_count), (1, y_count), (2, z_count)):
-        for i in range(count):
-            k = cell + (layout.CELL_BASIS + 16 * n + 4 * i) * LANES
-            for l in range(LANES):
-                s = w[place + n * LANES + l] - w[cell + (layout.CELL_ENDS + 3 * n + 2) * LANES + l]
-                value = w[k + l] + s * (
-                    w[k + LANES + l] + s * (w[k + 2 * LANES + l] + s * w[k + 3 * LANES + l])
-                )
-                w[cell + (layout.CELL_VALUES + 4 * n + i) * LANES + l] = value
-    for e in range(functions * LANES):
-        w[found + e] = 0.0
-    weight, k = cell + layout.CELL_WEIGHT * LANES, cell + layout.CELL_COEFFICIENTS * LANES
-    for i in range(x_count):
-        for j in range(y_count):
-            for n in range(z_count):
-                u, v, z = (
-                    cell + (layout.CELL_VALUES + i) * LANES,
-                    cell + (layout.CELL_VALUES + 4 + j) * LANES,
-                    cell + (layout.CELL_VALUES + 8 + n) * LANES,
-                )
-                for l in range(LANES):
-                    w[weight + l] = w[u + l] * w[v + l] * w[z + l]
-                for f in range(functions):
-                    for l in range(LANES):
-                        w[found + f * LANES + l] += w[weight + l] * w[k + f * LANES + l]
-                k += functions * LANES
-
-
 @routine
 def _basis(numbers, axis, x):
     """Span that holds x, how many basis functions are not zero there, and their values, which sum
