@@ -198,8 +198,9 @@ def tell_results(
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
-    told = [verdict.to_dict() for verdict in verdicts]
-    store.write_statistics(folder, table, counts, units, audited, summary.failed, told)
+    of = [verdict.to_dict() for verdict in verdicts]
+    told = store.statistics_as_json(table, counts, units, audited, summary.failed, of)
+    store.write_statistics(folder, table, units, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     width = screen_width()
     say(summary_text(chosen, counts, units, source, width))

@@ -112,10 +112,10 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     _check_known(loaded, named)
     table = summary_of(folder, loaded).statistics()
     every = [str(name) for name in table.index if not is_yes_or_no(str(name))]
-    found = laws.laws(store.CaseColumns(folder), every)
     for name in named:
         if name not in every:
             raise store.StoreError(f"{name}: is yes or no, so it has no law")
+    found = laws.laws(store.CaseColumns(folder), every)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
@@ -281,7 +281,7 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
             loaded,
             summary,
             table,
-            say=lambda text: None,
+            say=nobody,
             page=into,
             verdicts=verdicts,
             converging=True,

@@ -235,9 +235,9 @@ def test_statistics_files(tmp_path):
         {"n": [2, 0], "mean": [0.1 + 0.2, np.nan]},
         index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"),
     )
-    store.write_statistics(
-        tmp_path, table, {"ok": 2}, {"speed_m_s": "m/s", "release_time_s": "s"}, pd.DataFrame()
-    )
+    units = {"speed_m_s": "m/s", "release_time_s": "s"}
+    told = store.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
+    store.write_statistics(tmp_path, table, units, told)
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
     assert csv.splitlines() == [
         "outcome,unit,n,mean",

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.statistics import PERCENTILES, WIDTH, aligned, column, ok_rows, rounded
 
 FEWEST = 20  # cases from which anything is told
 LEVEL = 0.05  # below which a law is said not to fit
-ENDS = {"p0_135": 0.00135, "p99_865": 0.99865}  # three sigmas of a normal law from its mean
+ENDS = ("p0_135", "p99_865")  # three sigmas of a normal law from its mean
 _NORMAL = {0.25: 0.470, 0.15: 0.561, 0.1: 0.631, 0.05: 0.752, 0.025: 0.873, 0.01: 1.035}
 _LOGISTIC = {0.25: 0.426, 0.1: 0.563, 0.05: 0.660, 0.025: 0.769, 0.01: 0.906}
 _EXTREME = {0.25: 0.474, 0.1: 0.637, 0.05: 0.757, 0.025: 0.877, 0.01: 1.038}
@@ -124,7 +124,7 @@ def _law(values: np.ndarray) -> dict[str, Any]:
         likelihood = with_parameters.logpdf(y).sum() - (y.sum() if law.of_logarithm else 0.0)
         if likelihood > likeliest:
             likeliest = likelihood
-            ends = with_parameters.ppf(list(ENDS.values()))
+            ends = with_parameters.ppf([PERCENTILES[end] / 100.0 for end in ENDS])
             ends = np.exp(ends) if law.of_logarithm else ends
             found |= {"law": name, "location": location, "scale": scale, "p": p}
             found |= zip(ENDS, ends, strict=True)
@@ -148,8 +148,8 @@ def text(
     """The laws of outcomes, as an engineer reads them in a terminal; ``statistics`` are of the same
     cases."""
     rows = [["outcome", "unit", "skewness", "kurtosis", "normal, p", "nearest law", "p"]]
-    for share in ENDS.values():
-        rows[0] += [f"{100.0 * share:g} %: law", "cases (95 %)"]
+    for end in ENDS:
+        rows[0] += [f"{PERCENTILES[end]:g} %: law", "cases (95 %)"]
     beside = statistics.loc[list(found.index)]
     for (name, row), (_, at) in zip(found.iterrows(), beside.iterrows(), strict=True):
         law = str(row["law"])

@@ -116,8 +116,7 @@ class _SingleFlight:
         with interpreted():
             self.kernel = load_kernel(self.text)
         stages = self.kernel.stages
-        self.usual, self.ends = np.full(stages, np.inf), np.zeros(stages)
-        self.changes = np.empty(0)  # times at which joints let go within stages
+        self.usual = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
@@ -179,10 +178,9 @@ class _SingleFlight:
         self.outcomes, status, unclear, ends, rows = fly_everything(
             self.kernel, self.plan, steps, self.usual, instants
         )
-        self.ends, self.changes = ends[:stages], ends[stages:]
-        self.known[steps.tobytes(), self.usual.tobytes()] = self.ends, self.changes
+        self.known[steps.tobytes(), self.usual.tobytes()] = ends[:stages], ends[stages:]
         if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.usual).all():
-            self.usual[:] = usual_lengths(self.ends[:, None], np.ones(1, dtype=bool))
+            self.usual[:] = usual_lengths(ends[:stages, None], np.ones(1, dtype=bool))
         if (
             unclear
             and self.plan.scene.solver.step is None

@@ -439,18 +439,12 @@ def units(folder: Path, kind: str = CASES) -> dict[str, str]:
 
 
 def write_statistics(
-    folder: Path,
-    stats: pd.DataFrame,
-    counts: dict[str, int],
-    of: dict[str, str],
-    audit: pd.DataFrame,
-    failed: dict[str, list[int]] | None = None,
-    verdicts: Sequence[dict[str, Any]] = (),
+    folder: Path, stats: pd.DataFrame, of: dict[str, str], told: dict[str, Any]
 ) -> None:
-    """Write ``statistics.csv`` and ``statistics.json``: see `statistics_as_json`."""
+    """Write ``statistics.csv``, ``of`` mapping each outcome to its unit, and ``statistics.json``
+    with what is ``told``: see `statistics_as_json`."""
     frame = _with_units(stats, of)
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
-    told = statistics_as_json(stats, counts, of, audit, failed, verdicts)
     write_json(folder / "statistics.json", told)
 
 

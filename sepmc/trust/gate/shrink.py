@@ -5,6 +5,7 @@ import copy
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from sepmc.scene.messages import nobody
 from sepmc.trust.gate.compare import FAULTS, Verdict, judge
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Tree
@@ -18,7 +19,7 @@ def shrink(
     cases: int = 3,
     most: int = 300,
     judged: Judge | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    say: Callable[[str], None] = nobody,
 ) -> Tree:
     """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the
     same fault."""
