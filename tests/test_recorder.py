@@ -119,6 +119,35 @@ def test_a_name_means_one_kind_of_thing_in_a_function():
     ]  # fmt: skip
 
 
+def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
+    """A parameter is read again, a value that another function needs is kept once, any other in a
+    slab of its own; every loop reads only what it uses."""
+    case = scope.case
+    mass = case.parameter(7)
+    root, inverse = (mass * 3.0).called("root"), (1.0 / mass).called("inverse")
+    scope.store("OUT", inverse + scope.load("X"))
+    case.store("A", root + inverse)
+    case.store("B", root * inverse + mass)
+    text = Text()
+    case.write_in_loops(text, 2)
+    assert text.lines == [
+        "for l in range(LANES):",
+        "    parameter = w[P + 7 * LANES + l]",
+        "    root = parameter * 3.0",
+        "    w[ROOT_1 + l] = root",
+        "for l in range(LANES):",
+        "    parameter = w[P + 7 * LANES + l]",
+        "    inverse = 1.0 / parameter",
+        "    w[INVERSE_1 + l] = inverse",
+        "for l in range(LANES):",
+        "    parameter = w[P + 7 * LANES + l]",
+        "    root = w[ROOT_1 + l]",
+        "    inverse = w[INVERSE_1 + l]",
+        "    w[A + l] = root + inverse",
+        "    w[B + l] = root * inverse + parameter",
+    ]
+
+
 def test_a_name_never_meets_that_of_a_formula(scope):
     scope.store("OUT", total([scalar.larger(scope.load("A"), 0.0)] * 2))
     assert scope.lines() == ["larger_2 = larger(w[A + l], 0.0)", "w[OUT + l] = larger_2 + larger_2"]

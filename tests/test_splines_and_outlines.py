@@ -13,6 +13,7 @@ from sepmc.kernel.splines import pack
 from sepmc.kernel.tables import sum_of_cell
 from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.physics.rims import rim_gap
+from sepmc.physics.separation import widest_gap
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
 from sepmc.routines.splines import curve, grid6, hold_cell, is_held
@@ -288,10 +289,10 @@ def excess(part, p):
     return max(-along, along - length, rho - largest)
 
 
-def check(a, b, close=CLOSE):
+def check(a, b, close=CLOSE, found=None):
     """Distance, proved: the points are in their parts and that far apart, and the slab between them
     separates the parts."""
-    distance, x, y = gap(a, b)
+    distance, x, y = found or gap(a, b)
     x, y = np.array(x), np.array(y)
     assert excess(a, x) < close
     assert excess(b, y) < close
@@ -305,6 +306,42 @@ def check(a, b, close=CLOSE):
 def test_distance_is_proved_on_random_pairs():
     distances = [check(a, b) for a, b in some_pairs(400, seed=5)]
     assert 0.05 < np.mean(np.array(distances) == 0.0) < 0.5
+
+
+def test_widest_gap_is_proved_where_it_is_found():
+    """From directions up to 6 degrees off, and from any: what it finds is the distance."""
+    rng, apart, near, far = np.random.default_rng(7), 0, 0, 0
+    for a, b in some_pairs(400, seed=12):
+        distance, x, y = gap(a, b)
+        if distance < 1e-3:
+            assert math.isnan(widest_gap(a, b, tuples(rng.normal(size=3)), 1e-12, 1e-15)[0])
+            continue
+        apart += 1
+        u = (np.array(x) - y) / distance
+        for off in (0.1 * rng.uniform(-1.0, 1.0, 3), rng.normal(size=3)):
+            found = widest_gap(a, b, tuples(u + off), 1e-12, 1e-15)
+            if not math.isnan(found[0]):
+                assert_allclose(check(a, b, found=found), distance, rtol=0, atol=CLOSE)
+                near, far = near + (abs(off).max() <= 0.1), far + (abs(off).max() > 0.1)
+    assert near > 0.6 * apart  # the others meet at an end or on both sides
+    assert far > 0.1 * apart
+
+
+def test_widest_gap_of_a_rim_and_a_side():
+    """A disc on edge above a cone: nearest on the normal of its side (slope 1 in 2, so a point at
+    (1, 2.5) is 2.0 above the side at x = 1, 2.0 cos from it)."""
+    cone, point = ((0.0, 0.0, 0.0), ALONG_X, 2.0, 0.0, 1.0), as_point((1.0, 2.5, 0.0))
+    disc = ((1.0, 3.0, 0.0), ALONG_Y, 0.0, 0.5, 0.5)  # faces the cone: its end, not its rim
+    on_edge = ((1.0, 3.0, 0.0), ALONG_X, 0.0, 0.5, 0.5)
+    foot = (1.8, 0.9, 0.0)
+    for part in (point, on_edge):
+        distance, x, y = widest_gap(cone, part, (0.0, -1.0, 0.1), 1e-12, 1e-15)
+        assert_allclose(distance, 2.0 * 2.0 / math.sqrt(5.0), rtol=1e-12)
+        assert_allclose(x, foot, atol=1e-9)
+        assert_allclose(y, (1.0, 2.5, 0.0), atol=1e-9)
+    assert math.isnan(
+        widest_gap(as_point((1.0, 0.0, 0.0)), disc, (0.0, -1.0, 0.0), 1e-12, 1e-15)[0]
+    )
 
 
 def test_distance_against_a_minimiser():

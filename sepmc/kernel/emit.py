@@ -162,16 +162,10 @@ def _head(c: Context) -> Text:
         f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, "
         "weights, nodes.",
     )
-    head(*coefficients(c.method))
+    head(*coefficients(c.method, c.extends))
     if c.extends:
-        head(
-            "# Of its continuous extension: the stage matrix, nodes, and coefficients by powers "
-            "of the share of a step."
-        )
-        head(
-            f"_METHOD = method({c.method.name!r})",
-            "A, C, DENSE = _METHOD.a, _METHOD.c, np.ascontiguousarray(_METHOD.dense.T)",
-        )
+        head("# Its continuous extension: coefficients by powers of the share of a step.")
+        head(f"DENSE = np.ascontiguousarray(method({c.method.name!r}).dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),

@@ -1,6 +1,8 @@
 """Lines of a written kernel for the state between the ends of a step: the continuous extension of
 the step just made."""
 
+from collections.abc import Iterable
+
 from sepmc.kernel.context import Context
 from sepmc.kernel.formulas import square_root
 from sepmc.kernel.recorder import total
@@ -14,21 +16,8 @@ def emit_extension(out: Text, c: Context) -> None:
     # start and length of the step, and where its phase ends, as a share of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):
         c.slabs.add(name, 1)
-    _add(out)
     _extend(out, c)
     _sample(out, c)
-
-
-def _add(out: Text) -> None:
-    """A function for a weighted sum of stages."""
-    says = "Add the stages K1, K2, ..., each times its coefficient in row i, to a slab."
-    text = out.function("add(w, target, i, coefficients)", says).block(
-        "for j in range(coefficients.shape[1]):"
-    )
-    text("weight = coefficients[i, j]")
-    text.block("if weight != 0.0:").block("for e in range(SIZE_Y):")(
-        "w[target + e] += weight * w[K1 + j * SIZE_Y + e]"
-    )
 
 
 def _extend(out: Text, c: Context) -> None:
@@ -40,19 +29,31 @@ def _extend(out: Text, c: Context) -> None:
     text = out.function("extend(w, phase: int)", says)
     stages, total, order = len(c.method.b), c.method.dense.shape[0], c.method.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
-    if total > stages:
-        inner = text.block(f"for i in range({stages}, {total}):")
-        inner.block("for e in range(SIZE_Y):")("w[S + e] = 0.0")
-        inner("add(w, S, i, A)")
-        inner.block("for e in range(SIZE_Y):")("w[S + e] = w[BEGIN + e] + w[STEP + e] * w[S + e]")
-        inner.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + C[i] * w[STEP + l]")
-        inner("rates(w, phase)")
-        inner.block("for e in range(SIZE_Y):")("w[K1 + i * SIZE_Y + e] = w[D + e]")
+    for i in range(stages, total):
+        sum_of_stages = _weighted(
+            (j, f"A{i + 1}_{j + 1}") for j in range(i) if c.method.a[i, j] != 0.0
+        )
+        text.block("for e in range(SIZE_Y):").broken(
+            f"w[S + e] = w[BEGIN + e] + w[STEP + e] * ({sum_of_stages})"
+        )
+        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + C{i + 1} * w[STEP + l]")
+        text("rates(w, phase)")
+        text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
-    text.block(f"for e in range({order + 1} * SIZE_Y):")("w[POWERS + e] = 0.0")
+    text.block("for e in range(SIZE_Y):")("w[POWERS + e] = 0.0")
+    used = [j for j in range(total) if c.method.dense[j].any()]
     inner = text.block(f"for q in range(1, {order + 1}):")
-    inner("add(w, POWERS + q * SIZE_Y, q, DENSE)")
-    inner.block("for e in range(SIZE_Y):")("w[POWERS + q * SIZE_Y + e] *= w[STEP + e]")
+    names = [f"by_{j + 1}" for j in used]
+    inner.broken(f"{', '.join(names)} = {', '.join(f'DENSE[q, {j}]' for j in used)}")
+    sum_of_stages = _weighted(zip(used, names, strict=True))
+    inner.block("for e in range(SIZE_Y):").broken(
+        f"w[POWERS + q * SIZE_Y + e] = w[STEP + e] * ({sum_of_stages})"
+    )
+
+
+def _weighted(stages: Iterable[tuple[int, str]]) -> str:
+    """The sum of stages by number, each times a coefficient."""
+    return " + ".join(f"{coefficient} * w[K{j + 1} + e]" for j, coefficient in stages)
 
 
 def _sample(out: Text, c: Context) -> None:

@@ -8,6 +8,7 @@ the flight and kept in a slab.
 """
 
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -182,6 +183,9 @@ def _values(args: Any) -> Iterator[Value]:
             yield from _values(a)
 
 
+_WORD = re.compile(r"[A-Za-z_]\w*")
+
+
 class Scope:
     """Lines of one loop over lanes. ``case`` is the scope of what depends on the parameters of a
     case alone; it has none itself."""
@@ -271,15 +275,15 @@ class Scope:
                 f"{name}_{number}", _KEPT[value.shape][1] if value.shape in _KEPT else 1
             ):
                 number += 1
-            self._kept[value.node] = f"{name}_{number}"
-            self.store(self._kept[value.node], value)
+            place = self._kept[value.node] = f"{name}_{number}"
+            self.stores[place] = value.node + 1, value  # as soon as it is known
         return self._kept[value.node]
 
     # -- writing
 
     def lines(self) -> list[str]:
         """All that leads to what is stored, for one lane."""
-        return _Writer(self, {}).lines()
+        return [line for _, _, line in _Writer(self, {}).lines()]
 
     def write(self, text: Text) -> None:
         """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads
@@ -287,9 +291,47 @@ class Scope:
         writer = _Writer(self, text.names)
         lines = writer.lines()
         text(*writer.shared)
-        inner = text.lanes()
-        for line in lines:
-            inner.broken(line)
+        _write_loop(text, [line for _, _, line in lines])
+
+    def write_in_loops(self, text: Text, most: int) -> None:
+        """`write` in loops of at most so many lines: the time to compile one grows with the square
+        of its reads and writes. Values that a later loop needs are kept in slabs; of the case."""
+        writer = _Writer(self, text.names)
+        lines = writer.lines()
+        text(*writer.shared)
+        parts: list[list[tuple[int, str]]] = [[]]
+        for node, _, line in lines:
+            if len(parts[-1]) >= most and parts[-1][-1][0] < node:
+                parts.append([])
+            parts[-1].append((node, line))
+        known: dict[str, int] = {}  # names of the loops before, and their nodes
+        again: list[dict[str, int]] = []
+        for part in parts:
+            words = set(_WORD.findall(" ".join(line for _, line in part)))
+            again.append({name: node for name, node in known.items() if name in words})
+            known |= {name: node for node, name in writer.named.items() if node <= part[-1][0]}
+        crossing = {node: name for needed in again for name, node in needed.items()}
+        read = {node for node in crossing if self.nodes[node][0] == "parameter"}
+        fresh = crossing.keys() - self._kept.keys() - read
+        values = {node: Value(self, node, self.nodes[node][2]) for node in crossing}
+        places = {node: self.keep(values[node]) for node in sorted(crossing.keys() - read)}
+        for part, needed in zip(parts, again, strict=True):
+            loop = []
+            for name, node in needed.items():
+                op, args, shape = self.nodes[node]
+                code = _READINGS[op](args[0], shape) if node in read else _load(places[node], shape)
+                loop.append(f"{name} = {code[0]}")
+            for node, line in part:
+                loop.append(line)
+                if node in fresh and line.startswith(f"{crossing[node]} = "):
+                    loop.append(writer.store(places[node], values[node]))
+            _write_loop(text, loop)
+
+
+def _write_loop(text: Text, lines: list[str]) -> None:
+    inner = text.lanes()
+    for line in lines:
+        inner.broken(line)
 
 
 class _Writer:
@@ -303,6 +345,7 @@ class _Writer:
         for _, value in scope.stores.values():
             self._visit((value,))
         self.spelled: dict[int, tuple[str, int]] = {}
+        self.named: dict[int, str] = {}  # values that have a line of their own
         self.shared: list[str] = []
         self.taken = {
             op.partition(".")[0] for op, _, _ in scope.nodes if op not in _READINGS
@@ -322,18 +365,19 @@ class _Writer:
                     if op == "where":
                         self.alone |= {part.node for part in parts[1:] if isinstance(part, Value)}
 
-    def lines(self) -> list[str]:
-        """The lines of a lane; what stands before its loop is then in ``shared``."""
+    def lines(self) -> list[tuple[int, int, str]]:
+        """The lines of a lane, each with the number of its value and its order there; what stands
+        before its loop is then in ``shared``."""
         written: list[tuple[int, int, str]] = []  # node, order at the same node, line
         for node in sorted(self.uses):
             line = self._line(node)
             if line is not None:
                 written.append((node, 1, line))
         for place, (after, value) in self.scope.stores.items():
-            written.append((after - 1, 2, self._store(place, value)))
+            written.append((after - 1, 2, self.store(place, value)))
         last = max((node for node, _, _ in written), default=-1)
         written += [(node, 0, f"# {says}") for node, says in self.scope.comments if node <= last]
-        return [line for _, _, line in sorted(written, key=lambda item: item[:2])]
+        return sorted(written, key=lambda item: item[:2])
 
     def _line(self, node: int) -> str | None:
         """The line that gives a value its name; None if it is spelled where it is used."""
@@ -356,7 +400,7 @@ class _Writer:
             self.spelled[node] = code, precedence
             return None
         name = self._name(self.scope.names.get(node) or _word(op, args), shape)
-        self.spelled[node] = name, _ATOM
+        self.spelled[node], self.named[node] = (name, _ATOM), name
         return f"{name} = {code}"
 
     def _name(self, base: str, shape: Shape) -> str:
@@ -400,7 +444,8 @@ class _Writer:
         code, precedence = self.spelled[a.node]
         return code if precedence >= least else f"({code})"
 
-    def _store(self, place: str, value: Value) -> str:
+    def store(self, place: str, value: Value) -> str:
+        """The line that puts a value at a place."""
         code = self._spell(value)
         if value.shape in _KEPT:
             return f"put{_KEPT[value.shape][0]}(w, {place} + l, {code})"

@@ -12,6 +12,7 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
+_MOST_LINES = 120  # of a loop: in one, that of `srb` takes 9.8 s to compile, so 6.2
 ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLEAR", "UNRELEASED")
 
 
@@ -55,7 +56,7 @@ def emit_prepare(out: Text, c: Context) -> None:
             f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
             "put4(w, AIR + l, air)",
         )
-    scope.write(text)
+    scope.write_in_loops(text, _MOST_LINES)
 
 
 def _some(place: int | None) -> list[int]:

@@ -35,17 +35,18 @@ _MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55
 
 
-def coefficients(rk: Method) -> list[str]:
-    """The coefficients a step uses, as named constants."""
+def coefficients(rk: Method, extends: bool) -> list[str]:
+    """The coefficients that a step uses, and with its extension, as named constants."""
     lines = []
     stages = len(rk.b)
-    for i in range(1, stages):
+    rows = len(rk.a) if extends else stages
+    for i in range(1, rows):
         for j in range(i):
             if rk.a[i, j] != 0.0:
                 lines.append(f"A{i + 1}_{j + 1} = {float(rk.a[i, j])!r}")
     lines += [f"B{j + 1} = {float(rk.b[j])!r}" for j in range(stages) if rk.b[j] != 0.0]
     lines += [f"E{j + 1} = {float(rk.doubt[j])!r}" for j in range(stages) if rk.doubt[j] != 0.0]
-    lines += [f"C{i + 1} = {float(rk.c[i])!r}" for i in range(1, stages)]
+    lines += [f"C{i + 1} = {float(rk.c[i])!r}" for i in range(1, rows)]
     return lines
 
 

@@ -100,10 +100,10 @@ def _pose(theta, w, job, pose):
     fraction of the step; to w[pose] and behind."""
     keep_apart()
     for n in range(at.PATH):
-        total = 0.0
-        for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
-            total = total * theta + w[job + at.JOB_PATH + at.PATH * q + n]
-        w[pose + n] = total
+        w[pose + n] = 0.0
+    for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
+        for n in range(at.PATH):
+            w[pose + n] = w[pose + n] * theta + w[job + at.JOB_PATH + at.PATH * q + n]
     apart = vec3.get(w, pose)
     to = quat.matrix(quat.unit((w[pose + 3], w[pose + 4], w[pose + 5], w[pose + 6])))
     r = quat.matrix(quat.unit((w[pose + 7], w[pose + 8], w[pose + 9], w[pose + 10])))
