@@ -14,6 +14,7 @@ from typing import Any
 
 Job = dict[str, Any]
 LIMIT_S = 600.0  # of one scene
+_LONGER_S = 30.0  # after which a process that should have ended its copy is ended itself
 
 
 class Worker:
@@ -40,13 +41,15 @@ class Worker:
         )
 
     def judge(self, job: Job) -> dict[str, Any] | None:
-        """The verdict on a job; None if the process died over it or took too long."""
+        """The verdict on a job; None if the process died over it or took too long. Its copy may
+        have: see `sepmc.trust.gate.worker`."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        timer = threading.Timer(self.limit_s, self._stop)
+        copied = not (job.get("compiled") or job.get("shrink"))
+        timer = threading.Timer(self.limit_s + (_LONGER_S if copied else 0.0), self._stop)
         timer.start()
         try:
-            print(json.dumps(job), file=self.process.stdin, flush=True)
+            print(json.dumps({**job, "limit_s": self.limit_s}), file=self.process.stdin, flush=True)
             answer = self.process.stdout.readline()
         except BrokenPipeError:
             answer = ""
@@ -108,10 +111,12 @@ def _work(
             worker = Worker(limit_s)
             running.append(worker)
         verdict = worker.judge(job)
-        if verdict is None:
-            worker.close()
-            late = f"no verdict within {worker.limit_s:g} s" if worker.stopped else ""
-            worker = None
+        if verdict is None or "late" in verdict or "died" in verdict:
+            stopped = worker.stopped if verdict is None else "late" in verdict
+            late = f"no verdict within {limit_s:g} s" if stopped else ""
+            if verdict is None:
+                worker.close()
+                worker = None
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
                 "name": name,
