@@ -2,7 +2,7 @@
 explains it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 DEG = 180.0 / math.pi
@@ -240,7 +240,7 @@ def _fill(rows, prefix: str, name: str) -> list[Column]:
 @dataclass(frozen=True)
 class Contents:
     """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for,
-    by joint or clearance."""
+    by joint, clearance or event."""
 
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
@@ -248,6 +248,7 @@ class Contents:
     guides: dict[str, int] = field(default_factory=dict)  # pins by joint
     clearances: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -290,7 +291,22 @@ def outcome_columns(contents: Contents) -> list[Column]:
                     columns.append(
                         Column(f"{joint}_tip_off_{body}_{axis}_deg_s", "deg/s", meaning, DEG)
                     )
+    for event in contents.events:
+        columns += _at_event(contents, event)
     return columns
+
+
+def _at_event(contents: Contents, event: str) -> list[Column]:
+    """When an event came, and rates, attitudes and separations then."""
+    found = [Column(f"{event}_time_s", "s", f"time of {event}")]
+    for body in contents.bodies:
+        for column in _fill(_BODY[3:], f"{event}_{body}_", body):
+            found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
+    for joint in contents.joints:
+        prefix = f"{event}_" if len(contents.joints) == 1 else f"{event}_{joint}_"
+        for column in _fill(_JOINT[:2], prefix, joint):
+            found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
+    return found
 
 
 def audit_columns() -> list[Column]:

@@ -9,7 +9,7 @@ from sepmc.schema import Contents, audit_columns, outcome_columns
 
 README = Path(__file__).parents[1] / "campaigns" / "README.md"
 FIRST, LAST = "| column | unit | meaning |", "<!-- end of the columns -->"
-# a body, a joint and a clearance with all that can be asked of them
+# a body, a joint, a clearance and an event with all that can be asked of them
 EVERY = Contents(
     ["BODY"],
     {"JOINT": ("BODY", "OTHER")},
@@ -17,6 +17,7 @@ EVERY = Contents(
     guides={"JOINT": 1},
     clearances=("CLEARANCE",),
     tip_off=("JOINT",),
+    events=("EVENT",),
 )
 
 

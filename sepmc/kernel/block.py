@@ -8,9 +8,9 @@ from typing import Any
 
 from sepmc.kernel.context import Context, height, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
-from sepmc.kernel.outcomes import emit_results
+from sepmc.kernel.outcomes import emit_results, kept, kept_angle
 from sepmc.kernel.recorder import Scope, Value, total, where
-from sepmc.kernel.shape import APART, Change, Stage, met, numbers_of
+from sepmc.kernel.shape import APART, Change, Release, Stage, met, numbers_of
 from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
@@ -56,6 +56,11 @@ def emit_block(out: Text, c: Context) -> None:
     )
     inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
     text("prepare(w)")
+    for event in c.shape.scene.event:
+        c.slabs.add(kept(event.name), c.size + 2 * len(c.shape.bodies), optional=True)
+        text.block(f"for e in range({c.slabs.counts[kept(event.name)]} * LANES):")(
+            f"w[{kept(event.name)} + e] = math.nan"
+        )
     if c.history == at.FULL_HISTORY:
         c.slabs.add("WANTS_ROWS", 1, optional=True)
         text.lanes()("w[WANTS_ROWS + l] = 1.0 if table(a, 5).shape[0] > 0 else 0.0")
@@ -177,7 +182,7 @@ def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
 def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
     """Which of several conditions are times that have come, and whether a phase is at its end."""
     scope = c.scope()
-    done = (scope.load("DONE") > 0.0) | _holds(scope, c, stage.name, stage.clauses, stage.times)
+    done = (scope.load("DONE") > 0.0) | _holds(scope, c, stage.name, stage)
     scope.store("DONE", where(done, 1.0, 0.0))
     scope.write(text)
 
@@ -186,21 +191,24 @@ def _holds(
     scope: Scope,
     c: Context,
     stage: str,
-    clauses: list[tuple[int, ...]],
-    times: dict[int, tuple[int, ...]],
+    told: Stage | Release,
 ) -> Value:
-    """Whether any of clauses is met, each all of conditions; of these ``times`` that have come are
-    noted."""
+    """Whether any of the clauses of what is told is met, each all of conditions; of these, times
+    that have come and ends of springs are noted."""
     now, flags = scope.load("T"), {}
-    for number in numbers_of(clauses):
+    for number in numbers_of(told.clauses):
         flags[number] = scope.load(met(stage, number)) > 0.0
-    for number, places in times.items():
+    for number, places in told.times.items():
         flags[number] = flags[number] | (
             now >= total([c.case.number(place) for place in places]) - _SAME_TIME
         )
         scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
+    for number, spring in told.springs.items():
+        c.start(f"SPENT_{spring}", 0.0)
+        flags[number] = flags[number] | (scope.load(f"SPENT_{spring}") > 0.0)
+        scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
     found = None
-    for clause in clauses:
+    for clause in told.clauses:
         together = flags[clause[0]]
         for number in clause[1:]:
             together = together & flags[number]
@@ -210,17 +218,56 @@ def _holds(
 
 
 def _note_told(text: Text, c: Context, stage: Stage) -> None:
-    """Which releases apart from phases have come."""
+    """Which releases apart from phases have come, and instants that are told of, with the state
+    then."""
     scope = c.scope()
     for release in stage.releases:
         for number in numbers_of(release.clauses):
             c.start(met(APART, number), 0.0)
         place = f"COMES_{release.name}"
         c.start(place, math.inf)
-        told = _holds(scope, c, APART, release.clauses, release.times) & scope.load(place).equals(
-            math.inf
-        )
+        told = _holds(scope, c, APART, release) & scope.load(place).equals(math.inf)
         scope.store(place, where(told, scope.load("T"), scope.load(place)))
+        if not release.joint:
+            c.slabs.add(f"NOW_{release.name}", 1)
+            scope.store(f"NOW_{release.name}", where(told, 1.0, 0.0))
+    scope.write(text)
+    for release in stage.releases:
+        if not release.joint:
+            _keep_state(text, c, stage, release.name)
+
+
+def _keep_state(text: Text, c: Context, stage: Stage, event: str) -> None:
+    """Lines that keep the state of the lanes in which an event comes now: of every body that turns
+    by itself in the end, its attitude and its angles, whoever leads it now."""
+    place = kept(event)
+    text.block(f"for k in range({c.size}):").lanes()(
+        f"w[{place} + k * LANES + l] = w[Y + k * LANES + l] if w[NOW_{event} + l] > 0.0 else "
+        f"w[{place} + k * LANES + l]"
+    )
+    scope = c.scope()
+    now = scope.load(f"NOW_{event}") > 0.0
+    for body in c.shape.stages[-1].leaders:
+        leader = stage.leader(body)
+        if leader == GROUND:
+            values: list[tuple[str, int, Any]] = [
+                (f"{place} + Q_{body}", 4, c.case.attitude),
+                (f"{place} + OMEGA_{body}", 3, ZERO),
+            ]
+            angles = [c.case.number(at.PITCH), c.case.number(at.ROLL)]
+        else:
+            values = [
+                (f"{place} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
+                (f"{place} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
+            ]
+            angles = [scope.load(part(f"ANGLES_{leader}", k)) for k in range(2)]
+        if leader != body:
+            for slab, count, value in values:
+                for k in range(count):
+                    scope.store(part(slab, k), where(now, value[k], scope.load(part(slab, k))))
+        for k, value in enumerate(angles):
+            angle = kept_angle(c, event, body, k)
+            scope.store(angle, where(now, value, scope.load(angle)))
     scope.write(text)
 
 

@@ -33,7 +33,8 @@ class Conditions:
     """``events`` (first clause, clauses), ``clauses`` (first leaf, leaves) and ``clause_leaves``,
     flat.
 
-    Events: the end of each phase, each release, the stroke of each spring.
+    Events: the end of each phase, each release, each instant that is told of, the stroke of each
+    spring.
     """
 
     leaves: list[Leaf] = field(default_factory=list)
@@ -66,6 +67,8 @@ class Conditions:
             found.append([self._leaf(at.AT_TIME, "", f"{path}.time")])
         if until.burn_out is not None:
             found.append([self._leaf(at.AT_BURN_OUT, until.burn_out, None)])
+        if until.spring is not None:
+            found.append([self._leaf(at.AT_SPRING_STROKE, until.spring, None)])
         for key, what in _ON_JOINT.items():
             if getattr(until, key) is not None and until.joint is not None:
                 found.append([self._leaf(what, until.joint, f"{path}.{key}")])
@@ -89,6 +92,8 @@ def make_conditions(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Co
         conditions.add(phase.until, f"phase.{phase.name}.until")
     for release in scene.release:
         conditions.add(release.when, f"release.{release.name}.when")
+    for event in scene.event:
+        conditions.add(event.when, f"event.{event.name}.when")
     for spring in scene.spring:
         conditions.add_stroke(
             spring.name, math.isfinite(spring.stroke) or f"spring.{spring.name}.stroke" in dispersed

@@ -23,6 +23,7 @@ def lines(plan: Plan) -> list[str]:
         ("loads", scene.load),
         ("releases", scene.release),
         ("clearances", scene.clearance),
+        ("events", scene.event),
     ):
         if items:
             found.append(f"{what:12s} {len(items)}: " + _names(item.name for item in items))
@@ -46,6 +47,8 @@ def lines(plan: Plan) -> list[str]:
             f"release      {release.name}: {release.joint} becomes {release.to} when "
             f"{condition(release.when)}"
         )
+    for event in scene.event:
+        found.append(f"event        {event.name}: when {condition(event.when)}")
     return found
 
 
@@ -74,6 +77,7 @@ def condition(until: Until) -> str:
     """A condition in words."""
     parts = [f"{until.time:g} s"] if until.time is not None else []
     parts += [f"burn-out of {until.burn_out}"] if until.burn_out is not None else []
+    parts += [f"spring {until.spring} at its end"] if until.spring is not None else []
     parts += [f"{until.joint} at {1e3 * until.stroke:g} mm"] if until.stroke is not None else []
     parts += (
         [f"{until.joint} {1e3 * until.distance:g} mm away"] if until.distance is not None else []

@@ -39,16 +39,18 @@ class Line:
 
 
 class State:
-    """The state at ``slab`` (S of a stage of a step, Y at its end) of the bodies in a phase."""
+    """The state at ``slab`` (S of a stage of a step, Y at its end, or another kept with its
+    ``time``) of the bodies in a phase."""
 
-    def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str):
+    def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str, time: str = ""):
         self.c, self.scope, self.stage, self.slab = c, scope, stage, slab
+        self.clock = time or ("CLOCK" if slab == "S" else "T")
         self.shape, self.case = c.shape, c.case
 
     @property
     def time(self) -> Value:
         """Time of the state, s."""
-        return self.scope.load("CLOCK" if self.slab == "S" else "T")
+        return self.scope.load(self.clock)
 
     def place(self, body: str) -> Any:
         """Place of a mass centre, seen from what moves with the vehicle's first speed."""

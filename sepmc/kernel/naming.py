@@ -18,6 +18,7 @@ _WORDS = {
     "load": "load",
     "phase": "phase",
     "release": "release",
+    "event": "event",
 }
 
 
@@ -90,6 +91,10 @@ class Names:
                 )
                 for r in scene.release
             ),
+            event=tuple(
+                change(e, name=self.of["event"][e.name], when=self._until(e.when))
+                for e in scene.event
+            ),
             proximity=tuple(
                 change(x, body=self._body(x.body), joint=self.of["joint"][x.joint])
                 for x in scene.proximity
@@ -145,6 +150,7 @@ class Names:
             until,
             joint=until.joint and self.of["joint"][until.joint],
             burn_out=until.burn_out and self.of["motor"][until.burn_out],
+            spring=until.spring and self.of["spring"][until.spring],
             body=until.body and self._body(until.body),
             any=tuple(map(self._until, until.any)),
             all=tuple(map(self._until, until.all)),

@@ -9,6 +9,7 @@ from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import guide_outcomes
+from sepmc.kernel.recorder import where
 from sepmc.kernel.tables import call_look_up, has_wind_profile
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
@@ -17,6 +18,7 @@ from sepmc.schema import Status
 
 # drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
 _UNRESOLVED = 1e-6
+AT_EVENT = 6  # the last outcomes of a body, which are told at events too: rates and attitude
 
 
 def emit_report(out: Text, c: Context) -> None:
@@ -48,7 +50,45 @@ def emit_report(out: Text, c: Context) -> None:
         o += at.JOINT_OUTCOMES
     for k, value in enumerate(guide_outcomes(s)):
         s.scope.store(part("OF_GUIDES", k), value)
+    o = 0
+    for event in shape.scene.event:
+        o = _at_event(s, event.name, o)
     s.scope.write(text)
+
+
+def kept(event: str) -> str:
+    """The slab of the state at an event, and of the pitch and the roll of every body then."""
+    return f"AT_{event}"
+
+
+def kept_angle(c: Context, event: str, body: str, k: int) -> str:
+    """The place of the pitch (0) or roll (1) of a body at an event, carried through turns."""
+    return part(kept(event), c.size + 2 * c.shape.bodies.index(body) + k)
+
+
+def _at_event(end: State, event: str, o: int) -> int:
+    """The time of an event, rates and attitudes of all bodies and all separations then, from number
+    ``o`` of OF_EVENTS on; returns the number behind them."""
+    c, scope, shape = end.c, end.scope, end.shape
+    numbers = 1 + AT_EVENT * len(shape.bodies) + 2 * len(shape.scene.joint)
+    c.slabs.add("OF_EVENTS", len(shape.scene.event) * numbers, optional=True)
+    c.start(f"COMES_{event}", math.inf)
+    s = State(c, scope, end.stage, kept(event), f"COMES_{event}")
+
+    def followed(s: State, leader: str) -> tuple[Any, Any]:
+        pitch, roll = (scope.load(kept_angle(c, event, leader, k)) for k in range(2))
+        return pitch, roll
+
+    came = s.time < math.inf
+    found = [where(came, s.time, math.nan)]
+    for body in shape.bodies:
+        found += of_body(s, body, followed)[-AT_EVENT:]
+    for joint in shape.scene.joint:
+        line = s.separation(joint)
+        found += [line.rate, line.length]
+    for k, value in enumerate(found):
+        scope.store(part("OF_EVENTS", o + k), where(came, value, math.nan))
+    return o + numbers
 
 
 def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:
@@ -106,6 +146,11 @@ def emit_results(text: Text, c: Context) -> None:
                         f"TIP_OFF_{joint}_{body} + l)"
                     )
                 o += 3
+    if "OF_EVENTS" in c.slabs.counts:
+        text.block(f"for k in range({c.slabs.counts['OF_EVENTS']}):")(
+            f"outcomes[{o} + k, i] = w[OF_EVENTS + k * LANES + l]"
+        )
+        o += c.slabs.counts["OF_EVENTS"]
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
     pivot, redundant = (
         "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0",

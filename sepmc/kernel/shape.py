@@ -86,14 +86,15 @@ def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
 
 @dataclass
 class Release:
-    """A release apart from phases, of a joint: any of clauses, each all of conditions by number;
-    those of these that are times, places of what adds up to them, those on the state and those on
-    loads."""
+    """A release apart from phases, of a joint, or of none: an instant that is told of. Any of
+    clauses, each all of conditions by number; those of these that are times, places of what adds up
+    to them, those that are ends of springs, those on the state and those on loads."""
 
     name: str
     joint: str
     clauses: list[tuple[int, ...]]
     times: dict[int, tuple[int, ...]]
+    springs: dict[int, str]
     events: list[Event]
     loads: list[Event]
 
@@ -143,6 +144,7 @@ class Stage:
     clauses: list[tuple[int, ...]] = field(default_factory=list)
     # which of them are times: places of what adds up to them
     times: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    springs: dict[int, str] = field(default_factory=dict)  # which are ends of springs
     # apart from phases, that may change what joints hold in it
     releases: list[Release] = field(default_factory=list)
     stops: int = 1

@@ -55,9 +55,12 @@ def _needs_any_order(shape: Shape) -> bool:
 
 
 def _is_manifold(until: Until) -> bool:
-    """Whether a phase ends by several conditions."""
+    """Whether a phase ends by several conditions, or as one of several would."""
     keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
-    return bool(until.any or until.all) or sum(getattr(until, key) is not None for key in keys) != 1
+    return (
+        bool(until.any or until.all or until.spring)
+        or sum(getattr(until, key) is not None for key in keys) != 1
+    )
 
 
 def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
@@ -279,20 +282,23 @@ def _burn_out(plan: Plan, motor: str) -> tuple[int, ...]:
 
 def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
     """Several conditions that end phase ``number``."""
-    stage.clauses, stage.times, events, loads = _clauses(number, plan, dispersed)
+    stage.clauses, stage.times, stage.springs, events, loads = _clauses(number, plan, dispersed)
     stage.events += events
     stage.loads += loads
 
 
 def _clauses(
     number: int, plan: Plan, dispersed: frozenset[str]
-) -> tuple[list[tuple[int, ...]], dict[int, tuple[int, ...]], list[Event], list[Event]]:
+) -> tuple[
+    list[tuple[int, ...]], dict[int, tuple[int, ...]], dict[int, str], list[Event], list[Event]
+]:
     """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of
-    conditions; those that are times, those on the state, those on loads."""
+    conditions; those that are times, ends of springs, those on the state, those on loads."""
     conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
     times: dict[int, tuple[int, ...]] = {}
+    springs: dict[int, str] = {}
     on_state: list[Event] = []
     on_load: list[Event] = []
     for clause in range(start, start + count):
@@ -305,20 +311,23 @@ def _clauses(
             times[k] = (first + k,)
         elif leaf.what == at.AT_BURN_OUT:
             times[k] = _burn_out(plan, leaf.which)
+        elif leaf.what == at.AT_SPRING_STROKE:
+            springs[k] = leaf.which
         else:
             event = Event(
                 leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase)
             )
             (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
-    return clauses, times, on_state, on_load
+    return clauses, times, springs, on_state, on_load
 
 
 def _releases(plan: Plan, dispersed: frozenset[str]) -> list[Release]:
-    """Releases apart from phases."""
-    first = len(plan.scene.phase)
+    """Releases apart from phases, and instants that are told of."""
+    told = [(r.name, r.joint) for r in plan.scene.release]
+    told += [(event.name, "") for event in plan.scene.event]
     return [
-        Release(r.name, r.joint, *_clauses(number, plan, dispersed))
-        for number, r in enumerate(plan.scene.release, first)
+        Release(name, joint, *_clauses(number, plan, dispersed))
+        for number, (name, joint) in enumerate(told, len(plan.scene.phase))
     ]
 
 
@@ -387,9 +396,8 @@ def _stage(
     attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
     all bodies turn by themselves, and all rows are left in."""
     numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
-    made = Stage(
-        name, phase, may, releases=[r for r in releases if numbers[r.name] > min(may[r.joint])]
-    )
+    told = [r for r in releases if not r.joint or numbers[r.name] > min(may[r.joint])]
+    made = Stage(name, phase, may, releases=told)
     ground = [GROUND] if is_ground_named(scene) else []
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]
     largest = [

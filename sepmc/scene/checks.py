@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.kinds import KINDS, rows_of, slides
@@ -22,6 +23,7 @@ from sepmc.scene.model import Body, Joint, Motor, Scene
 from sepmc.scene.parameters import value as parameter_value
 from sepmc.scene.phase_checks import check_phases, holds_ground
 from sepmc.scene.redundancy import check_redundancy
+from sepmc.schema import outcome_columns
 
 ATMOSPHERE_TOP = 86_000.0
 MOST_ROWS = 100_000  # of history in a case
@@ -45,6 +47,7 @@ def check_scene(scene: Scene, problems: Problems) -> None:
     _check_initial(scene, problems)
     _check_histories(scene, problems)
     if not problems:
+        _check_columns(scene, problems)
         check_redundancy(scene, problems)
 
 
@@ -78,6 +81,16 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
             f"{principal[2]:.6g} kg m2, which no solid body has"
         )
     return None
+
+
+def _check_columns(scene: Scene, problems: Problems) -> None:
+    """Names that make two outcomes of one name: an event ``a`` of a body ``b_c``, and ``a_b`` of
+    ``c``."""
+    names = [column.name for column in outcome_columns(contents(scene))]
+    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
+        event = next((e.name for e in scene.event if name.startswith(f"{e.name}_")), None)
+        place = f"event.{event}" if event else "output"
+        problems.add(place, f"there are two outcomes called {name}: choose another name", event)
 
 
 def _check_body(name: str, body: Body, problems: Problems) -> None:

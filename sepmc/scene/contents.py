@@ -14,4 +14,5 @@ def contents(scene: Scene) -> Contents:
         {joint: guide.pins for joint, guide in guides.items() if guide is not None},
         tuple(clearance.name for clearance in scene.clearance),
         scene.output.tip_off,
+        tuple(event.name for event in scene.event),
     )

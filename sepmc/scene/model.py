@@ -246,6 +246,7 @@ class Until(_Table, frozen=True, kw_only=True):
 
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
     burn_out: str | None = None  # of a motor
+    spring: str | None = None  # that has come to the end of its stroke
     joint: str | None = None
     stroke: Annotated[float, NotNegative, Quantity("length")] | None = None
     distance: Annotated[float, Positive, Quantity("length")] | None = None
@@ -270,6 +271,13 @@ class Release(_Table, frozen=True, kw_only=True):
     name: Name
     joint: str
     to: str = "free"
+    when: Until
+
+
+class Event(_Table, frozen=True, kw_only=True):
+    """An instant at which rates, attitudes and separations are told."""
+
+    name: Name
     when: Until
 
 
@@ -335,6 +343,7 @@ class Scene(_Table, frozen=True, kw_only=True):
     joint: dict[Name, Joint] = field(default_factory=dict)
     phase: tuple[Phase, ...]
     release: tuple[Release, ...] = ()
+    event: tuple[Event, ...] = ()
     clearance: tuple[Clearance, ...] = ()
     output: Output = field(default_factory=Output)
     initial: Initial

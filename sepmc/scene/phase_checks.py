@@ -30,7 +30,7 @@ def holds_ground(scene: Scene) -> bool:
 
 
 def check_phases(scene: Scene, problems: Problems) -> None:
-    """Phases, releases, their conditions and what they let go."""
+    """Phases, releases, events, their conditions and what they let go."""
     if not scene.phase:
         problems.add("phase", "at least one [[phase]] is needed")
     last_time = 0.0
@@ -69,6 +69,8 @@ def check_phases(scene: Scene, problems: Problems) -> None:
     for release in scene.release:
         _check_kind(f"release.{release.name}", release.joint, release.to, scene, problems)
         _check_condition(f"release.{release.name}.when", release.when, scene, problems)
+    for event in scene.event:
+        _check_condition(f"event.{event.name}.when", event.when, scene, problems)
     if not problems:
         _check_letting_go(scene, problems)
         _check_rods(scene, problems)
@@ -114,6 +116,7 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
     if (
         until.time is None
         and until.burn_out is None
+        and until.spring is None
         and not on_joint
         and until.altitude is None
         and not until.any
@@ -125,7 +128,9 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
             else "joint and stroke_m, ..."
         )
         problems.add(
-            place, f"never ends: give time_s, burn_out, {missing}, body and altitude_m, any or all"
+            place,
+            f"never ends: give time_s, burn_out, spring, {missing}, body and altitude_m, any or "
+            "all",
         )
         return
     if until.joint is not None:
@@ -149,6 +154,9 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
                 "this motor burns for ever: give it burn_s or a profile",
                 until.burn_out,
             )
+    if until.spring is not None:
+        springs = [spring.name for spring in scene.spring]
+        check_known(f"{place}.spring", until.spring, springs, "spring", problems)
     if (until.body is None) != (until.altitude is None):
         problems.add(place, "body and altitude_m belong together")
     if until.body is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
-from sepmc.scene.model import GROUND, Part, Scene
+from sepmc.scene.model import GROUND, Part, Scene, Until
 from sepmc.scene.parameters import value
 
 _FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
@@ -33,7 +33,7 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_overlaps(scene),
         *_springs(scene),
         *_wind(scene, dispersions),
-        *_never(scene),
+        *_never(scene, dispersions),
     ]
 
 
@@ -191,8 +191,18 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
         yield "environment.wind does nothing: no body has aerodynamics"
 
 
-def _never(scene: Scene) -> Iterator[str]:
-    """Outputs and clearances that wait for a joint that is never let go."""
+def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Outputs and clearances that wait for a joint that is never let go, events for a spring that
+    never ends."""
+    varied = {d.parameter.path for d in dispersions}
+    for event in scene.event:
+        for name in _springs_of(event.when):
+            spring = next(one for one in scene.spring if one.name == name)
+            if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
+                yield (
+                    f"event.{event.name}.when: spring {name} has no stroke_m, so it pushes on and "
+                    "the event never comes"
+                )
     last = scene.phase[-1].joints
     let_go = {name for name in scene.joint if last.get(name, "free") == "free"}
     let_go |= {release.joint for release in scene.release}
@@ -209,6 +219,13 @@ def _never(scene: Scene) -> Iterator[str]:
     for joint in scene.output.loads:
         if joint not in held:
             yield f"output.loads: {joint} holds nothing in any phase, so it carries nothing"
+
+
+def _springs_of(until: Until) -> Iterator[str]:
+    if until.spring is not None:
+        yield until.spring
+    for part in (*until.any, *until.all):
+        yield from _springs_of(part)
 
 
 def _list(numbers: Sequence[float]) -> str:

@@ -367,7 +367,7 @@ def nudged(node: Any, share: float, part: int, key: str = "") -> Any:
 def features(tree: Tree) -> list[str]:
     """What a scene has, for the table of the gate."""
     conditions = [phase["until"] for phase in tree["phase"] if "until" in phase] + [
-        item["when"] for item in tree.get("release", [])
+        item["when"] for key in ("release", "event") for item in tree.get(key, [])
     ]
     found = {
         f"until {key if key == 'burn_out' else key.removesuffix('_N_m').rsplit('_', 1)[0]}"
@@ -407,11 +407,12 @@ def features(tree: Tree) -> list[str]:
 
 
 def _late_features(tree: Tree) -> set[str]:
-    """Those of the later kinds: releases, tables, guides, outputs of loads."""
+    """Those of the later kinds: releases, tables, guides, events, outputs of loads."""
     environment, bodies = tree.get("environment", {}), tree["body"].values()
     guides = [joint["guide"] for joint in tree.get("joint", {}).values() if "guide" in joint]
     present = {
         "release": tree.get("release"),
+        "event": tree.get("event"),
         "proximity": tree.get("proximity"),
         "wind profile": "profile" in environment.get("wind", {}),
         "table of the air": "air" in environment,

@@ -104,6 +104,7 @@ def kind_of(path: Path) -> str:
         "clearance",
         "phase",
         "release",
+        "event",
     ):
         parts = (parts[0], "*", *parts[2:])
     if len(parts) > 3 and parts[2] == "aerodynamics" and path.field is None:

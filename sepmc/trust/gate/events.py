@@ -1,4 +1,5 @@
-"""Conditions of several parts, break loads, and releases apart from phases, of a random scene."""
+"""Conditions of several parts, break loads, releases apart from phases and instants that are told
+of, of a random scene."""
 
 from collections.abc import Callable
 
@@ -72,6 +73,32 @@ def add_releases(draft: Draft, until: Callable[[dict[str, str], float, float], T
         tree.setdefault("release", []).append(
             {"name": draft.names.new("release"), "joint": name, "to": to, "when": when}
         )
+
+
+def add_events(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
+    """Instants that are told of, by conditions such as end phases; ``until`` as above."""
+    dice, tree = draft.dice, draft.tree
+    if "event" not in draft.late:
+        return
+    held = dict(tree["phase"][0]["joints"])
+    for _ in range(dice.pick([1, 1, 2])):
+        past = dice.between(0.05, 1.0) * draft.span
+        when = ending(draft, held, lambda past=past: until(held, past, past))  # type: ignore[misc]
+        _add_event(draft, when)
+
+
+def add_ends_of_springs(draft: Draft) -> None:
+    """Instants at which springs have come to their ends, one or several."""
+    dice = draft.dice
+    springs = [s["name"] for s in draft.tree.get("spring", []) if "stroke_m" in s]
+    if "event" in draft.late and springs and dice.chance(0.7):
+        ends: list[Tree] = [{"spring": name} for name in dice.some(springs, dice.pick([1, 2, 3]))]
+        _add_event(draft, ends[0] if len(ends) == 1 else {dice.pick(["any", "all"]): ends})
+
+
+def _add_event(draft: Draft, when: Tree) -> None:
+    event = {"name": draft.names.new("event"), "when": when}
+    draft.tree.setdefault("event", []).append(event)
 
 
 def _less(draft: Draft, name: str, kinds: list[str]) -> list[str]:

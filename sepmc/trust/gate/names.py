@@ -13,6 +13,7 @@ _PLAIN = {
     "release": ["cut", "let_go"],
     "proximity": ["near", "wake"],
     "clearance": ["gap", "exit"],
+    "event": ["apart", "spent", "instant"],
 }
 # Short names that formulas use, names that differ in case, keywords, names of modules and slabs,
 # names that join to others.

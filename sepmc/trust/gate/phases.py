@@ -6,7 +6,7 @@ from functools import partial
 
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
-from sepmc.trust.gate.events import add_releases, ending
+from sepmc.trust.gate.events import add_events, add_releases, ending
 from sepmc.trust.gate.joints import chain, rows, toward
 
 _ENDS = {
@@ -51,6 +51,7 @@ def add_phases(draft: Draft) -> None:
             phase["until"] = ending(draft, held, partial(_until, draft, held, span, past))
         tree["phase"].append(phase)
     add_releases(draft, partial(_until, draft))
+    add_events(draft, partial(_until, draft))
     if dice.chance(0.3) and tree["joint"]:
         tree["output"] = {"tip_off": dice.some(list(tree["joint"]), dice.pick([1, 2]))}
 

@@ -27,6 +27,7 @@ from sepmc.trust.gate.bodies import add_air, add_bodies, add_environment, add_st
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import add_dispersions
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
+from sepmc.trust.gate.events import add_ends_of_springs
 from sepmc.trust.gate.guides import add_guides, add_outputs
 from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
@@ -55,6 +56,7 @@ LATE = {
     "aerodynamic table": 0.2,  # over some of Mach, alpha and beta
     "proximity": 0.2,  # increments over a distance
     "clearance": 0.15,  # outlines, and distances between them
+    "event": 0.25,  # instants that are told of, ends of springs among them
 }
 _LATE_SHARE = 0.3
 _ORDER = (
@@ -68,6 +70,7 @@ _ORDER = (
         "joint",
         "phase",
         "release",
+        "event",
         "clearance",
         "output",
     ),
@@ -99,6 +102,7 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     add_guides(draft)
     _run(draft)
     add_outputs(draft)
+    add_ends_of_springs(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

@@ -11,7 +11,7 @@ from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Tree
 
 Judge = Callable[[Tree], Verdict]
-_LISTS = ("motor", "spring", "load", "proximity", "clearance", "release")
+_LISTS = ("motor", "spring", "load", "proximity", "clearance", "release", "event")
 
 
 def shrink(

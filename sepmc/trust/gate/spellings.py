@@ -3,7 +3,7 @@ springs the other way round."""
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
@@ -89,6 +89,11 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
             f"{release['to']}_k" if release.get("to") in own else release.get("to", "free")
         )
         release["when"] = _renamed_in(release["when"], bodies, joints, motors)
+    for event in new.get("event", []):
+        event |= {
+            "name": f"E{event['name']}",
+            "when": _renamed_in(event["when"], bodies, joints, motors),
+        }
     for entry in new.get("proximity", []):
         entry |= {
             "name": f"N{entry['name']}",
@@ -163,7 +168,7 @@ def _with_direction(tree: Tree) -> set[str]:
     """Joints of which something depends on which body is the first: conditions, pins, increments,
     outputs of loads."""
     waiting = [phase["until"] for phase in tree["phase"] if "until" in phase] + [
-        r["when"] for r in tree.get("release", [])
+        one["when"] for key in ("release", "event") for one in tree.get(key, [])
     ]
     found = set(tree.get("output", {}).get("loads", [])) | {
         entry["joint"] for entry in tree.get("proximity", [])
@@ -240,14 +245,25 @@ _OF_CLEARANCE = (
 )
 
 
+def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
+    """What is told at an event, by the old names and by the new ones."""
+    yield "time_s", "time_s"
+    for body in tree["body"]:
+        for end in ("roll_deg", "yaw_deg", "pitch_deg", *(f"omega_{x}_deg_s" for x in "xyz")):
+            yield f"{body}_{end}", f"{body}_1_{end}"
+    joints = list(tree.get("joint", {}))
+    for joint in joints:
+        for end in ("separation_speed_m_s", "separation_distance_mm"):
+            yield (end, end) if len(joints) == 1 else (f"{joint}_{end}", f"n{joint}_{end}")
+
+
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:
     """The column of another spelling that must hold the same as ``column``; None if there is
     none."""
     joints, one = list(tree.get("joint", {})), len(tree.get("joint", {})) == 1
-    if spelling == "joints and springs the other way round" and "separation_" in column:
-        return None  # along an axis of the other body
-    if spelling != "other names":
-        return column
+    if spelling != "other names":  # separations are along an axis of the other body
+        turned_round = spelling == "joints and springs the other way round"
+        return None if turned_round and "separation_" in column else column
     if one and column in ("separation_speed_m_s", "separation_distance_mm", "release_time_s"):
         return column
     moved = {
@@ -255,6 +271,10 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         for name in (c["name"] for c in tree.get("clearance", []))
         for end in _OF_CLEARANCE
     }
+    for event in (e["name"] for e in tree.get("event", [])):
+        moved |= {f"{event}_{told}": f"E{event}_{new}" for told, new in _at_event(tree)}
+    if column in moved:
+        return moved[column]
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"
@@ -263,4 +283,4 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         if column.startswith(f"{joint}_") and column[len(joint) + 1 :].startswith(_OF_JOINT):
             return f"n{column}"
     body = max((b for b in tree["body"] if column.startswith(f"{b}_")), key=len, default="")
-    return moved.get(column, f"{body}_1{column[len(body) :]}")
+    return f"{body}_1{column[len(body) :]}"

@@ -70,8 +70,8 @@ def _judged_by_a_copy(job: dict[str, Any]) -> dict[str, Any]:
     reads, writes = os.pipe()
     copy = os.fork()
     if not copy:
-        with os.fdopen(writes, "w") as answer:
-            json.dump(work(job), answer)
+        with os.fdopen(writes, "w") as pipe:
+            json.dump(work(job), pipe)
         os._exit(0)
     os.close(writes)
     answer, until = b"", time.monotonic() + job["limit_s"]

@@ -71,9 +71,10 @@ CUSTOM = {"translations": (), "rotations": ()}
 PART = {"stations": None, "radii": None, "offset": (0.0, 0.0), "points": (), "hollow": False}
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "after": None}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
+EVENT = {"name": REQUIRED, "when": REQUIRED}
 RELEASE = {"name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED}
 UNTIL = {
-    "time": None, "burn_out": None, "joint": None, "stroke": None, "distance": None,
+    "time": None, "burn_out": None, "spring": None, "joint": None, "stroke": None, "distance": None,
     "angle": None, "force": None, "moment": None,
     "body": None, "altitude": None, "any": (), "all": (),
 }  # fmt: skip
@@ -96,8 +97,8 @@ SOLVER = dict.fromkeys(("formulation", "method", "accuracy", "step", "drift"))
 SCENE = {
     "environment": None, "body": REQUIRED, "motor": (), "spring": (), "load": (), "proximity": (),
     "joint": None, "phase": REQUIRED,
-    "release": (), "clearance": (), "output": None, "initial": REQUIRED, "run": REQUIRED,
-    "solver": None,
+    "release": (), "event": (), "clearance": (), "output": None, "initial": REQUIRED,
+    "run": REQUIRED, "solver": None,
 }  # fmt: skip
 
 
@@ -179,6 +180,9 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["release"] = _list(scene["release"], RELEASE, "release")
     for release in scene["release"]:
         release["when"] = condition(release["when"], f"release.{release['name']}.when")
+    scene["event"] = _list(scene["event"], EVENT, "event")
+    for event in scene["event"]:
+        event["when"] = condition(event["when"], f"event.{event['name']}.when")
     scene["output"] = filled(scene["output"], OUTPUT, "output")
     scene["initial"] = filled(scene["initial"], INITIAL, "initial")
     scene["run"] = filled(scene["run"], RUN, "run")

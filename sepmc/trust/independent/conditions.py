@@ -35,8 +35,8 @@ class Leaf:
 
 @dataclass
 class Event:
-    """The end of a phase, a release or the end of a spring's push, with its condition as a tree and
-    the leaves of that."""
+    """The end of a phase, a release, an instant that is told of or the end of a spring's push, with
+    its condition as a tree and the leaves of that."""
 
     name: str
     tree: Table | None
@@ -48,10 +48,16 @@ class Event:
         return self.tree is not None and _satisfied(self.tree)
 
 
-def make_event(name: str, until: Table | None, burn_out: Callable[[str], float]) -> Event:
-    """An event from its condition; ``burn_out`` tells when a motor burns out."""
+def make_event(
+    name: str,
+    until: Table | None,
+    burn_out: Callable[[str], float],
+    stroke: Callable[[str], float],
+) -> Event:
+    """An event from its condition; ``burn_out`` tells when a motor burns out, ``stroke`` where a
+    spring ends."""
     leaves: list[Leaf] = []
-    return Event(name, None if until is None else _tree(until, leaves, burn_out), leaves)
+    return Event(name, None if until is None else _tree(until, leaves, burn_out, stroke), leaves)
 
 
 def spring_event(name: str, stroke: float) -> Event:
@@ -60,10 +66,17 @@ def spring_event(name: str, stroke: float) -> Event:
     return Event(f"spring {name} spent", {"own": [leaf], "any": [], "all": []}, [leaf])
 
 
-def _tree(until: Table, leaves: list[Leaf], burn_out: Callable[[str], float]) -> dict[str, Any]:
+def _tree(
+    until: Table,
+    leaves: list[Leaf],
+    burn_out: Callable[[str], float],
+    stroke: Callable[[str], float],
+) -> dict[str, Any]:
     own = [Leaf("time", None, until["time"])] if until["time"] is not None else []
     if until["burn_out"] is not None:
         own.append(Leaf("burn_out", until["burn_out"], burn_out(until["burn_out"])))
+    if until["spring"] is not None:
+        own.append(Leaf("spring", until["spring"], stroke(until["spring"])))
     if until["joint"] is not None:
         own += [
             Leaf(key, until["joint"], until[key]) for key in _ON_JOINT if until[key] is not None
@@ -73,7 +86,10 @@ def _tree(until: Table, leaves: list[Leaf], burn_out: Callable[[str], float]) ->
     leaves += own
     return {
         "own": own,
-        **{key: [_tree(part, leaves, burn_out) for part in until[key]] for key in ("any", "all")},
+        **{
+            key: [_tree(part, leaves, burn_out, stroke) for part in until[key]]
+            for key in ("any", "all")
+        },
     }
 
 

@@ -18,6 +18,8 @@ class Sequence:
 
     def __init__(self, scene: Table, joints: dict[str, Joint], loads: Loads):
         ends = {motor.table["name"]: motor.end for motor in loads.motors}
+        strokes = {spring.name: spring.table["stroke"] for spring in loads.springs}
+        known = ends.__getitem__, strokes.__getitem__
         self.joints, self.names = joints, [phase["name"] for phase in scene["phase"]]
         self.kinds: list[Held] = [
             {
@@ -27,13 +29,17 @@ class Sequence:
             for phase in scene["phase"]
         ]
         self.phases = [
-            make_event(f"phase {phase['name']} ended", phase["until"], ends.__getitem__)
+            make_event(f"phase {phase['name']} ended", phase["until"], *known)
             for phase in scene["phase"]
         ]
         self.releases = [
-            make_event(f"release {table['name']}", table["when"], ends.__getitem__)
+            make_event(f"release {table['name']}", table["when"], *known)
             for table in scene["release"]
         ]
+        self.told = {
+            table["name"]: make_event(f"event {table['name']}", table["when"], *known)
+            for table in scene["event"]
+        }
         self.tells = [
             {table["joint"]: rows_of(table["to"], joints[table["joint"]].own)}
             for table in scene["release"]
@@ -44,13 +50,14 @@ class Sequence:
             for s in loads.springs
             if math.isfinite(s.table["stroke"])
         ]
+        self.apart = [*self.releases, *self.told.values(), *self.springs]
         self.phase, self.held = 0, dict(self.kinds[0])
         self.log: list[tuple[float, str]] = []
 
     def armed(self) -> list[Leaf]:
-        """Leaves that are waited for: of the phase that is on, and of releases and springs that
-        have not gone."""
-        waiting = [event for event in (*self.releases, *self.springs) if math.isinf(event.time)]
+        """Leaves that are waited for: of the phase that is on, and of releases, told instants and
+        springs that have not gone."""
+        waiting = [event for event in self.apart if math.isinf(event.time)]
         if self.phase < len(self.phases) - 1:
             waiting.append(self.phases[self.phase])
         return [leaf for event in waiting for leaf in event.leaves if not leaf.met]
@@ -62,7 +69,7 @@ class Sequence:
 
     def begin(self, height: Callable[[str], float]) -> None:
         """Set the sides of heights waited for at the start; ``height`` tells that of a body, m."""
-        self.set_sides(height, [self.phases[0], *self.releases])
+        self.set_sides(height, [self.phases[0], *self.releases, *self.told.values()])
 
     def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:
         """Everything that happens at time t, until nothing more does; what joints carry is judged
@@ -75,7 +82,7 @@ class Sequence:
                 self.phase += 1
                 self.set_sides(height, [self.phases[self.phase]])
                 again = True
-            for event in (*self.releases, *self.springs):
+            for event in self.apart:
                 if math.isinf(event.time) and event.satisfied():
                     self._happened(event, t)
                     again = True

@@ -16,7 +16,7 @@ from sepmc.trust.independent.conditions import Leaf
 from sepmc.trust.independent.constraints import Singular
 from sepmc.trust.independent.loads import GRAIN, Flow
 from sepmc.trust.independent.motion import Motion
-from sepmc.trust.independent.outcomes import Follower, columns, report, vague
+from sepmc.trust.independent.outcomes import Follower, at_event, columns, report, vague
 from sepmc.trust.independent.roots import first_root
 from sepmc.trust.independent.state import SIZE, Array, State, Vehicle, quaternion_rates
 from sepmc.trust.independent.watch import Watch
@@ -75,6 +75,7 @@ class IndependentFlight:
         self.follower = Follower(vehicle)
         # when a joint became free, and the rates of all bodies then
         self.released: dict[str, tuple[float, Array]] = {}
+        self.told: dict[str, dict[str, float]] = {}  # outcomes at events that have come
         self.watch = Watch(self.motion, scene["output"])
         self.clearances = Clearances(scene["clearance"], scene["body"], vehicle)
         self.rows = _heights_of_rows(scene["environment"])
@@ -179,6 +180,9 @@ class IndependentFlight:
                 and name not in self.released
             ):
                 self.released[name] = (self.t, s.w.copy())
+        for name, event in self.sequence.told.items():
+            if math.isfinite(event.time) and name not in self.told:
+                self.told[name] = at_event(self, name)
 
     def _settle_held(self, s: State) -> None:
         def value(leaf: Leaf) -> float:

@@ -109,6 +109,8 @@ class Motion:
                 self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold
             )
         if what == "spring":
+            if next(one.spent for one in self.loads.springs if one.name == which):
+                return 1.0  # it stays so
             found = next(spring for spring in self.loads.springs if spring.name == which).extension(
                 s
             )

@@ -28,6 +28,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
         {name: scene["joint"][name]["guide"]["pins"] for name in output["guide"]},
         tuple(table["name"] for table in scene["clearance"]),
         tuple(output["tip_off"]),
+        tuple(table["name"] for table in scene["event"]),
     )
     return [column.name for column in outcome_columns(contents)]
 
@@ -76,6 +77,29 @@ def vague(flight: "IndependentFlight") -> tuple[str, ...]:
     return (*found, *flight.watch.flat())
 
 
+def at_event(flight: "IndependentFlight", event: str) -> dict[str, float]:
+    """Outcomes of an event that comes now: its time, rates and attitudes of all bodies,
+    separations."""
+    s, follower = flight.state(flight.t, flight.y), flight.follower
+    follower.follow(s, 0.0)
+    out = {f"{event}_time_s": flight.t}
+    for b, name in enumerate(flight.vehicle.names):
+        angles = {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
+        out |= {f"{event}_{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
+        out |= {
+            f"{event}_{name}_omega_{axis}_deg_s": math.degrees(rate)
+            for axis, rate in zip("xyz", s.w[b], strict=True)
+        }
+    for name, joint in flight.joints.items():
+        prefix = f"{event}_" if len(flight.joints) == 1 else f"{event}_{name}_"
+        distance, speed = joint.separation(s)
+        out |= {
+            f"{prefix}separation_speed_m_s": speed,
+            f"{prefix}separation_distance_mm": 1e3 * distance,
+        }
+    return out
+
+
 def report(flight: "IndependentFlight") -> dict[str, float]:
     """Outcomes at the end of a flight."""
     vehicle = flight.vehicle
@@ -121,6 +145,8 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
                         "xyz", flight.released[name][1][vehicle.index[body]], strict=True
                     ):
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
+    for name in flight.told:
+        out |= flight.told[name]
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}
     return out | flight.watch.report() | flight.clearances.report(free)

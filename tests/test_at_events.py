@@ -1,0 +1,207 @@
+"""Rates, attitudes and separations at an event: closed forms, flights that end there, and what the
+conditions of events may be."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sepmc.scene.messages import SceneError
+from sepmc.scene.slips import slips
+from sepmc.trust.independent.flight import fly
+
+REDUCED = 3.0 * 1.0 / (3.0 + 1.0)  # kg, of the pair
+PUSH = {
+    "name": "push",
+    "bodies": ["fore", "aft"],
+    "point_m": [2.0, 0.0, 0.0],
+    "axis": [-1.0, 0.0, 0.0],
+    "force_N": 12.0,
+    "stroke_m": 0.1,
+}
+ASIDE = PUSH | {"name": "aside", "point_m": [2.0, 0.02, 0.01], "force_N": 6.0, "stroke_m": 0.15}
+FREE = {
+    "phase": [{"name": "free"}],
+    "solver.step_s": 0.02,
+    "initial.omega_deg_s": [20.0, -5.0, 8.0],
+    "initial.pitch_deg": 30.0,
+    "run.end_time_s": 0.8,
+}
+LET_GO = {
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.05}},
+        {"name": "free"},
+    ]
+}
+
+
+def told(campaign, event, case=None):
+    """What is told at an event, by the rest of the name."""
+    outcomes = campaign.simulate(case).attrs["outcomes"]
+    start = f"{event}_"
+    return {name.removeprefix(start): v for name, v in outcomes.items() if name.startswith(start)}
+
+
+def test_the_end_of_a_spring(pair):
+    """12 N over 0.1 m on 0.75 kg: at rest first, 16 m/s2, so after sqrt(0.2 / 16) s, at sqrt(3.2)
+    m/s."""
+    event = {"name": "pushed", "when": {"spring": "push"}}
+    found = told(
+        pair(FREE | {"spring": [PUSH], "event": [event], "initial.omega_deg_s": [0, 0, 0]}),
+        "pushed",
+    )
+    assert_allclose(found["time_s"], math.sqrt(0.2 / 16.0), rtol=1e-12)
+    assert_allclose(
+        found["separation_speed_m_s"], math.sqrt(2.0 * 12.0 * 0.1 / REDUCED), rtol=1e-11
+    )
+    assert_allclose(found["separation_distance_mm"], 100.0, rtol=1e-11)
+    assert_allclose([found["fore_pitch_deg"], found["fore_omega_z_deg_s"]], [30.0, 0.0], atol=1e-12)
+
+
+CONDITIONS = {
+    "a spring": {"spring": "aside"},
+    "either spring": {"any": [{"spring": "aside"}, {"spring": "push"}]},
+    "both springs": {"all": [{"spring": "aside"}, {"spring": "push"}]},
+    "a time": {"time_s": 0.0731},
+    "a stroke": {"joint": "pins", "stroke_mm": 60.0},
+    "a distance or an angle": {"joint": "pins", "distance_m": 0.3, "angle_deg": 4.0},
+    "a stroke after a spring": {"all": [{"spring": "push"}, {"joint": "pins", "stroke_mm": 60.0}]},
+}
+
+
+@pytest.mark.parametrize("phases", [{}, LET_GO], ids=["free", "let go"])
+@pytest.mark.parametrize("when", CONDITIONS.values(), ids=CONDITIONS)
+def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
+    """What is told at an event is what a flight that ends then gives as its outcomes; and what the
+    independent flight gives."""
+    scene = FREE | phases | {"spring": [PUSH, ASIDE], "event": [{"name": "now", "when": when}]}
+    campaign = pair(scene)
+    found = told(campaign, "now")
+    shorter = pair({**scene, "event": [], "run.end_time_s": found["time_s"]})
+    ended = shorter.simulate().attrs["outcomes"]
+    apart = fly(campaign.case(0).to_dict()).outcomes
+    assert len(found) == 1 + 6 * 2 + 2
+    for name, value in found.items():
+        assert_allclose(value, apart[f"now_{name}"], rtol=1e-8, atol=1e-8)
+        if name != "time_s":
+            assert_allclose(value, ended[name], rtol=1e-8, atol=1e-8)
+
+
+def test_tip_off_is_what_is_told_at_a_release(pair):
+    """Rates when a joint becomes free, by both ways to ask for them."""
+    event = {"name": "freed", "when": {"time_s": 0.05}}
+    campaign = pair(
+        FREE | LET_GO | {"spring": [ASIDE], "event": [event], "output.tip_off": ["pins"]}
+    )
+    outcomes = campaign.simulate().attrs["outcomes"]
+    for body in ("fore", "aft"):
+        for axis in "xyz":
+            assert (
+                outcomes[f"freed_{body}_omega_{axis}_deg_s"]
+                == outcomes[f"pins_tip_off_{body}_{axis}_deg_s"]
+            )
+
+
+def test_turns_are_counted_on(pair):
+    """A roll of 720 deg/s about the axis: 360 deg after half a second, not 0."""
+    event = {"name": "turned", "when": {"time_s": 0.5}}
+    campaign = pair(FREE | {"event": [event], "initial.omega_deg_s": [720.0, 0.0, 0.0]})
+    assert_allclose(told(campaign, "turned")["aft_roll_deg"], 360.0, rtol=1e-10)
+
+
+def test_what_never_comes_has_no_value_and_ends_no_case(pair):
+    """NaN, and the case is ok."""
+    event = {"name": "far", "when": {"joint": "pins", "distance_m": 1e3}}
+    history = pair(FREE | {"spring": [PUSH], "event": [event]}).simulate()
+    assert history.attrs["status"] == "ok"
+    assert all(
+        math.isnan(value)
+        for name, value in history.attrs["outcomes"].items()
+        if name.startswith("far_")
+    )
+
+
+def test_an_event_at_the_start(pair):
+    """What is met at the start is told of the start."""
+    event = {"name": "first", "when": {"time_s": 0.0}}
+    found = told(pair(FREE | {"spring": [PUSH], "event": [event]}), "first")
+    assert found["time_s"] == 0.0
+    assert_allclose(found["aft_omega_x_deg_s"], 20.0, rtol=1e-14)
+
+
+def test_a_phase_ends_with_a_spring(pair):
+    """The condition holds for phases too."""
+    phases = [
+        {"name": "guided", "joints": {"pins": "slider"}, "until": {"spring": "push"}},
+        {"name": "free"},
+    ]
+    outcomes = pair(FREE | {"phase": phases, "spring": [PUSH]}).simulate().attrs["outcomes"]
+    speed, distance = outcomes["separation_speed_m_s"], outcomes["separation_distance_mm"]
+    assert 0.0 < outcomes["release_time_s"] < 0.2
+    assert speed > 1.0
+    assert distance > 100.0
+
+
+def test_a_threshold_may_vary(pair, plainly):
+    """Each case is told at its own time, and alone as in the campaign."""
+    event = {"name": "now", "when": {"time_s": 0.2}}
+    campaign = pair(
+        FREE
+        | {
+            "spring": [PUSH],
+            "event": [event],
+            "dispersion": {"event.now.when.time_s": {"uniform": 0.1}},
+        }
+    )
+    rows = campaign.run(cases=4).to_pandas()
+    (drawn,) = (name for name in rows if name.startswith("in_"))
+    assert_allclose(rows["now_time_s"], rows[drawn], rtol=1e-15)
+    assert np.ptp(rows["now_separation_distance_mm"]) > 1.0
+    for name, value in told(campaign, "now", 2).items():
+        assert_allclose(value, rows[f"now_{name}"][2], rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"event": [{"name": "now"}]}, "event.now: table [when] is missing"),
+        ({"event": [{"name": "now", "when": {}}]}, "event.now.when: never ends: give time_s"),
+        (
+            {"event": [{"name": "now", "when": {"spring": "psuh"}}]},
+            "event.now.when.spring = 'psuh'",
+        ),
+        (
+            {
+                "event": [
+                    {"name": "a", "when": {"time_s": 0.1}},
+                    {"name": "a", "when": {"time_s": 0.2}},
+                ]
+            },
+            "the name is used twice",
+        ),
+        (
+            {
+                "event": [{"name": "a", "when": {"time_s": 0.1}}],
+                **{
+                    f"joint.{name}": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.0, 0.0]}
+                    for name in ("b", "a_b")
+                },
+            },
+            "event.a = 'a': there are two outcomes called a_b_separation_speed_m_s",
+        ),
+    ],
+)
+def test_what_is_refused(pair, settings, said):
+    """With its place, and what would be right."""
+    with pytest.raises(SceneError, match=re.escape(said)):
+        pair(FREE | {"spring": [PUSH]} | settings)
+
+
+def test_a_spring_without_an_end_is_a_slip(pair):
+    """It pushes on, so the event never comes; unless its stroke varies."""
+    endless = {key: value for key, value in PUSH.items() if key != "stroke_m"}
+    event = {"name": "pushed", "when": {"any": [{"spring": "push"}]}}
+    campaign = pair(FREE | {"spring": [endless], "event": [event]})
+    assert any("spring push has no stroke_m" in said for said in slips(campaign.scene, ()))
