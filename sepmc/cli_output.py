@@ -531,7 +531,8 @@ def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
     else:
         ends = zip(table["min"][there], table["max"][there], strict=True)
         varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
-        others = sorted(_different(varied, table), key=_interest)
+        events = tuple(f"{event.name}_" for event in loaded.scene.event)
+        others = sorted(_different(varied, table), key=lambda name: _interest(name, events))
     return list(dict.fromkeys([*required, *others]))
 
 
@@ -561,8 +562,11 @@ def _varies(low: float, high: float) -> bool:
     return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
 
 
-def _interest(outcome: str) -> int:
-    """Rank of an outcome among the figures: what separations are judged by comes first."""
+def _interest(outcome: str, events: tuple[str, ...]) -> int:
+    """Rank of an outcome among the figures: what separations are judged by comes first; rates at
+    ``events``, by how their names begin, count as those at release."""
+    if outcome.startswith(events) and "_omega_" in outcome:
+        return _INTERESTING.index("tip_off")
     return next(
         (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
     )
