@@ -3,12 +3,13 @@ metres.
 
 Around the circle the distance to a convex body falls and rises a few times at most: once where the
 solid stands within the shell or beside it, twice where it lies across. It is looked at in steps of
-5 deg, and every least is narrowed down.
+5 deg, and every least is narrowed down (Brent, Algorithms for Minimization without Derivatives,
+1973, ch. 5: parabolas, and golden section where these do not serve).
 """
 
 import math
 
-from sepmc.jit import keep_apart, long_formula, routine
+from sepmc.jit import formula, keep_apart, long_formula, routine
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.outlines import any_normal, split
 from sepmc.physics.vec3 import add, cross, dot, scale, sub
@@ -17,8 +18,10 @@ _PIECES = 72  # of the circle
 # of the radius: where neighbours differ by less (solid and shell on one axis), nothing between them
 # is nearer
 _FLAT = 1e-13
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-_NARROWINGS = 45  # of golden section: to 1e-10 rad, of which the square counts
+_COSINE, _SINE = math.cos(2.0 * math.pi / _PIECES), math.sin(2.0 * math.pi / _PIECES)
+_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+_CLOSE = 1e-9  # rad, of which the square counts
+_NARROWINGS = 60  # 9 are usual
 
 
 @long_formula
@@ -38,10 +41,13 @@ def lip_gap(lip, part):
         return math.nan, centre, centre
     piece = 2.0 * math.pi / _PIECES
     best, angle = math.inf, 0.0
-    before, here = _distance(-piece, lip, frame, part), _distance(0.0, lip, frame, part)
+    before = _distance(_turned(_COSINE, -_SINE, lip, frame), part)
+    here = _distance(_turned(1.0, 0.0, lip, frame), part)
+    c, s = _COSINE, _SINE
     for i in range(_PIECES):
         at = i * piece
-        after = _distance(at + piece, lip, frame, part)
+        after = _distance(_turned(c, s, lip, frame), part)
+        c, s = c * _COSINE - s * _SINE, s * _COSINE + c * _SINE
         if here <= before and here <= after and here - 0.5 * radius * piece < best:
             found, place = here, at
             if max(before, after) > here + _FLAT * radius:
@@ -71,17 +77,23 @@ def lip_least(lip, part):
 @routine
 def _point(angle, lip, frame):
     """Point of the circle at an angle."""
-    centre, _, radius = lip
     s, c = sine_cosine(angle)
+    return _turned(c, s, lip, frame)
+
+
+@formula
+def _turned(c, s, lip, frame):
+    """The same by cosine and sine of the angle."""
+    centre, _, radius = lip
     return add(centre, add(scale(radius * c, frame[0]), scale(radius * s, frame[1])))
 
 
 @routine
-def _distance(angle, lip, frame, part):
-    """Distance of a point of the circle from the part: in the half plane through its axis, from the
-    trapezoid it is there."""
+def _distance(point, part):
+    """Distance of a point from the part: in the half plane through its axis, from the trapezoid it
+    is there."""
     start, axis, length, r0, r1 = part
-    along, across = split(sub(_point(angle, lip, frame), start), axis)
+    along, across = split(sub(point, start), axis)
     rho = math.sqrt(dot(across, across))
     z, radius = _nearest(along, rho, length, r0, r1)
     return math.sqrt((along - z) ** 2 + (rho - radius) ** 2)
@@ -119,24 +131,44 @@ def _foot(point, part):
 
 @routine
 def _narrow(low, high, angle, best, lip, frame, part):
-    """The least distance between two angles, by golden section, and its angle; starts from one that
-    is known."""
+    """The least distance between two angles, and its angle; starts from one that is known."""
     keep_apart()
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    fa, fb = _distance(a, lip, frame, part), _distance(b, lip, frame, part)
+    second, third, value2, value3 = angle, angle, best, best  # the best so far but for ``angle``
+    step = last = 0.0
     for _ in range(_NARROWINGS):
-        if fa < best:
-            best, angle = fa, a
-        if fb < best:
-            best, angle = fb, b
-        if best == 0.0:
+        middle = 0.5 * (low + high)
+        if best == 0.0 or max(angle - low, high - angle) <= 2.0 * _CLOSE:
             break
-        if fa <= fb:
-            high, b, fb = b, a, fa
-            a = high - _GOLDEN * (high - low)
-            fa = _distance(a, lip, frame, part)
+        r, q = (angle - second) * (best - value3), (angle - third) * (best - value2)
+        p = (angle - third) * q - (angle - second) * r
+        q = 2.0 * (q - r)
+        p, q = (-p, q) if q > 0.0 else (p, -q)
+        before, last = last, step
+        if abs(p) < abs(0.5 * q * before) and q * (low - angle) < p < q * (high - angle):
+            step = p / q  # to the least of the parabola
+            if angle + step - low < 2.0 * _CLOSE or high - angle - step < 2.0 * _CLOSE:
+                step = _CLOSE if angle < middle else -_CLOSE
         else:
-            low, a, fa = a, b, fb
-            b = low + _GOLDEN * (high - low)
-            fb = _distance(b, lip, frame, part)
+            last = (high if angle < middle else low) - angle
+            step = _GOLDEN * last
+        if abs(step) < _CLOSE:
+            step = _CLOSE if step > 0.0 else -_CLOSE
+        at = angle + step
+        value = _distance(_point(at, lip, frame), part)
+        if value <= best:
+            if at < angle:
+                high = angle
+            else:
+                low = angle
+            second, third, angle = angle, second, at
+            value2, value3, best = best, value2, value
+        else:
+            if at < angle:
+                low = at
+            else:
+                high = at
+            if value <= value2 or second == angle:
+                second, third, value2, value3 = at, second, value, value2
+            elif value <= value3 or third in (angle, second):
+                third, value3 = at, value
     return best, angle

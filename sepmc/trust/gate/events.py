@@ -76,7 +76,8 @@ def add_releases(draft: Draft, until: Callable[[dict[str, str], float, float], T
 
 
 def add_events(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
-    """Instants that are told of, by conditions such as end phases; ``until`` as above."""
+    """Instants that are told of, by conditions such as end phases (``until`` as above), and those
+    at which springs have come to their ends, one or several."""
     dice, tree = draft.dice, draft.tree
     if "event" not in draft.late:
         return
@@ -85,13 +86,8 @@ def add_events(draft: Draft, until: Callable[[dict[str, str], float, float], Tre
         past = dice.between(0.05, 1.0) * draft.span
         when = ending(draft, held, lambda past=past: until(held, past, past))  # type: ignore[misc]
         _add_event(draft, when)
-
-
-def add_ends_of_springs(draft: Draft) -> None:
-    """Instants at which springs have come to their ends, one or several."""
-    dice = draft.dice
-    springs = [s["name"] for s in draft.tree.get("spring", []) if "stroke_m" in s]
-    if "event" in draft.late and springs and dice.chance(0.7):
+    springs = [s["name"] for s in tree.get("spring", []) if "stroke_m" in s]
+    if springs and dice.chance(0.7):
         ends: list[Tree] = [{"spring": name} for name in dice.some(springs, dice.pick([1, 2, 3]))]
         _add_event(draft, ends[0] if len(ends) == 1 else {dice.pick(["any", "all"]): ends})
 

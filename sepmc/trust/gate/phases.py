@@ -51,9 +51,13 @@ def add_phases(draft: Draft) -> None:
             phase["until"] = ending(draft, held, partial(_until, draft, held, span, past))
         tree["phase"].append(phase)
     add_releases(draft, partial(_until, draft))
-    add_events(draft, partial(_until, draft))
     if dice.chance(0.3) and tree["joint"]:
         tree["output"] = {"tip_off": dice.some(list(tree["joint"]), dice.pick([1, 2]))}
+
+
+def add_instants(draft: Draft) -> None:
+    """Instants that are told of, in a scene that is complete but for these."""
+    add_events(draft, partial(_until, draft))
 
 
 def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree:

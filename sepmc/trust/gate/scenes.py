@@ -27,13 +27,12 @@ from sepmc.trust.gate.bodies import add_air, add_bodies, add_environment, add_st
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import add_dispersions
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
-from sepmc.trust.gate.events import add_ends_of_springs
 from sepmc.trust.gate.guides import add_guides, add_outputs
 from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
 from sepmc.trust.gate.names import Names
 from sepmc.trust.gate.outlines import add_clearances
-from sepmc.trust.gate.phases import add_phases
+from sepmc.trust.gate.phases import add_instants, add_phases
 from sepmc.trust.gate.tables import add_aero_tables, add_increments, add_profiles
 
 SPECIAL = {
@@ -102,7 +101,8 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     add_guides(draft)
     _run(draft)
     add_outputs(draft)
-    add_ends_of_springs(draft)
+    draft.dice = draft.names.dice = Dice(seed, 2)  # a scene is else as it is without them
+    add_instants(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

@@ -10,7 +10,7 @@ import numpy as np
 GROUND = "ground"
 # of a case, that peers fly, or that do not move a body
 _TABLES = {"body", "joint", "motor", "spring", "load", "proximity", "phase", "release", "clearance"}
-_TABLES |= {"environment", "initial", "run", "solver", "output"}
+_TABLES |= {"environment", "initial", "run", "solver", "output", "event"}
 Array = np.ndarray
 
 

@@ -93,6 +93,8 @@ def condition(case: Case, table: dict[str, Any]) -> Condition:
     here = Condition()
     if table.get("time") is not None:
         here.times.append(table["time"])
+    if table.get("spring") is not None:
+        raise ValueError("other engines fly no phase that a spring ends")
     if table.get("burn_out") is not None:
         (motor,) = (m for m in case.data["motor"] if m["name"] == table["burn_out"])
         here.times.append(loads.burn_out(motor))
