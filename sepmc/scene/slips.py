@@ -192,17 +192,17 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
 
 
 def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
-    """Outputs and clearances that wait for a joint that is never let go, events for a spring that
-    never ends."""
+    """Outputs and clearances that wait for a joint that is never let go, conditions on a spring
+    that never ends."""
     varied = {d.parameter.path for d in dispersions}
-    for event in scene.event:
-        for name in _springs_of(event.when):
+    waiting = [(f"phase.{p.name}.until", p.until) for p in scene.phase if p.until is not None]
+    waiting += [(f"release.{r.name}.when", r.when) for r in scene.release]
+    waiting += [(f"event.{e.name}.when", e.when) for e in scene.event]
+    for place, condition in waiting:
+        for name in _springs_of(condition):
             spring = next(one for one in scene.spring if one.name == name)
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
-                yield (
-                    f"event.{event.name}.when: spring {name} has no stroke_m, so it pushes on and "
-                    "the event never comes"
-                )
+                yield f"{place}: spring {name} has no stroke_m, so it pushes on and never ends"
     last = scene.phase[-1].joints
     let_go = {name for name in scene.joint if last.get(name, "free") == "free"}
     let_go |= {release.joint for release in scene.release}
