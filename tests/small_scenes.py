@@ -6,6 +6,16 @@ import tomllib
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.read import parse_campaign
 
+# A spring that pushes the two bodies of `conftest.pair` apart, and the mass that it moves, kg.
+PUSH = {
+    "name": "push",
+    "bodies": ["fore", "aft"],
+    "point_m": [2.0, 0.0, 0.0],
+    "axis": [-1.0, 0.0, 0.0],
+    "force_N": 12.0,
+}
+REDUCED = 3.0 * 1.0 / (3.0 + 1.0)
+
 # An arm and a bob hang from the ground in a wind: universal, spherical and revolute joints,
 # aerodynamics with every term, phases that end by a time, a distance and a stroke along a custom
 # joint's axis, a delay, constant gravity, motors with tail-off and profile,

@@ -7,20 +7,14 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from small_scenes import PUSH as ENDLESS
+from small_scenes import REDUCED
 
 from sepmc.scene.messages import SceneError
 from sepmc.scene.slips import slips
 from sepmc.trust.independent.flight import fly
 
-REDUCED = 3.0 * 1.0 / (3.0 + 1.0)  # kg, of the pair
-PUSH = {
-    "name": "push",
-    "bodies": ["fore", "aft"],
-    "point_m": [2.0, 0.0, 0.0],
-    "axis": [-1.0, 0.0, 0.0],
-    "force_N": 12.0,
-    "stroke_m": 0.1,
-}
+PUSH = ENDLESS | {"stroke_m": 0.1}
 ASIDE = PUSH | {"name": "aside", "point_m": [2.0, 0.02, 0.01], "force_N": 6.0, "stroke_m": 0.15}
 FREE = {
     "phase": [{"name": "free"}],
@@ -201,7 +195,6 @@ def test_what_is_refused(pair, settings, said):
 
 def test_a_spring_without_an_end_is_a_slip(pair):
     """It pushes on, so the event never comes; unless its stroke varies."""
-    endless = {key: value for key, value in PUSH.items() if key != "stroke_m"}
     event = {"name": "pushed", "when": {"any": [{"spring": "push"}]}}
-    campaign = pair(FREE | {"spring": [endless], "event": [event]})
+    campaign = pair(FREE | {"spring": [ENDLESS], "event": [event]})
     assert any("spring push has no stroke_m" in said for said in slips(campaign.scene, ()))

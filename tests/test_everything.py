@@ -114,7 +114,7 @@ def assert_row(status, outcomes, errors, result, number):
             outcomes[name],
             result.table[name][number],
             rtol=0,
-            atol=(1e-9 + told) * np.nanmax(np.abs(result.table[name]), initial=1e-5),
+            atol=(1e-9 + told) * np.nanmax(np.abs(result.table[name]), initial=1e-6),
             err_msg=name,
         )
 

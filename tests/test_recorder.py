@@ -129,7 +129,7 @@ def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
     case.store("A", root + inverse)
     case.store("B", root * inverse + mass)
     text = Text()
-    case.write_in_loops(text, 2)
+    case.write(text, 2)
     assert text.lines == [
         "for l in range(LANES):",
         "    parameter = w[P + 7 * LANES + l]",

@@ -8,20 +8,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
+from small_scenes import PUSH, REDUCED
 
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.remarks import remarks
 
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
 STILL = FREE | {"initial.speed_m_s": 0.0, "initial.altitude_m": 0.0}
-PUSH = {
-    "name": "push",
-    "bodies": ["fore", "aft"],
-    "point_m": [2.0, 0.0, 0.0],
-    "axis": [-1.0, 0.0, 0.0],
-    "force_N": 12.0,
-}
-REDUCED = 3.0 * 1.0 / (3.0 + 1.0)  # kg, of the pair
 MASS = {"fore": 3.0, "aft": 1.0}
 INERTIA = {
     "fore": np.diag([3.0, 4.0, 5.0]),

@@ -10,7 +10,7 @@ from sepmc.kernel.context import Context, height, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
 from sepmc.kernel.outcomes import emit_results, kept, kept_angle
 from sepmc.kernel.recorder import Scope, Value, total, where
-from sepmc.kernel.shape import APART, Change, Release, Stage, met, numbers_of
+from sepmc.kernel.shape import APART, Change, Release, Stage, ended, met, numbers_of
 from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
@@ -195,17 +195,11 @@ def _holds(
 ) -> Value:
     """Whether any of the clauses of what is told is met, each all of conditions; of these, times
     that have come and ends of springs are noted."""
-    now, flags = scope.load("T"), {}
+    flags = {}
     for number in numbers_of(told.clauses):
         flags[number] = scope.load(met(stage, number)) > 0.0
-    for number, places in told.times.items():
-        flags[number] = flags[number] | (
-            now >= total([c.case.number(place) for place in places]) - _SAME_TIME
-        )
-        scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
-    for number, spring in told.springs.items():
-        c.start(f"SPENT_{spring}", 0.0)
-        flags[number] = flags[number] | (scope.load(f"SPENT_{spring}") > 0.0)
+    for number, comes in _comes_now(scope, c, told):
+        flags[number] = flags[number] | comes
         scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
     found = None
     for clause in told.clauses:
@@ -215,6 +209,17 @@ def _holds(
         found = together if found is None else found | together
     assert found is not None
     return found
+
+
+def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tuple[int, Value]]:
+    """Conditions, by number, that no step is aimed at, for time or a spring tell: whether each
+    holds."""
+    now = scope.load("T")
+    for number, places in told.times.items():
+        yield number, now >= total([c.case.number(place) for place in places]) - _SAME_TIME
+    for number, spring in told.springs.items():
+        c.start(ended(spring), 0.0)
+        yield number, scope.load(ended(spring)) > 0.0
 
 
 def _note_told(text: Text, c: Context, stage: Stage) -> None:

@@ -9,6 +9,7 @@ from sepmc.kernel.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.kernel.geometry import Line, State
 from sepmc.kernel.packing import aero_terms
 from sepmc.kernel.recorder import Value, total, where
+from sepmc.kernel.shape import ended
 from sepmc.kernel.tables import looks_up
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
@@ -314,8 +315,8 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
         *strengths, line.length - s.spring_start(spring), line.rate
     )
     if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
-        s.c.start(f"SPENT_{spring.name}", 0.0)
-        push = where(s.scope.load(f"SPENT_{spring.name}") > 0.0, 0.0, push)
+        s.c.start(ended(spring.name), 0.0)
+        push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)
     push = push.called("push")
     _push_apart(s, spring.bodies, line, push, found)
 

@@ -285,17 +285,11 @@ class Scope:
         """All that leads to what is stored, for one lane."""
         return [line for _, _, line in _Writer(self, {}).lines()]
 
-    def write(self, text: Text) -> None:
+    def write(self, text: Text, most: float = math.inf) -> None:
         """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads
-        it is not vectorised."""
-        writer = _Writer(self, text.names)
-        lines = writer.lines()
-        text(*writer.shared)
-        _write_loop(text, [line for _, _, line in lines])
-
-    def write_in_loops(self, text: Text, most: int) -> None:
-        """`write` in loops of at most so many lines: the time to compile one grows with the square
-        of its reads and writes. Values that a later loop needs are kept in slabs; of the case."""
+        it is not vectorised. Of the case, loops of at most so many lines: the time to compile one
+        grows with the square of its reads and writes. Values that a later loop needs are kept in
+        slabs."""
         writer = _Writer(self, text.names)
         lines = writer.lines()
         text(*writer.shared)
@@ -307,9 +301,10 @@ class Scope:
         known: dict[str, int] = {}  # names of the loops before, and their nodes
         again: list[dict[str, int]] = []
         for part in parts:
-            words = set(_WORD.findall(" ".join(line for _, line in part)))
+            words = set(_WORD.findall(" ".join(line for _, line in part))) if known else set()
             again.append({name: node for name, node in known.items() if name in words})
-            known |= {name: node for node, name in writer.named.items() if node <= part[-1][0]}
+            last = max((node for node, _ in part), default=-1)
+            known |= {name: node for node, name in writer.named.items() if node <= last}
         crossing = {node: name for needed in again for name, node in needed.items()}
         read = {node for node in crossing if self.nodes[node][0] == "parameter"}
         fresh = crossing.keys() - self._kept.keys() - read
@@ -325,13 +320,9 @@ class Scope:
                 loop.append(line)
                 if node in fresh and line.startswith(f"{crossing[node]} = "):
                     loop.append(writer.store(places[node], values[node]))
-            _write_loop(text, loop)
-
-
-def _write_loop(text: Text, lines: list[str]) -> None:
-    inner = text.lanes()
-    for line in lines:
-        inner.broken(line)
+            inner = text.lanes()
+            for line in loop:
+                inner.broken(line)
 
 
 class _Writer:

@@ -65,10 +65,15 @@ class Event:
         if self.ends_phase:
             return "DONE"
         return (
-            f"SPENT_{self.which}"
+            ended(self.which)
             if self.number < 0
             else met(APART if self.apart else stage, self.number)
         )
+
+
+def ended(spring: str) -> str:
+    """Where it is noted that a spring has come to the end of its stroke."""
+    return f"SPENT_{spring}"
 
 
 APART = "apart"  # in place of a phase, of a condition that releases a joint in any

@@ -56,7 +56,7 @@ def emit_prepare(out: Text, c: Context) -> None:
             f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
             "put4(w, AIR + l, air)",
         )
-    scope.write_in_loops(text, _MOST_LINES)
+    scope.write(text, _MOST_LINES)
 
 
 def _some(place: int | None) -> list[int]:

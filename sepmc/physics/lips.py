@@ -11,8 +11,8 @@ import math
 
 from sepmc.jit import formula, keep_apart, long_formula, routine
 from sepmc.physics.elementary import sine_cosine
-from sepmc.physics.outlines import any_normal, split
-from sepmc.physics.vec3 import add, cross, dot, scale, sub
+from sepmc.physics.outlines import any_normal
+from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 _PIECES = 72  # of the circle
 # of the radius: where neighbours differ by less (solid and shell on one axis), nothing between them

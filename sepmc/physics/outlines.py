@@ -15,7 +15,7 @@ import math
 
 from sepmc.jit import formula, keep_apart, long_formula, routine
 from sepmc.physics.separation import widest_gap
-from sepmc.physics.vec3 import add, cross, dot, scale, sub
+from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 # Stop once the distance is known to this share of itself, plus this share of the coordinates (their
 # round-off).
@@ -177,15 +177,6 @@ def _furthest(part, d):
     if not s > 4e-15 * abs(along):  # along the axis: all of the end is as far
         return start
     return add(start, scale(radius / s, across))
-
-
-@routine
-def split(d, axis):
-    """Component of d along a unit vector, and the rest; projected twice, so that a short rest is
-    normal to the axis too."""
-    along = dot(d, axis)
-    across = sub(d, scale(along, axis))
-    return along, sub(across, scale(dot(across, axis), axis))
 
 
 @routine

@@ -21,8 +21,8 @@ import math
 
 from sepmc.jit import keep_apart, long_formula, routine
 from sepmc.physics.elementary import arctan2, sine_cosine
-from sepmc.physics.outlines import THROUGH, any_normal, split
-from sepmc.physics.vec3 import add, cross, dot, scale, sub
+from sepmc.physics.outlines import THROUGH, any_normal
+from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 _ROUNDS = 80  # of Newton or halving: 4 on average, 55 where the summit is at an end of the arc
 _CLOSE = 1e-8  # rad: a Newton step below this squares to below round-off

@@ -19,7 +19,7 @@ greatest g, p - q is along u, and both are as long: any other pair of points is 
 import math
 
 from sepmc.jit import formula, keep_apart, long_formula
-from sepmc.physics.vec3 import add, cross, dot, scale, sub
+from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 _STEPS = 8  # 2 are usual
 _NEAR_SIDE = 0.2  # sine of the angle to the normal of a side: first steps take it to be normal
@@ -105,9 +105,7 @@ def _step(t, g, bend_a, bend_b, on_a, on_b):
 @formula
 def _radial(part, d):
     """Of a unit vector: sine to the axis of a part, and its unit vector across the axis."""
-    along = dot(d, part[1])
-    across = sub(d, scale(along, part[1]))
-    across = sub(across, scale(dot(across, part[1]), part[1]))  # twice, to be normal if it is short
+    _, across = split(d, part[1])
     s = math.sqrt(dot(across, across))
     return s, scale(1.0 / s, across) if s > 0.0 else across
 
@@ -118,7 +116,7 @@ def _lean(part, d):
     that way."""
     along, rise = dot(d, part[1]), part[4] - part[3]
     s = math.sqrt(max(0.0, 1.0 - along * along))
-    slant = math.sqrt(part[2] * part[2] + rise * rise)
+    slant = _slant(part)
     return (part[2] * along + rise * s) / slant if part[2] > 0.0 else (1.0 if rise > 0.0 else -1.0)
 
 
@@ -127,11 +125,15 @@ def _normal_to_side(part, d):
     """The unit vector normal to the side of a part that is nearest to d; d if it is along the
     axis."""
     s, w = _radial(part, d)
-    rise = part[4] - part[3]
-    slant = math.sqrt(part[2] * part[2] + rise * rise)
+    rise, slant = part[4] - part[3], _slant(part)
     if not s > _FLAT:
         return d
     return add(scale(-rise / slant, part[1]), scale(part[2] / slant, w))
+
+
+@formula
+def _slant(part):
+    return math.sqrt(part[2] * part[2] + (part[4] - part[3]) * (part[4] - part[3]))
 
 
 @formula

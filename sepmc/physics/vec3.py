@@ -2,7 +2,7 @@
 
 import math
 
-from sepmc.jit import formula
+from sepmc.jit import formula, routine
 
 
 @formula
@@ -124,6 +124,15 @@ def is_positive_definite(m):
 def get(w, k):
     """Vector that starts at w[k]."""
     return (w[k], w[k + 1], w[k + 2])
+
+
+@routine
+def split(d, axis):
+    """Component of d along a unit vector, and the rest; projected twice, so that a short rest is
+    normal to the axis too."""
+    along = dot(d, axis)
+    across = sub(d, scale(along, axis))
+    return along, sub(across, scale(dot(across, axis), axis))
 
 
 @formula

@@ -252,7 +252,7 @@ def _along(pair, w, pose):
     centre, normal, radius = _rim(solid, end)
     tilt = vec3.cross(normal, shell[1])
     half = radius * math.sqrt(vec3.dot(tilt, tilt))
-    middle, across = outlines.split(vec3.sub(centre, shell[0]), shell[1])
+    middle, across = vec3.split(vec3.sub(centre, shell[0]), shell[1])
     return middle - half, middle + half, math.sqrt(vec3.dot(across, across)) + radius
 
 
