@@ -249,6 +249,7 @@ class Contents:
     clearances: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
+    pins: dict[str, int] = field(default_factory=dict)  # of all joints that have a guide
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -306,7 +307,19 @@ def _at_event(contents: Contents, event: str) -> list[Column]:
         prefix = f"{event}_" if len(contents.joints) == 1 else f"{event}_{joint}_"
         for column in _fill(_JOINT[:2], prefix, joint):
             found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
+    for column in _distances(contents):
+        meaning = f"{column.meaning}, at {event}"
+        found.append(replace(column, name=f"{event}_{column.name}", meaning=meaning))
     return found
+
+
+def _distances(contents: Contents) -> list[Column]:
+    """Of every clearance, what it is at an instant."""
+    meaning = "distance of {0}; NaN before it counts, or while no rim is within a shell"
+    return [
+        Column(f"{name}_clearance_mm", "mm", meaning.format(name), 1000.0)
+        for name in contents.clearances
+    ]
 
 
 def audit_columns() -> list[Column]:
@@ -355,4 +368,9 @@ def history_columns(contents: Contents) -> list[Column]:
                     f"gap r_{pair[1]} - r_{first} at joint {joint}, {axis} axis of {first}",
                 )
             )
-    return columns
+    for joint, pins in contents.pins.items():
+        for pin in range(1, pins + 1):
+            for end in ("mouth", "tip"):
+                meaning = f"lateral load of pin {pin} of {joint} at its {end}, while it may slide"
+                columns.append(Column(f"{joint}_pin{pin}_{end}_load_N", "N", meaning))
+    return columns + _distances(contents)

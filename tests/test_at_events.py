@@ -83,6 +83,37 @@ def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
             assert_allclose(value, ended[name], rtol=1e-8, atol=1e-8)
 
 
+OUTLINES = {
+    "body.fore.outline": [
+        {"stations_m": [0.0, 1.9], "radii_m": [0.1, 0.3]},
+        {"stations_m": [1.9, 2.4], "radii_m": [0.35, 0.35], "hollow": True},
+    ],
+    "body.aft.outline": [{"stations_m": [2.0, 4.0], "radii_m": [0.2, 0.3]}],
+}
+GAPS = [
+    {"name": "gap", "bodies": ["fore", "aft"]},
+    {"name": "freed", "bodies": ["aft", "fore"], "after": "pins"},
+]
+
+
+@pytest.mark.parametrize(
+    ("when", "counts"),
+    [({"time_s": 0.02}, False), ({"time_s": 0.05}, True), ({"spring": "aside"}, True)],
+    ids=["before", "at the release", "after"],
+)
+def test_clearances_at_an_event(pair, when, counts):
+    """The distance then, of those that count by then: as the independent flight has it."""
+    scene = FREE | LET_GO | OUTLINES | {"spring": [PUSH, ASIDE], "clearance": GAPS}
+    campaign = pair(scene | {"event": [{"name": "now", "when": when}]})
+    found, apart = told(campaign, "now"), fly(campaign.case(0).to_dict()).outcomes
+    names = ("gap_clearance_mm", "freed_clearance_mm")
+    assert_allclose(
+        [found[name] for name in names], [apart[f"now_{name}"] for name in names], atol=1e-7
+    )
+    assert math.isfinite(found["gap_clearance_mm"])
+    assert math.isfinite(found["freed_clearance_mm"]) == counts
+
+
 def test_tip_off_is_what_is_told_at_a_release(pair):
     """Rates when a joint becomes free, by both ways to ask for them."""
     event = {"name": "freed", "when": {"time_s": 0.05}}

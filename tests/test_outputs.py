@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
@@ -279,6 +279,23 @@ def test_pin_loads(pair):
     assert_allclose([outcomes[f"pins_pin{i}_peak_load_N"] for i in range(1, 5)], loads, rtol=1e-11)
     assert_allclose(outcomes["pins_time_in_guide_s"], 0.1, rtol=1e-12)
     assert_allclose(outcomes["pins_jam_friction"], 2.0 / total, rtol=1e-11)
+
+
+def test_pin_loads_over_time(pair):
+    """The same at all times of a history, at mouth and tip: the greater is the load of the pin; and
+    none while the pins do not slide."""
+    history, _ = flown(pair(cart(load=[LATERAL])), 0.01)
+    force, moment = lateral_wrench()
+    for time, row in zip(history["time_s"], history.to_dict("records"), strict=True):
+        loads, _ = pins_by_hand(force, moment, 0.25 - time**2)
+        for pin, load in enumerate(loads, 1):
+            ends = [row[f"pins_pin{pin}_{end}_load_N"] for end in ("mouth", "tip")]
+            assert_allclose(max(ends), load, rtol=1e-11)
+    guide = {"joint.pins.guide": {"pins": 2, "circle_m": 0.1, "engaged_m": 0.1}}
+    history, _ = flown(pair(guide | {"phase": GUIDED, "motor": [RETRO], "run.end_time_s": 0.6}))
+    slid = history["pins_pin2_tip_load_N"].notna()
+    assert_array_equal(slid, history["phase"] == "p1")
+    assert slid.any()
 
 
 def test_jam_of_a_couple(pair):
@@ -757,6 +774,36 @@ def test_clearance_after_a_joint(pair):
     assert outcomes["all_recontact"] == 1.0
     _, held = flown(campaign.with_settings({"joint.pins.fails": 1}), status="never-released")
     assert all(math.isnan(value) for name, value in held.items() if name.startswith("gap_"))
+
+
+def test_clearance_over_time(pair):
+    """Every row of a history has the distance of that instant; the outcome is the least of them.
+    None before the joint is free."""
+    fore, aft = [cylinder(2.3, 2.6, 0.4)], [{"points_m": [[1.5, 0.97, 0.0]]}]
+    history, outcomes = flown(
+        pair(tubes({"fore": fore, "aft": aft}, load=[PAST], run__end_time_s=1.2)), 0.01
+    )
+    station, y = 1.5 + history["time_s"] ** 2, 0.97 - 2.0 * history["time_s"] ** 2
+    distance = np.hypot(
+        np.maximum(np.maximum(2.3 - station, station - 2.6), 0.0), np.maximum(np.abs(y) - 0.4, 0.0)
+    )
+    assert_allclose(history["gap_clearance_mm"], 1e3 * distance, rtol=0, atol=1e-8)
+    assert outcomes["gap_clearance_mm"] <= history["gap_clearance_mm"].min() + 1e-9
+    bodies = {"fore": [cylinder(0.0, 2.0, 0.2)], "aft": [cylinder(2.0, 4.0, 0.2)]}
+    history, _ = flown(
+        pair(
+            tubes(
+                bodies,
+                clearance=[{"name": "gap", "bodies": ["fore", "aft"], "after": "pins"}],
+                phase=phases((SLIDER, {"joint": "pins", "stroke_mm": 50.0}), (FREE, None)),
+            )
+        )
+    )
+    free = history["phase"] == history["phase"].iloc[-1]
+    assert history["gap_clearance_mm"][~free].isna().all()
+    assert_allclose(
+        history["gap_clearance_mm"][free], history["separation_distance_mm"][free], rtol=1e-9
+    )
 
 
 def test_clearance_between_turning_bodies(pair):

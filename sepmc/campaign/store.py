@@ -36,6 +36,8 @@ _FIGURES = (
     "rates",
     "angles",
     "axial_acceleration",
+    "clearances",
+    "pin_loads",
     "requirements",
     "convergence",
     "drivers",

@@ -56,7 +56,6 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
             )
         share = share * reach
     s.scope.write(text)
-    model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
     counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}"
     if entry.after in stage.masked:
         counts += f" and ({among(entry.after, stage.free(entry.after))})"
@@ -64,9 +63,23 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
-        f"w[JOB + {at.JOB_POWERS}] = {float(powers)}",
     )
-    for k, body in enumerate(entry.bodies):
+    found = ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES)
+    _ask(text, c, i, powers, found)
+    inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
+    inner(
+        f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} "
+        "+ k]"
+    )
+    text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
+
+
+def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:
+    """Lines that search what PATH tells of a lane, by so many powers, for a clearance; ``more``
+    that it is to begin with: slab, the first of its numbers, place in the job, count."""
+    text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
+    model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
+    for k, body in enumerate(c.shape.scene.clearance[i].bodies):
         first, count = (
             int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
         )
@@ -74,19 +87,40 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         text(f"w[JOB + {place}], w[JOB + {place + 1}] = float(SHARED + {first}), {float(count)}")
     for slab, first, place, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
-        ("CLEARANCES", at.CLEARANCE_OUTCOMES * i, at.JOB_FOUND, at.CLEARANCE_OUTCOMES),
+        *more,
         ("PATH", 0, at.JOB_PATH, powers * at.PATH),
     ):
         text.block(f"for k in range({count}):")(
             f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]"
         )
     text("clearance(w, JOB)")
-    inner = text.block(f"for k in range({at.CLEARANCE_OUTCOMES}):")
-    inner(
-        f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} "
-        "+ k]"
+
+
+def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None:
+    """Lines that put the distance of a clearance's bodies at a state into ``place`` of the lanes,
+    NaN where it does not count yet: a step in which nothing moves is searched for it."""
+    entry = s.shape.scene.clearance[i]
+    path = State(s.c, s.c.scope(), s.stage, s.slab, s.clock)
+    a, b = (path.place(body) for body in entry.bodies)
+    path.scope.store("PATH", vec3.sub(b, a))
+    for k, body in enumerate(entry.bodies):
+        path.scope.store(part("PATH", 3 + 4 * k), _quaternion(path, body))
+    path.scope.write(text)
+    text = text.lanes()
+    text(f"w[{place} + l] = math.nan")
+    text = text.block(f"if {counts}:")
+    text(
+        f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = 0.0, 1.0",
+        f"w[JOB + {at.JOB_FOUND}], w[JOB + {at.JOB_FOUND + 1}] = math.nan, math.nan",
     )
-    text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
+    _ask(text, s.c, i, 1)
+    text(f"w[{place} + l] = w[JOB + {at.JOB_FOUND}]")
+
+
+def counts_from_start(c: Context, i: int) -> bool:
+    """Whether a clearance counts from the start of a flight, whatever is let go."""
+    after, first = c.shape.scene.clearance[i].after, c.shape.stages[0]
+    return after is None or min(first.may[after]) in first.free(after)
 
 
 def _place(s: State, body: str, q: int) -> Any:
@@ -103,6 +137,12 @@ def _attitude(s: State, body: str, q: int) -> Any:
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
     return s.scope.load(f"{_slab(q)} + Q_{leader}", 4)
+
+
+def _quaternion(s: State, body: str) -> Any:
+    """Attitude quaternion of a body at a state."""
+    leader = s.stage.leader(body)
+    return s.case.attitude if leader == GROUND else s.quaternion(leader)
 
 
 def _slab(q: int) -> str:

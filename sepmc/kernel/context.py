@@ -78,6 +78,11 @@ class Context:
         """Joints whose pins are followed over the flight."""
         return self.shape.scene.output.guide
 
+    @property
+    def guided(self) -> list[str]:
+        """Joints whose pins a full history tells of."""
+        return [name for name, joint in self.shape.scene.joint.items() if joint.guide is not None]
+
     def pins(self, joint: str) -> int:
         """Number of pins of a joint."""
         guide = self.shape.scene.joint[joint].guide

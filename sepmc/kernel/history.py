@@ -1,12 +1,17 @@
 """Lines of a written kernel that write what is so over time: separations, or all there is to
 know."""
 
+import math
 from typing import Any
 
-from sepmc.kernel.context import Context, part
-from sepmc.kernel.formulas import ZERO, quat, scalar, vec3
+from sepmc.kernel.clearances import clearance_now
+from sepmc.kernel.context import Context, among, part
+from sepmc.kernel.formulas import ZERO, quat, scalar, square_root, vec3
 from sepmc.kernel.geometry import State
+from sepmc.kernel.guides import pin_forces
+from sepmc.kernel.motion import Motion
 from sepmc.kernel.outcomes import of_body
+from sepmc.kernel.recorder import Value, where
 from sepmc.kernel.shape import Stage
 from sepmc.kernel.steps import emit_spread
 from sepmc.kernel.text import Text
@@ -111,10 +116,28 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
                 if vector is ZERO
                 else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector))
             )
-    c.slabs.add("ROW", len(row))
+    row += [load for joint in c.guided for load in _pin_loads(s, motion, joint)]
+    clearances = c.shape.scene.clearance
+    c.slabs.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):
         s.scope.store(part("ROW", k), value)
     s.scope.write(text)
+    for i, entry in enumerate(clearances):
+        counts = "True" if i in c.counted(stage) else "False"
+        if entry.after in stage.masked:
+            counts = among(entry.after, stage.free(entry.after)) or "False"
+        clearance_now(text, s, i, counts, part("ROW", len(row) + i))
+
+
+def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
+    """Lateral load of every pin of a joint at the mouth and at the tip, while they may slide."""
+    if not s.stage.sliding(joint):
+        return [math.nan] * 2 * s.c.pins(joint)
+    sliding = s.sliding(joint)
+    loads = [square_root(y * y + z * z).called("load") for y, z in pin_forces(s, motion, joint)]
+    return (
+        [where(sliding > 0.0, x, math.nan) for x in loads] if isinstance(sliding, Value) else loads
+    )
 
 
 def _angles(s: State, leader: str) -> tuple[Any, Any]:

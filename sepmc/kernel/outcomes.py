@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from sepmc.kernel.clearances import clearance_now, counts_from_start
 from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.geometry import State
@@ -50,10 +51,12 @@ def emit_report(out: Text, c: Context) -> None:
         o += at.JOINT_OUTCOMES
     for k, value in enumerate(guide_outcomes(s)):
         s.scope.store(part("OF_GUIDES", k), value)
-    o = 0
-    for event in shape.scene.event:
-        o = _at_event(s, event.name, o)
+    events = [event.name for event in shape.scene.event]
+    for number, event in enumerate(events):
+        _at_event(s, event, number * _told_at_event(c))
     s.scope.write(text)
+    for number, event in enumerate(events):
+        _clearances_at_event(text, s, event, (number + 1) * _told_at_event(c))
 
 
 def kept(event: str) -> str:
@@ -66,12 +69,17 @@ def kept_angle(c: Context, event: str, body: str, k: int) -> str:
     return part(kept(event), c.size + 2 * c.shape.bodies.index(body) + k)
 
 
-def _at_event(end: State, event: str, o: int) -> int:
+def _told_at_event(c: Context) -> int:
+    """How many numbers are told at an event."""
+    scene = c.shape.scene
+    return 1 + AT_EVENT * len(c.shape.bodies) + 2 * len(scene.joint) + len(scene.clearance)
+
+
+def _at_event(end: State, event: str, o: int) -> None:
     """The time of an event, rates and attitudes of all bodies and all separations then, from number
-    ``o`` of OF_EVENTS on; returns the number behind them."""
+    ``o`` of OF_EVENTS on."""
     c, scope, shape = end.c, end.scope, end.shape
-    numbers = 1 + AT_EVENT * len(shape.bodies) + 2 * len(shape.scene.joint)
-    c.slabs.add("OF_EVENTS", len(shape.scene.event) * numbers, optional=True)
+    c.slabs.add("OF_EVENTS", len(shape.scene.event) * _told_at_event(c), optional=True)
     c.start(f"COMES_{event}", math.inf)
     s = State(c, scope, end.stage, kept(event), f"COMES_{event}")
 
@@ -88,7 +96,17 @@ def _at_event(end: State, event: str, o: int) -> int:
         found += [line.rate, line.length]
     for k, value in enumerate(found):
         scope.store(part("OF_EVENTS", o + k), where(came, value, math.nan))
-    return o + numbers
+
+
+def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> None:
+    """Lines for all clearances at an event, into OF_EVENTS, up to number ``behind``."""
+    c, clearances = end.c, end.shape.scene.clearance
+    s = State(c, end.scope, end.stage, kept(event), f"COMES_{event}")
+    for i, entry in enumerate(clearances):
+        counts = f"w[COMES_{event} + l] < math.inf"
+        if not counts_from_start(c, i):
+            counts += f" and w[COMES_{event} + l] >= w[RELEASE_{entry.after} + l]"
+        clearance_now(text, s, i, counts, part("OF_EVENTS", behind - len(clearances) + i))
 
 
 def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:

@@ -1,27 +1,31 @@
 """The least distance from the lip of a shell, a circle, to a solid part, all in one frame and in
 metres.
 
-Around the circle the distance to a convex body falls and rises a few times at most: once where the
-solid stands within the shell or beside it, twice where it lies across. It is looked at in steps of
-5 deg, and every least is narrowed down (Brent, Algorithms for Minimization without Derivatives,
-1973, ch. 5: parabolas, and golden section where these do not serve).
+The circle is told as rims are (`rims.axes`): seen along the axis of the part it is an ellipse, and
+a point of it lies (z, rho) in the half plane through that axis, where the part is a trapezoid. A
+distance f from a convex body is convex along lines, so around a circle its second derivative is
+nowhere less than so much (`_bend`): next to nothing where both are all but on one axis. What f is
+nowhere less than between two points then follows from its values and slopes there (Piyavskii's
+method): no dip is missed, and steps are long where f is far from its least.
 """
 
 import math
 
-from sepmc.jit import formula, keep_apart, long_formula, routine
+from sepmc.jit import keep_apart, long_formula, routine
 from sepmc.physics.elementary import sine_cosine
-from sepmc.physics.outlines import any_normal
-from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
+from sepmc.physics.rims import axes, place
+from sepmc.physics.vec3 import add, dot, scale, split, sub
 
-_PIECES = 72  # of the circle
-# of the radius: where neighbours differ by less (solid and shell on one axis), nothing between them
-# is nearer
-_FLAT = 1e-13
-_COSINE, _SINE = math.cos(2.0 * math.pi / _PIECES), math.sin(2.0 * math.pi / _PIECES)
-_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+_FEW = 8  # points of the circle, from the lowest of which the way goes down
+_PIECE = 2.0 * math.pi / _FEW
 _CLOSE = 1e-9  # rad, of which the square counts
-_NARROWINGS = 60  # 9 are usual
+_NARROWINGS = 60  # 6 are usual
+# rad, between points that are looked at in the end: between them a dip goes no deeper below the
+# least than 5e-6 of the bend
+_FINEST = 2.0 * math.pi / 1000.0
+_SAME = 1e-14  # of the radius: what is lower by less is as low
+_GROWTH = 4.0  # of steps away from the least
+_DIPS = 16  # of the distance around the circle, each lower than the one before; 1 is usual
 
 
 @long_formula
@@ -34,29 +38,34 @@ def lip_gap(lip, part):
     """
     keep_apart()
     centre, normal, radius = lip
-    u = any_normal(normal)
-    frame = u, cross(normal, u)
-    size = dot(centre, centre) + dot(part[0], part[0]) + part[2]
-    if math.isnan(size):
+    start, axis, length, r0, r1 = part
+    e, v, sine, cosine = axes(normal, axis)
+    apart = sub(centre, start)
+    x0, y0, z0 = dot(apart, e), dot(apart, v), dot(apart, axis)
+    if math.isnan(x0 + y0 + z0 + sine + length):
         return math.nan, centre, centre
-    piece = 2.0 * math.pi / _PIECES
+    ellipse, section = (x0, y0, z0, radius * cosine, radius, radius * sine), (length, r0, r1)
     best, angle = math.inf, 0.0
-    before = _distance(_turned(_COSINE, -_SINE, lip, frame), part)
-    here = _distance(_turned(1.0, 0.0, lip, frame), part)
-    c, s = _COSINE, _SINE
-    for i in range(_PIECES):
-        at = i * piece
-        after = _distance(_turned(c, s, lip, frame), part)
-        c, s = c * _COSINE - s * _SINE, s * _COSINE + c * _SINE
-        if here <= before and here <= after and here - 0.5 * radius * piece < best:
-            found, place = here, at
-            if max(before, after) > here + _FLAT * radius:
-                found, place = _narrow(at - piece, at + piece, at, here, lip, frame, part)
-            if found < best:
-                best, angle = found, place
-        before, here = here, after
-    on_lip = _point(angle, lip, frame)
-    return best, on_lip, _foot(on_lip, part)
+    for i in range(_FEW):
+        f, _ = _distance(i * _PIECE, ellipse, section)
+        if f < best:
+            best, angle = f, i * _PIECE
+    for _ in range(_DIPS):
+        best, angle = _descend(angle, best, ellipse, section)
+        if best == 0.0:
+            break
+        lower, at = _sweep(1.0, angle, best, ellipse, section)
+        if not lower < best:
+            lower, at = _sweep(-1.0, angle, best, ellipse, section)
+        if not lower < best:
+            break
+        best, angle = lower, at
+    x, y, z, rho = place(angle, 1.0, ellipse)
+    along, out = _nearest(z, rho, length, r0, r1)
+    share = out / rho if rho > 0.0 else 0.0
+    on_lip = add(start, add(add(scale(x, e), scale(y, v)), scale(z, axis)))
+    on_part = add(start, add(add(scale(x * share, e), scale(y * share, v)), scale(along, axis)))
+    return best, on_lip, on_part
 
 
 @long_formula
@@ -75,28 +84,20 @@ def lip_least(lip, part):
 
 
 @routine
-def _point(angle, lip, frame):
-    """Point of the circle at an angle."""
+def _distance(angle, ellipse, section):
+    """Distance of a point of the circle from the part, m, and its slope, m/rad."""
+    x0, y0, z0, a, r, b = ellipse
     s, c = sine_cosine(angle)
-    return _turned(c, s, lip, frame)
-
-
-@formula
-def _turned(c, s, lip, frame):
-    """The same by cosine and sine of the angle."""
-    centre, _, radius = lip
-    return add(centre, add(scale(radius * c, frame[0]), scale(radius * s, frame[1])))
-
-
-@routine
-def _distance(point, part):
-    """Distance of a point from the part: in the half plane through its axis, from the trapezoid it
-    is there."""
-    start, axis, length, r0, r1 = part
-    along, across = split(sub(point, start), axis)
-    rho = math.sqrt(dot(across, across))
-    z, radius = _nearest(along, rho, length, r0, r1)
-    return math.sqrt((along - z) ** 2 + (rho - radius) ** 2)
+    x, y, z = x0 + a * c, y0 + r * s, z0 + b * c
+    rho = math.sqrt(x * x + y * y)
+    along, radius = _nearest(z, rho, section[0], section[1], section[2])
+    dz, dr = z - along, rho - radius
+    f = math.sqrt(dz * dz + dr * dr)
+    if f == 0.0:
+        return 0.0, 0.0
+    # by the angle: x' = -a sin, y' = r cos, z' = -b sin
+    turn = (y * r * c - x * a * s) / rho if rho > 0.0 else 0.0
+    return f, (dr * turn - dz * b * s) / f
 
 
 @routine
@@ -119,56 +120,119 @@ def _nearest(along, rho, length, r0, r1):
 
 
 @routine
-def _foot(point, part):
-    """Nearest point of a part to a point that is not within; the point itself if it is."""
-    start, axis, length, r0, r1 = part
-    along, across = split(sub(point, start), axis)
-    rho = math.sqrt(dot(across, across))
-    z, radius = _nearest(along, rho, length, r0, r1)
-    outward = scale(radius / rho, across) if rho > 0.0 else (0.0, 0.0, 0.0)
-    return add(start, add(scale(z, axis), outward))
+def _bend(ellipse, section, distance):
+    """By how much, at most, the slope of the distance falls in a radian, m, while it is at least
+    half of a ``distance``.
+
+    f'' >= -r, and f'' >= -(b + g D): b tells how z bends, g how much of f is along rho, rho'' >=
+    -D. rho^2 = (x0 + a cos)^2 + (y0 + r sin)^2, so with r^2 - a^2 = b^2 its slope is at most
+    2 |(a x0, r y0)| + b^2, what that changes by at most 2 |(a x0, r y0)| + 2 b^2, and
+    rho'' = (rho^2)'' / (2 rho) - (rho^2)'^2 / (4 rho^3).
+    """
+    x0, y0, z0, a, r, b = ellipse
+    length, r0, r1 = section
+    aside = math.sqrt(x0 * x0 + y0 * y0)
+    least, bend = max(abs(a) - aside, aside - r), r
+    if least > 0.0:
+        lean = 2.0 * math.sqrt((a * x0) ** 2 + (r * y0) ** 2)
+        slope, change = lean + b * b, lean + 2.0 * b * b
+        bend = min(r, change / (2.0 * least) + slope * slope / (4.0 * least**3))
+    # beyond an end, what is over its face is at one distance from it
+    beside = r + aside
+    if z0 + abs(b) <= 0.0:
+        beside = max(0.0, beside - r0)
+    elif z0 - abs(b) >= length:
+        beside = max(0.0, beside - r1)
+    share = 2.0 * beside / distance if distance > 2.0 * beside else 1.0
+    return min(r, abs(b) + share * bend)
 
 
 @routine
-def _narrow(low, high, angle, best, lip, frame, part):
-    """The least distance between two angles, and its angle; starts from one that is known."""
+def _descend(angle, distance, ellipse, section):
+    """From a point of the circle at so much ``distance`` down to a least one: that and its
+    angle."""
     keep_apart()
-    second, third, value2, value3 = angle, angle, best, best  # the best so far but for ``angle``
-    step = last = 0.0
-    for _ in range(_NARROWINGS):
-        middle = 0.5 * (low + high)
-        if best == 0.0 or max(angle - low, high - angle) <= 2.0 * _CLOSE:
+    low, f_low, fall = angle, distance, _distance(angle, ellipse, section)[1]
+    if fall == 0.0:
+        return distance, angle
+    way = 1.0 if fall < 0.0 else -1.0
+    fall, high, rise = -abs(fall), low, 0.0
+    for _ in range(_FEW):
+        high = low + way * _PIECE
+        f, slope = _distance(high, ellipse, section)
+        rise = way * slope
+        if not (f < f_low and rise < 0.0):
             break
-        r, q = (angle - second) * (best - value3), (angle - third) * (best - value2)
-        p = (angle - third) * q - (angle - second) * r
-        q = 2.0 * (q - r)
-        p, q = (-p, q) if q > 0.0 else (p, -q)
-        before, last = last, step
-        if abs(p) < abs(0.5 * q * before) and q * (low - angle) < p < q * (high - angle):
-            step = p / q  # to the least of the parabola
-            if angle + step - low < 2.0 * _CLOSE or high - angle - step < 2.0 * _CLOSE:
-                step = _CLOSE if angle < middle else -_CLOSE
+        low, f_low, fall = high, f, rise
+    return _narrow(low, f_low, fall, high, rise, ellipse, section)
+
+
+@routine
+def _narrow(low, f_low, fall, high, rise, ellipse, section):
+    """The least distance between two angles and where it is, by the root of its slope: toward
+    ``high`` it falls at ``low``, where it is ``f_low``; at ``high`` it rises or is no less."""
+    keep_apart()
+    best, angle, last = f_low, low, 0
+    way = 1.0 if high > low else -1.0
+    for _ in range(_NARROWINGS):
+        wide = abs(high - low)
+        if wide <= 2.0 * _CLOSE:
+            break
+        # the root of the chord of the slopes (Illinois), or the middle
+        share = fall / (fall - rise) if rise > 0.0 else 0.5
+        at = low + way * min(max(share * wide, _CLOSE), wide - _CLOSE)
+        f, slope = _distance(at, ellipse, section)
+        slope = way * slope
+        if f < best:
+            best, angle = f, at
+        if slope < 0.0 and f <= f_low:
+            low, f_low, fall = at, f, slope
+            rise = 0.5 * rise if last == 1 else rise
+            last = 1
         else:
-            last = (high if angle < middle else low) - angle
-            step = _GOLDEN * last
-        if abs(step) < _CLOSE:
-            step = _CLOSE if step > 0.0 else -_CLOSE
-        at = angle + step
-        value = _distance(_point(at, lip, frame), part)
-        if value <= best:
-            if at < angle:
-                high = angle
-            else:
-                low = angle
-            second, third, angle = angle, second, at
-            value2, value3, best = best, value2, value
-        else:
-            if at < angle:
-                low = at
-            else:
-                high = at
-            if value <= value2 or second == angle:
-                second, third, value2, value3 = at, second, value, value2
-            elif value <= value3 or third in (angle, second):
-                third, value3 = at, value
+            high, rise = at, slope
+            fall = 0.5 * fall if last == -1 else fall
+            last = -1
     return best, angle
+
+
+@routine
+def _sweep(way, angle, best, ellipse, section):
+    """Half of the circle from its least distance on: a lower one, if there is any, and its
+    angle."""
+    keep_apart()
+    radius, bend = ellipse[4], _bend(ellipse, section, best)
+    lowest, unseen = best - _SAME * radius, best - 0.125 * bend * _FINEST * _FINEST
+    f, slope = best, way * _distance(angle, ellipse, section)[1]
+    gone, step = 0.0, _FINEST
+    while gone < math.pi:
+        step = min(step, math.pi - gone)
+        at = angle + way * (gone + step)
+        f_next, slope_next = _distance(at, ellipse, section)
+        slope_next = way * slope_next
+        if f_next < lowest:
+            return f_next, at
+        if _least(f, slope, f_next, slope_next, bend, step) < unseen:
+            if step > _FINEST:
+                step = max(0.5 * step, _FINEST)
+                continue
+            if slope < 0.0 < slope_next:
+                lower, place = _narrow(at - way * step, f, slope, at, slope_next, ellipse, section)
+                if lower < lowest:
+                    return lower, place
+        gone += step
+        f, slope = f_next, slope_next
+        step *= _GROWTH
+    return best, angle
+
+
+@routine
+def _least(f0, slope0, f1, slope1, bend, step):
+    """What the distance is nowhere less than between two points: where the parabolas meet that fall
+    from its tangents there."""
+    turn = slope0 - slope1 - bend * step
+    if not turn < 0.0:
+        return min(f0, f1)
+    at = (f1 - f0 - slope1 * step - 0.5 * bend * step * step) / turn
+    at = min(max(at, 0.0), step)
+    return min(f0, f1, f0 + slope0 * at - 0.5 * bend * at * at)

@@ -46,7 +46,7 @@ def rim_gap(rim, shell, margin):
     keep_apart()
     centre, normal, radius = rim
     start, axis, length, r0, r1 = shell
-    e, v, sine, cosine = _axes(normal, axis)
+    e, v, sine, cosine = axes(normal, axis)
     from_start = sub(centre, start)
     x0, y0, z0 = dot(from_start, e), dot(from_start, v), dot(from_start, axis)
     if y0 < 0.0:
@@ -62,7 +62,7 @@ def rim_gap(rim, shell, margin):
     if not plain and radius > 0.0:
         angle, side = _search(ellipse, wall, low, high, angle)
         distance, foot, _ = _signed(angle, side, ellipse, wall)
-    x, y, z, rho = _place(angle, side, ellipse)
+    x, y, z, rho = place(angle, side, ellipse)
     at_wall = (r0 + wall[1] * foot) / rho if rho > 0.0 else 0.0
     on_rim = add(start, add(add(scale(x, e), scale(y, v)), scale(z, axis)))
     if rho > 0.0:
@@ -75,7 +75,7 @@ def rim_gap(rim, shell, margin):
 
 
 @routine
-def _axes(normal, axis):
+def axes(normal, axis):
     """x and y of the module's text, and sine and cosine of the angle between the normal of the rim
     and the axis of the shell."""
     v = cross(normal, axis)
@@ -104,7 +104,7 @@ def _arc(z0, b, length, margin):
 
 
 @routine
-def _place(angle, side, ellipse):
+def place(angle, side, ellipse):
     """Point (x, y, z) of the rim at an angle, and its distance from the axis; ``side`` -1 is the
     other half of the rim."""
     x0, y0, z0, a, r, b = ellipse
@@ -154,7 +154,7 @@ def _signed(angle, side, ellipse, wall):
     """Signed distance of a point of the rim from the wall; how far along the axis its foot on the
     wall is; and whether no other point of its arc can be nearer, if this one is nearest to the
     wall's line."""
-    _, _, z, rho = _place(angle, side, ellipse)
+    _, _, z, rho = place(angle, side, ellipse)
     r0, slope, length, margin = wall
     radius = r0 + slope * z
     out = rho - radius
@@ -206,7 +206,7 @@ def _search(ellipse, wall, low, high, summit):
 @routine
 def _is_beside(angle, side, ellipse, wall):
     """Whether a point of the rim is further outside the wall than what counts as through it."""
-    _, _, z, rho = _place(angle, side, ellipse)
+    _, _, z, rho = place(angle, side, ellipse)
     r0, slope, _, margin = wall
     factor = 1.0 + THROUGH
     return rho - factor * (r0 + slope * z) > margin * math.sqrt(1.0 + (factor * slope) ** 2)

@@ -39,6 +39,7 @@ def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     ]
 
 
+_GAP = "_clearance_mm"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
@@ -51,11 +52,13 @@ OVERVIEW = 12
 
 class Panel(NamedTuple):
     """One pair of axes over time: its ordinate's label, its (column, label) lines and their
-    (colour, line style)."""
+    (colour, line style); whether what is small counts, and is shown on a logarithmic scale beside
+    what is far larger."""
 
     label: str
     lines: list[tuple[str, str]]
     styles: tuple[tuple[str, str], ...]
+    small_counts: bool = False
 
 
 def campaign_figures(
@@ -194,8 +197,10 @@ def run_figures(
         ``time_s``, ``phase``, and what there is of: per body ``b`` ``{b}_omega_{x,y,z}_deg_s``,
         ``{b}_{alpha,roll,yaw,pitch}_deg``, ``{b}_axial_acceleration_m_s2``; per joint ``j`` and
         body ``{j}_force_on_{b}_{x,y,z}_N``, ``{j}_moment_on_{b}_{x,y,z}_N_m``;
-        ``separation_speed_m_s``, ``separation_distance_mm``. At a phase boundary two rows share a
-        time (the end of one phase, the start of the next), so that a step is drawn as a step.
+        ``separation_speed_m_s``, ``separation_distance_mm``; per clearance ``c``
+        ``{c}_clearance_mm``; per pin ``n`` of a joint ``{j}_pin{n}_{mouth,tip}_load_N``. At a phase
+        boundary two rows share a time (the end of one phase, the start of the next), so that a
+        step is drawn as a step.
     folder : Path
         Where the files go; made if it is not there.
     bodies, joints : sequence of str
@@ -213,8 +218,8 @@ def run_figures(
     -------
     list of Path
         The files written: ``force_on_<body>.png``, ``moment_on_<body>.png``, ``rates.png``,
-        ``angles.png``, ``axial_acceleration.png``, ``separation.png``; those without data are left
-        out.
+        ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
+        ``pin_loads.png``; those without data are left out.
     """
     folder, written = made(folder), []
 
@@ -288,6 +293,33 @@ def run_figures(
         for name, joint, words, unit in _curves(history)
     ]
     page("separation", "Separation", curves)
+    page(
+        "clearances",
+        "Distances of outlines",
+        [
+            Panel(f"{in_words(name.removesuffix(_GAP))} (mm)", [(name, "")], ((BLUE, "-"),), True)
+            for name in map(str, history.columns)
+            if name.endswith(_GAP)
+        ],
+    )
+    page(
+        "pin_loads",
+        "Lateral loads of pins",
+        [
+            Panel(
+                f"{in_words(joint)}, {end} (N)",
+                [
+                    (name, f"pin {name.removeprefix(joint).removesuffix(rest)[len('_pin') :]}")
+                    for name in map(str, history.columns)
+                    if name.startswith(f"{joint}_pin") and name.endswith(rest)
+                ],
+                BY_BODY,
+            )
+            for joint in joints
+            for end, rest in (("mouth", "_mouth_load_N"), ("tip", "_tip_load_N"))
+        ],
+        2,
+    )
     return written
 
 
@@ -429,9 +461,11 @@ def _time_page(
                     label=text,
                 )
         ax.set_ylabel(panel.label)
-        ax.margins(x=0)
+        ax.set_xlim(history["time_s"].iloc[0], history["time_s"].iloc[-1])
         low, high = ax.get_ylim()
-        if high - low < FLAT:
+        if panel.small_counts and _spans(history[panel.lines[0][0]]):
+            ax.set_yscale("log")
+        elif high - low < FLAT:
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
             ax.axvline(start, color="#777777", linewidth=0.7, zorder=1.5)  # behind the data
@@ -443,6 +477,12 @@ def _time_page(
         ax.remove()
     entitle(figure, title)
     return save(figure, path)
+
+
+def _spans(shown: "pd.Series[float]") -> bool:
+    """Whether numbers are positive and span more than a factor of fifty."""
+    low, high = np.nanmin(shown), np.nanmax(shown)
+    return bool(0.0 < 50.0 * low < high)
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:

@@ -6,13 +6,16 @@ from sepmc.schema import Contents
 
 def contents(scene: Scene) -> Contents:
     """Bodies, joints and outputs of a scene, by name."""
-    guides = {joint: scene.joint[joint].guide for joint in scene.output.guide}
+    pins = {
+        name: joint.guide.pins for name, joint in scene.joint.items() if joint.guide is not None
+    }
     return Contents(
         list(scene.body),
         {name: joint.bodies for name, joint in scene.joint.items()},
         scene.output.loads,
-        {joint: guide.pins for joint, guide in guides.items() if guide is not None},
+        {joint: pins[joint] for joint in scene.output.guide if joint in pins},
         tuple(clearance.name for clearance in scene.clearance),
         scene.output.tip_off,
         tuple(event.name for event in scene.event),
+        pins,
     )

@@ -255,6 +255,8 @@ def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
     for joint in joints:
         for end in ("separation_speed_m_s", "separation_distance_mm"):
             yield (end, end) if len(joints) == 1 else (f"{joint}_{end}", f"n{joint}_{end}")
+    for clearance in tree.get("clearance", []):
+        yield f"{clearance['name']}_clearance_mm", f"C{clearance['name']}_clearance_mm"
 
 
 def spelt(column: str, spelling: str, tree: Tree) -> str | None:

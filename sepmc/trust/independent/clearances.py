@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sepmc.trust.geometry import least_clearance, parts_of
+from sepmc.trust.geometry import least_clearance, outline_distance, parts_of
 from sepmc.trust.independent.case import Table
 from sepmc.trust.independent.state import Array, Vehicle
 
@@ -55,6 +55,22 @@ class Clearances:
             }
         return out
 
+    def at(self, told: dict[str, float], free_from: dict[str, float]) -> dict[str, float]:
+        """The same at events that came, whose times are ``told`` by their names."""
+        out: dict[str, float] = {}
+        for table in self.asked:
+            a, b = table["bodies"]
+            begin = free_from.get(table["after"], math.inf) if table["after"] else 0.0
+            for event, when in told.items():
+                found = math.nan
+                if when >= begin and self.steps:
+                    poses = self._motion(a, b, self.steps)(np.array([when]))
+                    found = float(outline_distance(self.parts[a], self.parts[b], *poses)[0])
+                out[f"{event}_{table['name']}_clearance_mm"] = (
+                    1e3 * found if math.isfinite(found) else math.nan
+                )
+        return out
+
     def _least(self, a: str, b: str, begin: float) -> tuple[float, float]:
         steps = [step for step in self.steps if step.end > begin]
         if not steps:
@@ -62,11 +78,16 @@ class Clearances:
         times = np.unique(
             np.concatenate([np.linspace(max(begin, s.start), s.end, _SAMPLES + 1) for s in steps])
         )
+        motion = self._motion(a, b, steps)
+        least, when = least_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
+        return (least, when) if math.isfinite(least) else (math.nan, math.nan)
+
+    def _motion(self, a: str, b: str, steps: list[Step]) -> Callable[[Array], tuple[Array, Array]]:
+        """Attitudes (n, 3, 3) and places (n, 3) of body b seen from a, by times (n,)."""
         ends = np.array([s.end for s in steps])
         first, second = self.vehicle.index[a], self.vehicle.index[b]
 
         def motion(at: Array) -> tuple[Array, Array]:
-            """Attitudes (n, 3, 3) and places (n, 3) of b seen from a."""
             found = []
             for t in at:
                 step = steps[min(int(np.searchsorted(ends, t)), len(steps) - 1)]
@@ -76,8 +97,7 @@ class Clearances:
                 )
             return np.array([f[0] for f in found]), np.array([f[1] for f in found])
 
-        least, when = least_clearance(motion, self.parts[a], self.parts[b], times, _COARSE)
-        return (least, when) if math.isfinite(least) else (math.nan, math.nan)
+        return motion
 
 
 def _outlined(body: Table) -> Any:

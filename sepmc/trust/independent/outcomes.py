@@ -149,4 +149,6 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
         out |= flight.told[name]
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}
-    return out | flight.watch.report() | flight.clearances.report(free)
+    came = {name: found[f"{name}_time_s"] for name, found in flight.told.items()}
+    distances = flight.clearances.report(free) | flight.clearances.at(came, free)
+    return out | flight.watch.report() | distances
