@@ -315,14 +315,14 @@ def _search(pair, motion, w, job):
     first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.PLACES - 1)
     if 0.5 * (_far(pair, w, first) + _far(pair, w, last) - speed * h) > beyond:
         return True
-    left = job + at.JOB_NODES
-    for end in range(2):
+    left, still = job + at.JOB_NODES, not speed * h > tiny
+    for end in range(1 if still else 2):
         node = left + at.NODE * end
         for n in range(at.POSE):
             w[node + _POSE + n] = w[(last if end else first) + n]
         w[node + _AT], w[node + _BEND] = float(end), math.inf
         _visit(pair, w, job, node, tiny)
-    top, halvings = 1, 0
+    top, halvings = 0 if still else 1, 0
     while top > 0 and halvings < _MOST:
         right = left + at.NODE * top
         dt = (w[right + _AT] - w[left + _AT]) * h
