@@ -565,8 +565,10 @@ def _varies(low: float, high: float) -> bool:
 def _interest(outcome: str, events: tuple[str, ...]) -> int:
     """Rank of an outcome among the figures: what separations are judged by comes first; rates at
     ``events``, by how their names begin, count as those at release."""
-    if outcome.startswith(events) and "_omega_" in outcome:
-        return _INTERESTING.index("tip_off")
+    if outcome.startswith(events):
+        for there, as_if in (("_omega_", "tip_off"), ("_clearance_mm", "separation_distance")):
+            if there in outcome:
+                return _INTERESTING.index(as_if)
     return next(
         (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
     )

@@ -35,7 +35,8 @@ from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
 
 _DRIVEN = 4  # outcomes whose drivers are told unless some are named
-_REPLAYED_PAGES = ("rates", "angles", "separation")
+_REPLAYED_PAGES = ("rates", "angles", "separation", "clearances")
+_AS_DRAWN = 1e-5  # of size: what a figure shows of an error
 _TOLD = 12  # outcomes in the report's table
 _REPLAYED = 2  # worst cases that the report shows over time
 _REPLAY_ROWS = 400
@@ -297,7 +298,9 @@ def _worst(
     """The worst cases of the requirements, flown again."""
     told = [v for v in verdicts if v.violations or not is_yes_or_no(v.metric)]
     worst = {v.worst_case: v for v in reversed(told) if v.worst_case is not None}
-    found = []
+    found, solver = [], loaded.scene.solver
+    if solver.step is None and solver.accuracy < _AS_DRAWN:
+        loaded = loaded.with_settings({"solver.accuracy": _AS_DRAWN})
     for number, v in list(reversed(worst.items()))[:_REPLAYED]:
         say(f"flies case {number} again, the worst of {v.name}")
         every_s = loaded.scene.run.end_time / _REPLAY_ROWS

@@ -480,9 +480,9 @@ def _time_page(
 
 
 def _spans(shown: "pd.Series[float]") -> bool:
-    """Whether numbers are positive and span more than a factor of fifty."""
+    """Whether numbers are positive and span more than a factor of ten."""
     low, high = np.nanmin(shown), np.nanmax(shown)
-    return bool(0.0 < 50.0 * low < high)
+    return bool(0.0 < 10.0 * low < high)
 
 
 def _phases(history: pd.DataFrame) -> list[tuple[str, float, float]]:
