@@ -7,13 +7,17 @@ import pytest
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine import interpreted
+from sepmc.engine import compilers, interpreted
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.plain import flown_plainly
 
 # Kernels flown as plain Python make millions of small objects, hardly any of them in a cycle:
 # looking for those so often takes an eighth of the time.
 gc.set_threshold(100_000, 50, 50)
+
+
+# Processes that compile wait for the next kernel: they hold the formulas compiled.
+compilers.IDLE_S = 1800.0
 
 
 class _Recent(dict):
