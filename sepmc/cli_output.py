@@ -161,6 +161,8 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             else "it was interrupted, so nothing was kept; fly it again with --overwrite"
         )
         raise store.StoreError(f"{folder}: holds statistics only and no cases; {kept}")
+    if "cases" not in manifest:
+        raise store.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")
     return manifest
 
 

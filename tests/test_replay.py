@@ -132,3 +132,11 @@ def test_film(folder, tmp_path, monkeypatch):
         own = shot.turns[joint.bodies[0]].apply(gap) * [-1.0, 1.0, 1.0]
         assert second - first == pytest.approx(own, abs=1e-9)
     assert gap[0] < -0.02
+
+
+def test_a_single_flight_has_no_rows(tmp_path):
+    """It is refused before anything is flown."""
+    command("run", "table1.toml", "--out", tmp_path / "one", "--no-plots", "--every-s", 0.1)
+    code, said = command("replay", tmp_path / "one", "--case", 0)
+    assert code == 2
+    assert "holds a single flight; give the folder of a campaign" in said

@@ -57,6 +57,8 @@ PLANTED = [
     ("spring-pushers", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
     ("residual-thrust", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
     # what never has a value
+    ("spring-pushers", {"event": [{"name": "late", "when": {"time_s": 9e9}}]},
+     "event.late.when", "after the end of the flight"),
     ("spring-pushers", {"phase": [{"name": "clamped", "joints": {"clamp": "fixed"}}]},
      "output.tip_off: clamp", "never let go"),
     ("residual-thrust", {"phase": [{"name": "locked", "joints": {"rods": "fixed"}}],

@@ -27,8 +27,9 @@ from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 _ROUNDS = 80  # of Newton or halving: 4 on average, 55 where the summit is at an end of the arc
 _CLOSE = 1e-8  # rad: a Newton step below this squares to below round-off
 _PIECES = 32  # of an arc, where one formula does not do
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-_NARROWINGS = 75  # of golden section: to 2e-16
+_GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+_NARROWINGS = 75  # 10 are usual
+_SHARP = 1e-10  # rad, of which the square counts where the distance is smooth
 
 
 @long_formula
@@ -58,10 +59,10 @@ def rim_gap(rim, shell, margin):
         missing = math.isnan(z0 + radius * sine)
         return (math.nan if missing else math.inf), centre, centre
     angle, side = _summit(ellipse, wall[1], low, high), 1.0
-    distance, foot, plain = _signed(angle, side, ellipse, wall)
-    if not plain and radius > 0.0:
+    distance, foot, beyond, plain = _signed(angle, side, ellipse, wall)
+    if not (plain and beyond <= 0.0) and radius > 0.0:
         angle, side = _search(ellipse, wall, low, high, angle)
-        distance, foot, _ = _signed(angle, side, ellipse, wall)
+        distance, foot, _, _ = _signed(angle, side, ellipse, wall)
     x, y, z, rho = place(angle, side, ellipse)
     at_wall = (r0 + wall[1] * foot) / rho if rho > 0.0 else 0.0
     on_rim = add(start, add(add(scale(x, e), scale(y, v)), scale(z, axis)))
@@ -152,17 +153,18 @@ def _summit(ellipse, slope, low, high):
 @routine
 def _signed(angle, side, ellipse, wall):
     """Signed distance of a point of the rim from the wall; how far along the axis its foot on the
-    wall is; and whether no other point of its arc can be nearer, if this one is nearest to the
-    wall's line."""
+    wall is; by how much it is further outside the wall than what counts as through it (then it is
+    beside it); and whether no other point of its arc can be nearer, if this one is nearest to the
+    wall's line and not beside."""
     _, _, z, rho = place(angle, side, ellipse)
     r0, slope, length, margin = wall
     radius = r0 + slope * z
-    out = rho - radius
+    out, factor = rho - radius, 1.0 + THROUGH
+    beyond = rho - factor * radius - margin * math.sqrt(1.0 + (factor * slope) ** 2)
     share = (z + slope * (rho - r0)) / (1.0 + slope * slope)
     foot = min(max(share, -margin), length + margin)
     distance = math.sqrt((z - foot) ** 2 + (rho - r0 - slope * foot) ** 2)
-    beside = _is_beside(angle, side, ellipse, wall)
-    if out > 0.0 and not beside:
+    if out > 0.0 and beyond <= 0.0:
         # wherever it goes, it is beside the wall once it is further through than that
         if margin > 0.0:
             most = THROUGH * (radius + abs(slope) * margin)
@@ -170,7 +172,7 @@ def _signed(angle, side, ellipse, wall):
                 distance, most / math.sqrt(1.0 + slope * slope) if foot == share else most
             )
         distance = -distance
-    return distance, foot, not beside and (slope == 0.0 or (out <= 0.0 and foot == share))
+    return distance, foot, beyond, slope == 0.0 or (out <= 0.0 and foot == share)
 
 
 @routine
@@ -183,67 +185,99 @@ def _search(ellipse, wall, low, high, summit):
     """
     keep_apart()
     piece = (high - low) / _PIECES
+    most = piece * ellipse[4]  # that a point moves, and how far it may be beside and come through
+    near = most * (1.0 + (1.0 + THROUGH) * abs(wall[1]))
     best, angle, side = _signed(summit, 1.0, ellipse, wall)[0], summit, 1.0
     for half in (1.0, -1.0):
-        before, here = math.inf, _signed(low, half, ellipse, wall)[0]
+        before = at_border = math.inf
+        here, _, past, _ = _signed(low, half, ellipse, wall)
         for i in range(_PIECES + 1):
             at, end = low + i * piece, min(high, low + (i + 1) * piece)
-            after = _signed(end, half, ellipse, wall)[0] if i < _PIECES else math.inf
-            least = here <= before and here <= after
-            if least and (here - piece * ellipse[4] < best or _is_beside(at, half, ellipse, wall)):
+            after, following, last_border = math.inf, past, at_border
+            if i < _PIECES:
+                after, _, following, _ = _signed(end, half, ellipse, wall)
+            at_border = math.inf
+            if (past > 0.0) != (following > 0.0):
+                place = _border(ellipse, wall, half, at, past, end, following)
+                at_border = _signed(place, half, ellipse, wall)[0]
+                if at_border < best:
+                    best, angle, side = at_border, place, half
+            # where a border is near and is the least, there is nothing to narrow down
+            least = here <= before and here <= after and here < min(last_border, at_border)
+            if least and (here - most < best or 0.0 < past < near):
                 found, place = _narrow(ellipse, wall, half, max(low, at - piece), end, at, here)
                 if found < best:
                     best, angle, side = found, place, half
-            if _is_beside(at, half, ellipse, wall) != _is_beside(end, half, ellipse, wall):
-                place = _border(ellipse, wall, half, at, end)
-                found = _signed(place, half, ellipse, wall)[0]
-                if found < best:
-                    best, angle, side = found, place, half
-            before, here = here, after
+            before, here, past = here, after, following
     return angle, side
 
 
 @routine
-def _is_beside(angle, side, ellipse, wall):
-    """Whether a point of the rim is further outside the wall than what counts as through it."""
-    _, _, z, rho = place(angle, side, ellipse)
-    r0, slope, _, margin = wall
-    factor = 1.0 + THROUGH
-    return rho - factor * (r0 + slope * z) > margin * math.sqrt(1.0 + (factor * slope) ** 2)
-
-
-@routine
-def _border(ellipse, wall, side, a, b):
-    """The last angle at which the rim is not beside the wall, between two of which it is at one."""
-    if _is_beside(a, side, ellipse, wall):
-        a, b = b, a
+def _border(ellipse, wall, side, a, past_a, b, past_b):
+    """The last angle at which the rim is not beside the wall, between two of which it is at one: by
+    Illinois, as far as numbers go."""
+    if past_a > 0.0:
+        a, past_a, b, past_b = b, past_b, a, past_a
+    last = 0
     for _ in range(_NARROWINGS):
-        middle = 0.5 * (a + b)
-        if _is_beside(middle, side, ellipse, wall):
-            b = middle
+        at = a + (b - a) * (past_a / (past_a - past_b))
+        if at in (a, b):
+            at = 0.5 * (a + b)
+            if at in (a, b):
+                break
+        past = _signed(at, side, ellipse, wall)[2]
+        if past > 0.0:
+            b, past_b = at, past
+            past_a = 0.5 * past_a if last == 1 else past_a
+            last = 1
         else:
-            a = middle
+            a, past_a = at, past
+            past_b = 0.5 * past_b if last == -1 else past_b
+            last = -1
     return a
 
 
 @routine
 def _narrow(ellipse, wall, side, low, high, angle, best):
-    """The least distance between two angles, by golden section, and its angle; starts from one that
-    is known."""
+    """The least distance between two angles, and its angle, by Brent's method (parabolas, and
+    golden section where these do not serve); starts from one that is known."""
     keep_apart()
-    a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    fa, fb = _signed(a, side, ellipse, wall)[0], _signed(b, side, ellipse, wall)[0]
+    second, third, value2, value3 = angle, angle, best, best  # the best so far but for ``angle``
+    step = last = 0.0
     for _ in range(_NARROWINGS):
-        if fa < best:
-            best, angle = fa, a
-        if fb < best:
-            best, angle = fb, b
-        if fa <= fb:
-            high, b, fb = b, a, fa
-            a = high - _GOLDEN * (high - low)
-            fa = _signed(a, side, ellipse, wall)[0]
+        middle = 0.5 * (low + high)
+        if max(angle - low, high - angle) <= 2.0 * _SHARP:
+            break
+        r, q = (angle - second) * (best - value3), (angle - third) * (best - value2)
+        p = (angle - third) * q - (angle - second) * r
+        q = 2.0 * (q - r)
+        p, q = (-p, q) if q > 0.0 else (p, -q)
+        before, last = last, step
+        if abs(p) < abs(0.5 * q * before) and q * (low - angle) < p < q * (high - angle):
+            step = p / q  # to the least of the parabola
+            if angle + step - low < 2.0 * _SHARP or high - angle - step < 2.0 * _SHARP:
+                step = _SHARP if angle < middle else -_SHARP
         else:
-            low, a, fa = a, b, fb
-            b = low + _GOLDEN * (high - low)
-            fb = _signed(b, side, ellipse, wall)[0]
+            last = (high if angle < middle else low) - angle
+            step = _GOLDEN * last
+        if abs(step) < _SHARP:
+            step = _SHARP if step > 0.0 else -_SHARP
+        at = angle + step
+        value = _signed(at, side, ellipse, wall)[0]
+        if value <= best:
+            if at < angle:
+                high = angle
+            else:
+                low = angle
+            second, third, angle = angle, second, at
+            value2, value3, best = best, value2, value
+        else:
+            if at < angle:
+                low = at
+            else:
+                high = at
+            if value <= value2 or second == angle:
+                second, third, value2, value3 = at, second, value, value2
+            elif value <= value3 or third in (angle, second):
+                third, value3 = at, value
     return best, angle

@@ -203,6 +203,9 @@ def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
             spring = next(one for one in scene.spring if one.name == name)
             if math.isinf(spring.stroke) and f"spring.{name}.stroke" not in varied:
                 yield f"{place}: spring {name} has no stroke_m, so it pushes on and never ends"
+    for place, condition in waiting:
+        if _is_past(condition, scene.run.end_time) and f"{place}.time" not in varied:
+            yield f"{place}: comes after the end of the flight, {scene.run.end_time:g} s"
     last = scene.phase[-1].joints
     let_go = {name for name in scene.joint if last.get(name, "free") == "free"}
     let_go |= {release.joint for release in scene.release}
@@ -219,6 +222,15 @@ def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
     for joint in scene.output.loads:
         if joint not in held:
             yield f"output.loads: {joint} holds nothing in any phase, so it carries nothing"
+
+
+def _is_past(until: Until, end: float) -> bool:
+    """Whether a condition can be met by nothing but a time after ``end``, s."""
+    if until.all:
+        return any(_is_past(part, end) for part in until.all)
+    if until.any:
+        return all(_is_past(part, end) for part in until.any)
+    return until == Until(time=until.time) and until.time is not None and until.time > end
 
 
 def _springs_of(until: Until) -> Iterator[str]:
