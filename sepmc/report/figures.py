@@ -461,7 +461,10 @@ def _time_page(
                     label=text,
                 )
         ax.set_ylabel(panel.label)
-        ax.set_xlim(history["time_s"].iloc[0], history["time_s"].iloc[-1])
+        ax.margins(x=0)
+        begin, end = history["time_s"].iloc[0], history["time_s"].iloc[-1]
+        if end > begin:
+            ax.set_xlim(begin, end)
         low, high = ax.get_ylim()
         if panel.small_counts and _spans(history[panel.lines[0][0]]):
             ax.set_yscale("log")
