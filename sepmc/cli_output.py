@@ -566,7 +566,7 @@ def _varies(low: float, high: float) -> bool:
 
 def _interest(outcome: str, events: tuple[str, ...]) -> int:
     """Rank of an outcome among the figures: what separations are judged by comes first; rates at
-    ``events``, by how their names begin, count as those at release."""
+    ``events``, by how their names begin, count as those at release, clearances as separations."""
     if outcome.startswith(events):
         for there, as_if in (("_omega_", "tip_off"), ("_clearance_mm", "separation_distance")):
             if there in outcome:

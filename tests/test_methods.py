@@ -45,7 +45,7 @@ OUTCOMES = (
 
 
 def halved(largest):
-    return [largest / 2**k for k in range(4)]
+    return [largest / 2**k for k in range(5)]
 
 
 def order(steps, errors):
@@ -88,7 +88,7 @@ def test_every_method_is_studied():
 @pytest.mark.parametrize("name", METHODS)
 def test_order_over_a_whole_flight(rapid, reference, name):
     """Largest error of all outcomes, relative to the outcome, and the error of the release time,
-    over four steps halved."""
+    over five steps halved."""
     largest, least = STUDIES[name]
     steps = halved(largest)
     flown = [rapid(name, step) for step in steps]

@@ -123,9 +123,11 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
         s.scope.store(part("ROW", k), value)
     s.scope.write(text)
     for i, entry in enumerate(clearances):
-        counts = "True" if i in c.counted(stage) else "False"
-        if entry.after in stage.masked:
-            counts = among(entry.after, stage.free(entry.after)) or "False"
+        counts = "False"
+        if i in c.counted(stage):
+            counts = "True"
+            if entry.after in stage.masked:
+                counts = among(entry.after, stage.free(entry.after))
         clearance_now(text, s, i, counts, part("ROW", len(row) + i))
 
 

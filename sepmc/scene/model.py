@@ -275,7 +275,7 @@ class Release(_Table, frozen=True, kw_only=True):
 
 
 class Event(_Table, frozen=True, kw_only=True):
-    """An instant at which rates, attitudes and separations are told."""
+    """An instant at which rates, attitudes, separations and clearances are told."""
 
     name: Name
     when: Until
