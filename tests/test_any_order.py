@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flights
 
 from sepmc.campaign import pilot
+from sepmc.kernel import structure
 from sepmc.kernel.structure import make_shape
 from sepmc.routines.layout import ANY_ORDER
 from sepmc.schema import Status
@@ -192,3 +193,23 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     units = [columns[k].unit for k in sharp]
     assert pilot.relative_error(found[:, sharp], outcomes[:, sharp], units).max() < 1e-6
     assert_allclose(result.accuracy.worst[1], 0.0, atol=2e-8)
+
+
+def test_a_stage_is_flown_by_the_functions_of_the_next_where_that_holds_the_same(pair, monkeypatch):
+    """Before two joints are late, nothing differs but that neither may let go: what flies it is
+    written once, and flies as what is written for itself."""
+    balls = {"pins": "spherical", "other": "spherical"}
+    phase = [{"name": "held", "joints": balls, "until": {"time_s": 0.1}}, {"name": "free"}]
+    late = TURNING | TWO | {"joint.pins.delay_s": 0.1, "joint.other.delay_s": 0.2, "phase": phase}
+    shared = pair(late)
+    kernel = pilot.kernel_text(shared)
+    assert "    rates_phase2_late(w)\n\n" in kernel
+    assert "    correct_phase2_late(w)\n\n" in kernel
+    monkeypatch.setattr(structure, "_holds_alike", lambda *_: False)
+    apart = pair(late)
+    assert len(pilot.kernel_text(apart)) > 1.1 * len(kernel)
+    one, other = shared.simulate(), apart.simulate()
+    assert one.attrs["status"] == "ok"
+    assert_array_equal(one["phase"], other["phase"])
+    numbers = one.select_dtypes("number").columns
+    assert_allclose(one[numbers], other[numbers], rtol=1e-11, atol=1e-11)

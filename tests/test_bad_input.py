@@ -183,8 +183,8 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     (LAW, '"run.end_time_s" = { uniform = 0.1 }', ["dispersion.run.end_time_s", "cannot vary"]),
     (
         LAW,
-        '"joint.pins.x_axis.y" = { uniform = 0.1 }',
-        ["dispersion.joint.pins.x_axis.y", "cannot vary"],
+        '"joint.pins.y_axis.y" = { uniform = 1.0 }',
+        ["dispersion.joint.pins", "may be zero or parallel to x_axis"],
     ),
     (
         '"body.upper.mass_kg" = { uniform = 20.0 }',
@@ -677,11 +677,11 @@ OTHERS = [  # the same for everything.toml
         ["output.guide", "joint 'hinge' has no pins: give [joint.hinge.guide]"],
     ),
     ('guide = ["pins"]', 'gide = ["pins"]', ["output.gide", "did you mean 'guide'?"]),
-    # dispersions of what all cases share
+    # dispersions of what all cases share, and of what may not be
     (
         FAILS,
-        '"spring.pusher.axis.x" = { uniform = 0.1 }',
-        ["dispersion.spring.pusher.axis.x", "cannot vary"],
+        '"spring.pusher.axis.x" = { uniform = 1.0 }',
+        ["dispersion.spring.pusher.axis", "may be zero"],
     ),
     (
         FAILS,
@@ -695,8 +695,8 @@ OTHERS = [  # the same for everything.toml
     ),
     (
         FAILS,
-        '"body.lower.outline.0.offset_m.y" = { uniform = 0.1 }',
-        ["dispersion.body.lower.outline.0.offset_m.y", "cannot vary"],
+        '"body.lower.outline.0.radii_m.0" = { uniform = [-0.1, 1.0] }',
+        ["dispersion.body.lower.outline.0.radii_m.0", "the law reaches -0.1", "must be >= 0"],
     ),
     (
         FAILS,

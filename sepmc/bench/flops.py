@@ -27,10 +27,12 @@ from sepmc.campaign.pilot import kernel_text
 from sepmc.engine import cache, interpreted
 from sepmc.engine.door import fly_cases
 from sepmc.jit import BARE
+from sepmc.kernel.context import Context
 from sepmc.kernel.methods import method
 from sepmc.kernel.pieces import ALIKE, split
 from sepmc.kernel.structure import make_shape
 from sepmc.routines.lanes import LANES
+from sepmc.routines.layout import NO_HISTORY
 from sepmc.scene.read import parse_campaign
 
 _FUNCTION = re.compile(r"^define[^\n]*?@\"?(\S+?)\"?\(.*?^\}", re.MULTILINE | re.DOTALL)
@@ -66,7 +68,9 @@ def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | N
     usually last ``usual`` (stages,) s; None if the compiled code does not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
-    found = _each(kernel_text(campaign), list(called.values()))
+    context = Context(shape, method(campaign.scene.solver.method), NO_HISTORY)
+    flown = {s.phase: context.flown_as(s) or s.name for s in shape.stages if not s.late}
+    found = _each(kernel_text(campaign), flown)
     if set(found) != set(called.values()):
         return None
     names, each = list(called), {name: found[written] for name, written in called.items()}
@@ -83,13 +87,13 @@ def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | N
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
-def _each(text: str, phases: list[str]) -> dict[str, float]:
-    """Flops of an evaluation, by phase, where the code shows them; from the count kept beside its
-    piece of the kernel if there is one."""
+def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
+    """Flops of an evaluation by phase, where the code shows them; ``flown`` names the stage whose
+    function it is. From the count kept beside its piece of the kernel if there is one."""
     texts = {piece.name: piece.text for piece in split(text)}
     found: dict[str, float | None] = {}
-    for phase in phases:
-        piece = texts[f"rates_{phase}"]
+    for phase, stage in flown.items():
+        piece = texts[f"rates_{stage}"]
         kept = cache.CACHE_FOLDER / f"{cache.write([piece])[0]}.flops.json"
         if kept.is_file():
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))

@@ -48,7 +48,7 @@ def _wind(profile: WindProfile) -> list[str]:
     curve = CubicSpline(heights, along_ground(profile).T, bc_type="clamped")
     between = np.unique(np.linspace(heights[:-1], heights[1:], _BETWEEN))
     found = np.hypot(*curve(between).T)
-    worst, most = int(np.argmax(found)), max(map(abs, profile.speed))
+    worst, most = int(np.argmax(found)), abs(profile.factor) * max(map(abs, profile.speed))
     if found[worst] <= _FASTER * most:
         return []
     return [

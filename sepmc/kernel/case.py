@@ -3,7 +3,8 @@ before its flight."""
 
 from typing import Any
 
-from sepmc.kernel.formulas import ZERO, loads, quat, vec3, vehicle
+from sepmc.kernel.formulas import ZERO, joints, loads, quat, vec3, vehicle
+from sepmc.kernel.plan import WIND_FACTOR, WIND_TURN
 from sepmc.kernel.recorder import Scope, Value, total
 from sepmc.kernel.shape import Shape
 from sepmc.routines import layout as at
@@ -95,6 +96,17 @@ class Case:
         moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
         return vec3.sub(self.velocity, moving).called("stream")
 
+    @property
+    def gust(self) -> Any:
+        """What multiplies the wind over height, as a vector that is turned; None if it is the same
+        in all cases."""
+        slots = self.shape.plan.slots
+        if WIND_FACTOR not in slots:
+            return None
+        return loads.wind(self.number(slots[WIND_FACTOR]), self.number(slots[WIND_TURN])).called(
+            "gust"
+        )
+
     def ends(self, start: int, bodies: tuple[str, str], has_second: bool) -> tuple[Any, Any, Any]:
         """Arms of two bodies to the pair of points whose parameters start at ``start``, and the gap
         between the points, body axes."""
@@ -114,6 +126,10 @@ class Case:
 
     def joint_axis(self, name: str, k: int) -> Value:
         """Axis k of a joint, in body axes of the first body."""
+        slots = self.shape.plan.slots
+        if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
+            y = slots[f"joint.{name}.y_axis.x"]
+            return joints.axes(self.vector(place), self.vector(y))[k].called("axis")
         return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 3 * k, 3)
 
     def apart(self, name: str) -> Value:

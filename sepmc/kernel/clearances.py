@@ -83,8 +83,11 @@ def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int
         first, count = (
             int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
         )
-        place = at.JOB_PARTS + 2 * k
-        text(f"w[JOB + {place}], w[JOB + {place + 1}] = float(SHARED + {first}), {float(count)}")
+        place, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
+        if body in c.shape.plan.outlines:
+            c.slabs.add(f"OUTLINE_{body}", at.PART_SIZE * count)
+            start = f"OUTLINE_{body} + {at.PART_SIZE * count} * l"
+        text(f"w[JOB + {place}], w[JOB + {place + 1}] = float({start}), {float(count)}")
     for slab, first, place, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         *more,

@@ -125,6 +125,17 @@ class Context:
         plain = not stage.shares and not any(map(stage.sliding, self.guides))
         return self.follows_loads(stage) and plain
 
+    def flown_as(self, stage: Stage) -> str:
+        """The name of the stage whose derivative and correction fly this one too, if one does."""
+        after = next((one for one in self.shape.stages if one.name == stage.flown_as), None)
+        if after is None:
+            return ""
+        alike = (self.carried_by_rates(stage), self.shape.rubbing(stage)) == (
+            self.carried_by_rates(after),
+            self.shape.rubbing(after),
+        )
+        return after.name if alike else ""
+
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.shape.scene.clearance)

@@ -58,7 +58,7 @@ from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.physics.wind import wind
 from sepmc.routines import friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, indices, record, table, vector
-from sepmc.routines.clearances import search_clearance
+from sepmc.routines.clearances import hold_outline, search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, Model

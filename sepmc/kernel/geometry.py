@@ -70,6 +70,12 @@ class State:
         if self.shape.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
+        gust = self.case.gust
+        if gust is not None:
+            along, across = (
+                along * gust[0] - across * gust[2],
+                along * gust[2] + across * gust[0],
+            )
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
     def quaternion(self, leader: str) -> Value:
@@ -191,7 +197,7 @@ class State:
             return self.rod(pair)
         r = self.attitude(spring.bodies[0])
         e = (r[0], r[3], r[6])
-        if tuple(spring.axis) != (1.0, 0.0, 0.0):
+        if self._spring_axis_place(spring) is not None or tuple(spring.axis) != (1.0, 0.0, 0.0):
             e = vec3.rotate(r, self._spring_axis(spring)).called("e")
         arm_a, arm_b, gamma = translation(pair, e)
         return Line(e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e))
@@ -207,7 +213,13 @@ class State:
         start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
         return self.case.ends(start, spring.bodies, spring.second_point is not None)
 
+    def _spring_axis_place(self, spring: Spring) -> int | None:
+        """Where the axis of a spring stands in a case, if it is dispersed."""
+        return self.shape.plan.slots.get(f"spring.{spring.name}.axis.x")
+
     def _spring_axis(self, spring: Spring) -> Value:
+        if (place := self._spring_axis_place(spring)) is not None:
+            return vec3.unit(self.case.vector(place)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
 
     def _number(self, spring: Spring) -> int:

@@ -70,7 +70,9 @@ def _gained(scenes: Sequence[Scene]) -> float:
 
 def _wind(scene: Scene) -> float:
     wind = scene.environment.wind
-    return abs(wind.speed) + max(map(abs, wind.profile.speed if wind.profile else ()), default=0.0)
+    if wind.profile is None:
+        return abs(wind.speed)
+    return abs(wind.speed) + abs(wind.profile.factor) * max(map(abs, wind.profile.speed))
 
 
 def _pushed(scenes: Sequence[Scene]) -> float:

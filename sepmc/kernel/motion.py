@@ -159,6 +159,9 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
         else "."
     )
     text = out.function(f"correct_{stage.name}(w)", says)
+    if after := c.flown_as(stage):
+        text(f"correct_{after}(w)")
+        return
     s = State(c, c.scope(), stage, "Y")
     for k in range(4):
         s.scope.store(part("RESIDUAL_NOW", k), 0.0)

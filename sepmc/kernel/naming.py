@@ -119,6 +119,7 @@ class Names:
             scene=self.scene(plan.scene),
             extremes=tuple(map(self.scene, plan.extremes)),
             slots={self.path(path): place for path, place in plan.slots.items()},
+            outlines={self.of["body"][name]: place for name, place in plan.outlines.items()},
             bodies=[self._body(name) for name in plan.bodies],
             joints={
                 self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()

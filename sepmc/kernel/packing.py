@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from sepmc.kernel.splines import pack
 from sepmc.routines import layout as at
@@ -83,17 +84,21 @@ def add_air(pool: Pool, scene: Scene) -> int:
     return pool.add(pack([air.altitude], np.array([np.log(air.density), finite])))
 
 
-def add_wind(pool: Pool, scene: Scene) -> int:
-    """Wind along ground x and z over height; -1 without a profile."""
+def add_wind(pool: Pool, scene: Scene, varies: bool) -> int:
+    """Wind along ground x and z over height; -1 without a profile. Its rows alone if what
+    multiplies and turns them ``varies`` from case to case."""
     profile = scene.environment.wind.profile
     if profile is None:
         return -1
+    if varies:
+        profile = replace(profile, factor=1.0, turn=0.0)
     return pool.add(pack([profile.altitude], along_ground(profile), ends="flat"))
 
 
 def along_ground(profile: WindProfile) -> np.ndarray:
     """Wind of the rows of a profile along ground x and z, m/s, shape (2, rows)."""
-    speed, where = np.array(profile.speed), np.array(profile.direction)
+    speed, where = profile.factor * np.array(profile.speed), np.array(profile.direction)
+    where = where + profile.turn
     return np.array([speed * np.cos(where), speed * np.sin(where)])
 
 

@@ -2,7 +2,8 @@
 of each number."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from sepmc.scene.model import GROUND, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
 
+WIND_FACTOR, WIND_TURN = "environment.wind.profile.factor", "environment.wind.profile.turn"
 _LEVEL = 1e-12  # m, or of the coordinates
 _XYZ = ("x", "y", "z")
 
@@ -95,8 +97,9 @@ class Plan:
     """What a kernel needs to fly a scene.
 
     ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
-    ``bodies`` are those that move. ``extremes`` are the scene with every dispersed parameter at its
-    least, and at its largest.
+    ``bodies`` are those that move. ``outlines`` : place in ``nominal`` of the parts of every
+    outline that varies from case to case, at.PART_SIZE numbers each. ``extremes`` are the scene
+    with every dispersed parameter at its least, and at its largest.
     """
 
     scene: Scene
@@ -107,6 +110,7 @@ class Plan:
     joints: dict[str, tuple[str, str]]
     phases: list[str]
     contents: Contents
+    outlines: dict[str, int] = field(default_factory=dict)
     extremes: tuple[Scene, ...] = ()
 
 
@@ -119,6 +123,8 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
     conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
     slots, nominal, starts = _parameters(scene, order, conditions)
+    varied, outlines, numbers = _varied(scene, dispersed, len(nominal))
+    slots, nominal = slots | varied, np.append(nominal, numbers)
     for path, slot in slots.items():
         nominal[slot] = value(scene, path)
     reference = scene.initial.path_reference
@@ -128,7 +134,7 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
     for i, motor in enumerate(scene.motor):
         if motor.profile is not None and math.isinf(motor.burn):
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
-    model = _model(scene, order, starts, len(nominal))
+    model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
     return Plan(
         scene,
@@ -139,6 +145,7 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
         pairs,
         [phase.name for phase in scene.phase],
         contents(scene),
+        outlines,
     )
 
 
@@ -221,6 +228,52 @@ def _parameters(
     return slots, nominal, starts
 
 
+def _varied(
+    scene: Scene, dispersed: frozenset[str], start: int
+) -> tuple[dict[str, int], dict[str, int], list[float]]:
+    """What all cases share unless some of it is dispersed: axes of joints and of springs, outlines,
+    what multiplies and turns the wind over height.
+
+    Returns places by path from ``start`` on, those where outlines of bodies start (numbers of a
+    part as `sepmc.routines.clearances.hold_outline` has them), and the numbers.
+    """
+    slots, outlines, numbers = dict[str, int](), dict[str, int](), list[float]()
+
+    def varies(*stems: str) -> bool:
+        return any(path.startswith(f"{stem}.") for path in dispersed for stem in stems)
+
+    def add(run: Sequence[float], named: dict[str, int]) -> None:
+        slots.update({path: start + len(numbers) + i for path, i in named.items()})
+        numbers.extend(map(float, run))
+
+    for name, joint in scene.joint.items():
+        x, y = f"joint.{name}.x_axis", f"joint.{name}.y_axis"
+        if varies(x, y):
+            add((*joint.x_axis, *joint.y_axis), _vector(x, 0) | _vector(y, 3))
+    for spring in scene.spring:
+        if spring.axis is not None and varies(path := f"spring.{spring.name}.axis"):
+            add(spring.axis, _vector(path, 0))
+    profile = scene.environment.wind.profile
+    if profile is not None and not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN}):
+        add((profile.factor, profile.turn), {WIND_FACTOR: 0, WIND_TURN: 1})
+    for name, body in scene.body.items():
+        if not varies(f"body.{name}.outline"):
+            continue
+        outlines[name] = start + len(numbers)
+        for number, part in enumerate(body.outline):
+            stem = f"body.{name}.outline.{number}"
+            if part.stations is not None and part.radii is not None:
+                keys = ("stations.0", "offset.y", "offset.z", "stations.1", "radii.0", "radii.1")
+                first, last = part.stations
+                add(
+                    (float(part.hollow), first, *part.offset, last, *part.radii),
+                    {f"{stem}.{key}": i for i, key in enumerate(keys, 1)},
+                )
+            for k, point in enumerate(part.points):
+                add((0.0, *point, math.nan, 0.0, 0.0), _vector(f"{stem}.points.{k}", 1))
+    return slots, outlines, numbers
+
+
 def _optional(
     path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
 ) -> dict[str, int]:
@@ -232,9 +285,11 @@ def _optional(
     return _vector(path, start)
 
 
-def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) -> at.Model:
+def _model(
+    scene: Scene, order: list[str], starts: dict[str, int], size_p: int, gusty: bool
+) -> at.Model:
     """The scene's structure, and the layout of a case's array: parameters first, then what
-    stretches of time know."""
+    stretches of time know. ``gusty`` : the wind over height is multiplied and turned by case."""
     joints = list(scene.joint)
     pool = Pool()
     pool.add(
@@ -245,7 +300,7 @@ def _model(scene: Scene, order: list[str], starts: dict[str, int], size_p: int) 
         ]
     )
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
-    air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene)
+    air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene, gusty)
     tables = {
         "profile_i": [x for motor in scene.motor for x in packing.add_profile(pool, motor)],
         "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],

@@ -143,6 +143,9 @@ class Stage:
     late: dict[str, int] = field(default_factory=dict)
     # whether its end was waited for before it began, while joints were late
     after_late: bool = False
+    # the stage after it in which joints are late, if that holds what this does until they let go:
+    # one derivative and one correction fly both, which a kernel then compiles once
+    flown_as: str = ""
     # the condition that ends the phase after it and is waited for while joints are late
     awaited: Event | None = None
     # of several conditions: any of these ends it, each all of its numbers
@@ -345,4 +348,6 @@ class Shape:
     def plain_axes(self, joint: str) -> bool:
         """Whether a joint's axes are those of its first body."""
         j = self.scene.joint[joint]
+        if f"joint.{joint}.x_axis.x" in self.plan.slots:
+            return False
         return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY

@@ -56,6 +56,13 @@ def emit_prepare(out: Text, c: Context) -> None:
             f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
             "put4(w, AIR + l, air)",
         )
+    for body, start in shape.plan.outlines.items():
+        if slabs.has(held := f"OUTLINE_{body}"):
+            size = slabs.counts[held]
+            text.lanes()(
+                f"hold_outline(w, {held} + {size} * l, P + {start} * LANES + l, "
+                f"{size // at.PART_SIZE})"
+            )
     scope.write(text, _MOST_LINES)
 
 

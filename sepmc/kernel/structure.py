@@ -250,7 +250,18 @@ def _add_late(
         may[joint] = before | stage.may[joint] if len(late) > 1 else before
     between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.USUAL)
     between.late, between.awaited = late, awaited
+    if _holds_alike(stages[-1], between):
+        stages[-1].flown_as = between.name
     stages.append(between)
+
+
+def _holds_alike(stage: Stage, late: Stage) -> bool:
+    """Whether a stage, in which nothing lets go, has the rows that the next has before its late
+    joints let go."""
+    return not (stage.masked or stage.dropped or stage.redundant or late.redundant) and (
+        (stage.groups, stage.full, [(row.joint, row.code) for row in stage.rows])
+        == (late.groups, late.full, [(row.joint, row.code) for row in late.rows])
+    )
 
 
 def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:

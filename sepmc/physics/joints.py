@@ -12,6 +12,15 @@ from sepmc.physics import vec3
 
 
 @formula
+def axes(x, y):
+    """Right-handed unit axes of a joint from an x axis and a vector near the y axis; not finite if
+    they are parallel. As `sepmc.scene.kinds.joint_axes`, against which it is checked."""
+    ahead = vec3.unit(x)
+    up = vec3.unit(vec3.sub(y, vec3.scale(vec3.dot(ahead, y), ahead)))
+    return ahead, up, vec3.cross(ahead, up)
+
+
+@formula
 def centripetal(omega, rho):
     """omega x (omega x rho): what a turning lever arm adds to the acceleration of its end, m/s2."""
     return vec3.cross(omega, vec3.cross(omega, rho))

@@ -20,6 +20,7 @@ from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.lips import lip_gap, lip_least
 from sepmc.physics.rims import rim_gap
 from sepmc.routines import layout as at
+from sepmc.routines.lanes import LANES
 
 # two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of
 # the first or of the second body
@@ -77,6 +78,24 @@ def search_clearance(w, job):
                 lip = LIP_ON_FIRST if shell_a else LIP_ON_SECOND
                 searched = _search((lip, end, part_a, part_b), motion, w, job) and searched
     w[job + at.JOB_DONE] = 1.0 if searched else 0.0
+
+
+@routine
+def hold_outline(w, held, numbers, parts):
+    """Put the parts of a lane's own outline, whose numbers stand LANES apart from w[numbers] on,
+    to w[held] and behind, as `layout.PART_SIZE` has them.
+
+    numbers : of each part hollow, layout point of its start, station of its other end (NaN: a
+        point), radius at both ends
+    """
+    for n in range(parts):
+        to, of = held + at.PART_SIZE * n, numbers + at.PART_SIZE * n * LANES
+        for k in range(at.PART_SIZE):
+            w[to + k] = w[of + k * LANES]
+        length = w[to + 4] - w[to + 1]
+        w[to + 4] = 0.0 if math.isnan(length) else length
+        if length == 0.0:  # a disc has one rim
+            w[to + 5] = w[to + 6] = max(w[to + 5], w[to + 6])
 
 
 @routine

@@ -140,17 +140,13 @@ def _of_column(
 
 
 def _is_structure(parts: list[str]) -> bool:
-    """Whether a path names a number that all cases share: run and solver settings, axes, shapes,
-    the zero of alpha_ref."""
+    """Whether a path names a number that all cases share: run and solver settings, signs, the zero
+    of alpha_ref."""
     return (
         parts[0] in ("run", "solver", "clearance", "output")
-        or (
-            parts[0] in ("joint", "spring")
-            and parts[2] in ("x_axis", "y_axis", "axis", "apart", "kind")
-        )
+        or (parts[0] == "joint" and parts[2] in ("apart", "kind"))
         or parts[:2] == ["initial", "path_reference"]
         or parts[-1] == "pins"
-        or (len(parts) > 2 and parts[2] == "outline")
     )
 
 

@@ -1,6 +1,7 @@
 """What the model's fields are: their quantity, the TOML keys they accept, and how one value is
 converted and checked."""
 
+import dataclasses
 import functools
 import math
 import re
@@ -37,6 +38,11 @@ class Field:
         if not self.units:
             return {self.name: 1.0}
         return {f"{self.name}_{unit}": factor for unit, factor in self.units.items()}
+
+    def component(self, number: int) -> "Field | None":
+        """The same for one component of a vector, if it has bounds of its own."""
+        kind = get_args(self.bare)[number]
+        return dataclasses.replace(self, type=kind) if _bounds(kind) else None
 
     @property
     def table(self) -> type[msgspec.Struct] | None:

@@ -103,8 +103,6 @@ def _check_part(place: str, part: Part, problems: Problems) -> None:
         not part.points
     ):
         problems.add(place, "give stations_m and radii_m (a frustum), or points_m")
-    if part.radii is not None and min(part.radii) < 0.0:
-        problems.add(f"{place}.radii_m", "must be >= 0", list(part.radii))
     if part.hollow and (part.stations is None or part.stations[0] == part.stations[1]):
         problems.add(f"{place}.hollow", "only a frustum of some length can be hollow")
     if part.points and any(part.offset):

@@ -16,6 +16,7 @@ class Quantity(NamedTuple):
 
 
 _XYZ = ("x", "y", "z")
+_ENDS = ("0", "1")  # of a frustum
 Positive = Meta(gt=0)
 NotNegative = Meta(ge=0)
 _SHARE = Meta(gt=0, lt=1)
@@ -26,6 +27,7 @@ Angle = Annotated[float, Quantity("angle")]
 Speed = Annotated[float, NotNegative, Quantity("speed")]
 Point = Annotated[Vector, Quantity("length", _XYZ)]
 Direction = Annotated[Vector, Quantity("", _XYZ)]
+Radius = Annotated[float, NotNegative]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
 # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
 Polynomial = dict[str, float]
@@ -40,11 +42,14 @@ class _Table(Struct, frozen=True):
 
 
 class WindProfile(_Table, frozen=True, kw_only=True):
-    """Wind over height, smooth between the rows; added to the steady wind."""
+    """Wind over height, smooth between the rows; added to the steady wind. All speeds are
+    multiplied by ``factor``, all directions turned by ``turn``."""
 
     altitude: Annotated[Series, Quantity("length")]
     speed: Annotated[Series, Quantity("speed")]
     direction: Annotated[Series, Quantity("angle")]
+    factor: float = 1.0
+    turn: Angle = 0.0
 
 
 class Wind(_Table, frozen=True, kw_only=True):
@@ -107,8 +112,8 @@ class Part(_Table, frozen=True, kw_only=True):
     A hollow frustum is the inside of a shell: points of the other body should stay within it.
     """
 
-    stations: Annotated[tuple[float, float], Quantity("length")] | None = None
-    radii: Annotated[tuple[float, float], Quantity("length")] | None = None
+    stations: Annotated[tuple[float, float], Quantity("length", _ENDS)] | None = None
+    radii: Annotated[tuple[Radius, Radius], Quantity("length", _ENDS)] | None = None
     # where the axis of revolution lies
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     points: Annotated[tuple[Vector, ...], Quantity("length")] = ()

@@ -2,7 +2,7 @@
 SI value."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import msgspec
 
@@ -10,6 +10,8 @@ from sepmc.scene.fields import Field, fields_of
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import Scene
 from sepmc.scene.units import split_unit
+
+_XYZ = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -47,15 +49,16 @@ def find(scene: Scene, key: str) -> Parameter:
             name, unit, factor, last = _field(node, part)
             node = getattr(node, name)
         else:
-            # what bounds a table bounds none of its entries
-            last = None if isinstance(node, dict) else last
+            within = node
             name, node = _item(node, part, last)
+            # what bounds a table bounds none of its entries
+            last = None if isinstance(within, dict) else last
+            if last and isinstance(node, float | int):
+                last = last.component(_names(within, last).index(name))
         path.append(name)
     if isinstance(node, bool) or not isinstance(node, int | float):
         raise UnknownPath(_not_a_number(node, last))
-    return Parameter(
-        key, ".".join(path), unit, factor, last if last and not last.quantity.components else None
-    )
+    return Parameter(key, ".".join(path), unit, factor, last)
 
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
@@ -85,22 +88,34 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
         return part, node[part]
-    if isinstance(node, tuple) and field and field.quantity.components:
-        names = field.quantity.components
-        if part not in names:
-            raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
+    names = _names(node, field) if isinstance(node, tuple) else ()
+    if part in names:
         return part, node[names.index(part)]
-    if isinstance(node, tuple) and all(isinstance(item, msgspec.Struct) for item in node):
-        names = item_names(node)
-        if part not in names:
-            raise UnknownPath(f"no {part!r} here; " + nearest(part, names))
-        return part, node[names.index(part)]
+    if names and isinstance(node[0], float | int):
+        raise UnknownPath(f"{part!r} is no component; allowed: " + ", ".join(names))
+    if names:
+        raise UnknownPath(f"no {part!r} here; " + nearest(part, names))
     raise UnknownPath(f"{part!r} does not exist: the path ends before it")
 
 
+def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
+    """What the items of an array are called in a path: components of vectors, names of tables,
+    numbers of points; nothing if it is a series."""
+    if node and all(isinstance(item, msgspec.Struct) for item in node):
+        return item_names(node)
+    if node and all(isinstance(item, tuple) for item in node):
+        return tuple(map(str, range(len(node))))
+    if field and field.quantity.components:
+        return field.quantity.components
+    within = get_args(field.bare)[:1] if field else ()
+    return _XYZ if within and get_origin(within[0]) is tuple else ()
+
+
 def _not_a_number(node: Any, field: Field | None) -> str:
-    if isinstance(node, tuple) and field and field.quantity.components:
-        return "is a vector; name one component: ." + ", .".join(field.quantity.components)
+    if isinstance(node, tuple) and (names := _names(node, field)):
+        if isinstance(node[0], float | int):
+            return "is a vector; name one component: ." + ", .".join(names)
+        return "is an array; name one of its items: ." + ", .".join(names)
     return "is not a number, so it cannot vary"
 
 
@@ -135,6 +150,5 @@ def _replace(node: Any, parts: list[str], number: float, field: Field | None) ->
         )
     if isinstance(node, dict):
         return {**node, part: _replace(node[part], rest, number, None)}
-    names = field.quantity.components if field and field.quantity.components else item_names(node)
-    place = names.index(part)
-    return (*node[:place], _replace(node[place], rest, number, None), *node[place + 1 :])
+    place = _names(node, field).index(part)
+    return (*node[:place], _replace(node[place], rest, number, field), *node[place + 1 :])

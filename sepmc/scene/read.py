@@ -22,6 +22,7 @@ from sepmc.scene.input_table import InputTable, Reader
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
 from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
+from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
@@ -178,6 +179,8 @@ def parse_campaign(
         scene = msgspec.structs.replace(scene, run=run)
     for dispersion in dispersions:
         check_dispersion(dispersion, scene, problems)
+    if not problems:
+        check_shapes(dispersions, scene, problems)
     if len(dispersions) == len(laws):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:

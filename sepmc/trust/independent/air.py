@@ -71,8 +71,10 @@ class Wind:
         self.steady = _level(table["speed"], table["direction"])
         self.curve, profile = None, table["profile"]
         if profile:
+            factor, turn = profile["factor"], profile["turn"]
             rows = [
-                _level(*row) for row in zip(profile["speed"], profile["direction"], strict=True)
+                _level(factor * speed, direction + turn)
+                for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
             ]
             self.curve, self.ends = (
                 held_curve(profile["altitude"], rows),

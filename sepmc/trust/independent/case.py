@@ -16,7 +16,9 @@ ENVIRONMENT = {
     "surface_gravity": 9.80665, "wind": None,
 }  # fmt: skip
 WIND = {"speed": 0.0, "direction": 0.0, "profile": None}
-WIND_PROFILE = {"altitude": REQUIRED, "speed": REQUIRED, "direction": REQUIRED}
+WIND_PROFILE = {
+    "altitude": REQUIRED, "speed": REQUIRED, "direction": REQUIRED, "factor": 1.0, "turn": 0.0,
+}  # fmt: skip
 AIR = {"altitude": REQUIRED, "density": REQUIRED, "speed_of_sound": ()}
 BODY = {
     "mass": REQUIRED, "inertia": REQUIRED, "inertia_products": ZERO, "inertia_factor": 1.0,
