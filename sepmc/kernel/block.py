@@ -312,7 +312,7 @@ def _stand_still(text: Text, c: Context) -> None:
     """A start may not turn where a joint holds the vehicle's attitude to the ground: rows that
     would tell are left out."""
     scope = c.scope()
-    omega = scope.load(f"Y + OMEGA_{c.shape.bodies[0]}", 3)
+    omega = c.case.vector(at.OMEGA)
     lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
     scope.write(text)
 

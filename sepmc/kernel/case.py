@@ -118,11 +118,21 @@ class Case:
         )
         return one, other, vehicle.arm(first, second) if has_second else ZERO
 
+    def joint(self, name: str) -> int:
+        """Where the parameters of a joint start."""
+        number = list(self.shape.scene.joint).index(name)
+        return int(self.model.joints_p) + at.JOINT_SIZE * number
+
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
         """`ends` of a joint."""
-        joint, number = self.shape.scene.joint[name], list(self.shape.scene.joint).index(name)
-        start = int(self.model.joints_p) + at.JOINT_SIZE * number
-        return self.ends(start, joint.bodies, joint.second_point is not None)
+        joint = self.shape.scene.joint[name]
+        return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
+
+    def swing(self, name: str, body: str) -> tuple[Any, Any]:
+        """Rate across a joint at the start, and the arm of a body to its point, body axes."""
+        start = self.joint(name)
+        point = self.vector(start + at.POINT)
+        return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
     def joint_axis(self, name: str, k: int) -> Value:
         """Axis k of a joint, in body axes of the first body."""

@@ -54,14 +54,9 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
     inner(lost_unless("False", Status.JAMMED))
 
 
-def _place(s: State, joint: str) -> int:
-    """Where the parameters of a joint start."""
-    return int(s.c.model.joints_p) + at.JOINT_SIZE * list(s.shape.scene.joint).index(joint)
-
-
 def _friction_per_newton(s: State, joint: str) -> Any:
     """What 1 N on the pins of a joint rubs, along the direction of separation."""
-    p, speed = _place(s, joint), s.separation(joint).rate
+    p, speed = s.case.joint(joint), s.separation(joint).rate
     friction = guides.friction_force(
         s.case.number(p + at.FRICTION), 1.0, speed, s.case.number(p + at.SLIP_SPEED)
     )
@@ -70,7 +65,7 @@ def _friction_per_newton(s: State, joint: str) -> Any:
 
 def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     """Lateral forces of all pins of a joint, or by how much a force changes them."""
-    c, p, count = s.case, _place(s, joint), s.c.pins(joint)
+    c, p, count = s.case, s.case.joint(joint), s.c.pins(joint)
     axes = [s.axis(joint, k) for k in range(3)]
     force, moment = (
         tuple(0.0 if vector is ZERO else vec3.dot(vector, axis) for axis in axes)

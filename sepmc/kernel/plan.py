@@ -69,7 +69,12 @@ _MOTOR = {
     "deflection": at.DEFLECTION,
     "deflection_clock": at.DEFLECTION_CLOCK,
 }
-_JOINT = {**_vector("point", at.POINT), "delay": at.DELAY, "fails": at.FAILS}
+_JOINT = {
+    **_vector("point", at.POINT),
+    **_vector("omega", at.SWING),
+    "delay": at.DELAY,
+    "fails": at.FAILS,
+}
 _GUIDE = {
     "circle": at.CIRCLE,
     "clock": at.PIN_CLOCK,

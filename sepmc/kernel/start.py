@@ -10,6 +10,7 @@ from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
+from sepmc.scene.swings import swings
 from sepmc.schema import Status
 
 _MOST_LINES = 120  # of a loop: in one, that of `srb` takes 9.8 s to compile, so 6.2
@@ -80,23 +81,28 @@ def _start(c: Context) -> None:
     """
     shape, slabs, case, scope = c.shape, c.slabs, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
-    pivot = _pivot(c)
+    pivot, found = _pivot(c), dict(swings(shape.scene, shape.dispersed))
     sound: Any = None
     for body in shape.bodies:
         offset = vec3.scale(
             -1.0, vehicle.arm(case.centre_of_mass(body), case.common_centre)
         ).called("offset")
         turning = offset if pivot is None else vec3.sub(offset, pivot)
+        speed, rate = vec3.cross(omega, turning), omega
+        for joint in (name for name, beyond in found.items() if body in beyond):
+            swing, to_joint = case.swing(joint, body)
+            speed = vec3.add(speed, vec3.cross(to_joint, swing))
+            rate = vec3.add(rate, swing)
         scope.store(f"Y + X_{body}", vec3.rotate(r, offset))
-        scope.store(f"Y + V_{body}", vec3.rotate(r, vec3.cross(omega, turning)))
+        scope.store(f"Y + V_{body}", vec3.rotate(r, speed))
         scope.store(f"Y + Q_{body}", case.attitude)
-        scope.store(f"Y + OMEGA_{body}", omega)
+        scope.store(f"Y + OMEGA_{body}", rate)
         if slabs.has(f"ANGLES_{body}"):
             scope.store(f"ANGLES_{body}", case.number(at.PITCH))
             scope.store(part(f"ANGLES_{body}", 1), case.number(at.ROLL))
         if slabs.has(f"HEADING_{body}"):
             scope.store(f"HEADING_{body}", quat.heading(r))
-            scope.store(f"LAST_RATE_{body}", omega)
+            scope.store(f"LAST_RATE_{body}", rate)
         heavy = (case.mass(body) > 0.0) & vec3.is_positive_definite(case.inertia(body))
         sound = heavy if sound is None else sound & heavy
     scope.store("LOST", where(sound, 0.0, float(Status.INVALID_INPUT)))

@@ -56,7 +56,8 @@ POINT, SECOND_POINT, DELAY, FAILS, CIRCLE, PIN_CLOCK, ENGAGED, FRICTION, SLIP_SP
     11,
     12,
 )
-JOINT_SIZE = 13
+SWING = 13  # rate across it at the start
+JOINT_SIZE = 16
 LEAST_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
 # Offsets in a spring's block; its points as those of a joint.
 SPRING_FORCE, STIFFNESS, DAMPING, STROKE = 6, 7, 8, 9

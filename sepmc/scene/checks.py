@@ -234,6 +234,13 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         problems.add(
             place, "can vary only if its nominal is > 0: friction that is 0 is not computed"
         )
+    parts = parameter.path.split(".")
+    if (
+        parts[2:3] == ["outline"]
+        and parts[4] == "offset"
+        and scene.body[parts[1]].outline[int(parts[3])].stations is None
+    ):
+        problems.add(place, "is that of a frustum's axis, and this part has points")
     if parameter.path == "initial.yaw" and max(-low, high) > math.radians(89.0):
         problems.add(
             place,

@@ -241,6 +241,8 @@ class Joint(_Table, frozen=True, kw_only=True):
         None
     )
     kind: dict[Name, Custom] = field(default_factory=dict)
+    # rate of the second body, and what hangs on it, from the first at the start, about the point
+    omega: Annotated[Vector, Quantity("angular rate", _XYZ)] = (0.0, 0.0, 0.0)
     delay: Time = 0.0  # from the event that lets go to letting go
     fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never lets go
     guide: Guide | None = None

@@ -23,6 +23,7 @@ from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, sh
 from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.shape_checks import check_shapes
+from sepmc.scene.swings import check_swings
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
@@ -181,6 +182,7 @@ def parse_campaign(
         check_dispersion(dispersion, scene, problems)
     if not problems:
         check_shapes(dispersions, scene, problems)
+        check_swings(scene, frozenset(d.parameter.path for d in dispersions), problems)
     if len(dispersions) == len(laws):
         copulas = resolve_correlations(correlations, scene, dispersions, problems)
         if copulas and scene.run.sampler == SALTELLI:

@@ -145,7 +145,7 @@ def check(scene: Any) -> None:
         plain = (
             set(joint.bodies) == set(scene.body)
             and joint.x_axis == (1.0, 0.0, 0.0)
-            and not (joint.delay or joint.fails or joint.guide)
+            and not (joint.delay or joint.fails or joint.guide or any(joint.omega))
         )
         plain = (
             plain

@@ -58,7 +58,7 @@ PROXIMITY = {
 }
 JOINT = {
     "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "x_axis": (1.0, 0.0, 0.0),
-    "y_axis": (0.0, 1.0, 0.0), "apart": None,
+    "y_axis": (0.0, 1.0, 0.0), "apart": None, "omega": ZERO,
     "kind": None, "delay": 0.0, "fails": 0.0, "guide": None,
 }  # fmt: skip
 GUIDE = {

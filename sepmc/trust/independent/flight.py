@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853
 
-from sepmc.trust.independent.case import read
+from sepmc.trust.independent.case import GROUND, read
 from sepmc.trust.independent.clearances import Clearances
 from sepmc.trust.independent.conditions import Leaf
 from sepmc.trust.independent.constraints import Singular
@@ -71,7 +71,7 @@ class IndependentFlight:
             self.motion.sequence,
         )
         self.t, self.end = 0.0, scene["run"]["end_time"]
-        self.y = vehicle.start(self.motion.pivot(scene["phase"][0]["joints"]))
+        self.y = vehicle.start(self.motion.pivot(scene["phase"][0]["joints"]), _swings(scene))
         self.follower = Follower(vehicle)
         # when a joint became free, and the rates of all bodies then
         self.released: dict[str, tuple[float, Array]] = {}
@@ -370,6 +370,28 @@ def fly(case: Mapping[str, Any], rtol: float = 1e-12) -> Flown:
         vague(flight),
         flight.watch.reached(),
     )
+
+
+def _swings(scene: dict[str, Any]) -> list[tuple[Array, Any, list[str]]]:
+    """Rates across joints at the start (rad/s, body axes), the joints' layout points, and the
+    bodies that each turns: those that cannot be reached from the ground and the joint's first body
+    but through the joint."""
+    found, kinds = [], scene["phase"][0]["joints"]
+    for name, joint in scene["joint"].items():
+        if not any(joint["omega"]):
+            continue
+        edges = [
+            other["bodies"]
+            for key, other in scene["joint"].items()
+            if key != name and kinds.get(key, "free") != "free"
+        ]
+        side = {body: body == joint["bodies"][1] for body in [*scene["body"], GROUND]}
+        for _ in side:  # as many rounds as a chain can be long
+            for a, b in edges:
+                side[a] = side[b] = side[a] or side[b]
+        turned = [body for body in scene["body"] if side[body]]
+        found.append((np.array(joint["omega"], float), joint["point"], turned))
+    return found
 
 
 def _has_tables(scene: dict[str, Any]) -> bool:

@@ -105,9 +105,9 @@ class Vehicle:
         origin = self.centre if body == GROUND else self.cg[self.index[body]]
         return (np.asarray(point, float) - origin) * (-1.0, 1.0, 1.0)
 
-    def start(self, pivot: Array) -> Array:
+    def start(self, pivot: Array, swings: list[tuple[Array, Any, list[str]]]) -> Array:
         """State vector at the start: every body turns with the vehicle about ``pivot``, a vector
-        from the mass centre in body axes."""
+        from the mass centre in body axes; with ``swings``, some turn about a layout point too."""
         y, omega = np.zeros((self.n, SIZE)), np.array(self.initial["omega"], float)
         for b, name in enumerate(self.names):
             offset = -self.arm(name, self.centre)
@@ -115,6 +115,10 @@ class Vehicle:
             y[b, 3:6] = self.r0 @ np.cross(omega, offset - pivot)
             y[b, 6:10] = Rotation.from_matrix(self.r0).as_quat()[[3, 0, 1, 2]]
             y[b, 10:13] = omega
+            for rate, point, turned in swings:
+                if name in turned:
+                    y[b, 3:6] -= self.r0 @ np.cross(rate, self.arm(name, point))
+                    y[b, 10:13] += rate
         return y.ravel()
 
     def state(self, t: float, y: Array) -> State:

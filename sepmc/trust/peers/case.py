@@ -160,6 +160,11 @@ class Case:
             for n, j in self.data.get("joint", {}).items()
             if (j.get("guide") or {}).get("friction")
         ]
+        lost += [
+            f"a rate across {n} at the start"
+            for n, j in self.data.get("joint", {}).items()
+            if any(j.get("omega", ()))
+        ]
         if self.environment.get("atmosphere") == "table" or (
             self.environment.get("wind") or {}
         ).get("profile"):

@@ -1,0 +1,72 @@
+"""Joints across which one body already turns from the other at the start."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sepmc.routines import layout as at
+from sepmc.scene.kinds import KINDS, joint_axes, rows_of
+from sepmc.scene.messages import Problems
+from sepmc.scene.model import GROUND, Scene
+
+_ALONG = 1e-9  # of a rate: as much about an axis that is held is round-off
+
+
+def swings(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Iterator[tuple[str, set[str]]]:
+    """Joints with a rate across them at the start, in some case, and the bodies that it turns: all
+    that hang on the second body of the joint."""
+    for name, joint in scene.joint.items():
+        path = f"joint.{name}.omega."
+        if any(joint.omega) or any(one.startswith(path) for one in dispersed):
+            yield name, _beyond(scene, name)
+
+
+def _beyond(scene: Scene, joint: str) -> set[str]:
+    """What hangs together with the second body of a joint in the first phase, if the joint itself
+    is left out."""
+    held = [
+        set(scene.joint[name].bodies)
+        for name, kind in scene.phase[0].joints.items()
+        if kind != "free" and name != joint
+    ]
+    found, size = {scene.joint[joint].bodies[1]}, 0
+    while len(found) > size:
+        size = len(found)
+        found = found.union(*(pair for pair in held if pair & found))
+    return found
+
+
+def check_swings(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
+    """Rates across joints that a joint does not allow, or that do not say how bodies turn."""
+    for name, beyond in swings(scene, dispersed):
+        joint, kind = scene.joint[name], scene.phase[0].joints.get(name, "free")
+        place, first = f"joint.{name}.omega_deg_s", joint.bodies[0]
+        shown = [float(f"{x:.6g}") for x in np.degrees(joint.omega)]
+        if GROUND in beyond:
+            problems.add(place, "would turn the ground, on which the second body hangs", shown)
+        elif first in beyond:
+            problems.add(
+                place,
+                f"{first} hangs on the second body by other joints too: they cannot turn",
+                shown,
+            )
+        elif kind in KINDS or kind in joint.kind:
+            _check_held(name, scene, kind, problems, shown)
+
+
+def _check_held(name: str, scene: Scene, kind: str, problems: Problems, shown: list[float]) -> None:
+    """A rate must be about axes that the kind of the first phase leaves free."""
+    joint = scene.joint[name]
+    axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
+    rate = np.array(joint.omega)
+    for code in rows_of(joint, kind):
+        if at.ROTATION <= code < at.ROD:
+            second, first = divmod(code - at.ROTATION, 3)
+            about = np.cross(axes[second], axes[first])
+            if abs(about @ rate) > _ALONG * np.linalg.norm(rate):
+                problems.add(
+                    f"joint.{name}.omega_deg_s",
+                    f"has a part that {kind!r}, its kind in the first phase, holds",
+                    shown,
+                )
+                return
