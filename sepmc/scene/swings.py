@@ -7,7 +7,7 @@ import numpy as np
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import KINDS, joint_axes, rows_of
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import GROUND, Scene
+from sepmc.scene.model import GROUND, Joint, Scene
 
 _ALONG = 1e-9  # of a rate: as much about an axis that is held is round-off
 
@@ -51,22 +51,23 @@ def check_swings(scene: Scene, dispersed: frozenset[str], problems: Problems) ->
                 shown,
             )
         elif kind in KINDS or kind in joint.kind:
-            _check_held(name, scene, kind, problems, shown)
+            moved = [np.array(joint.omega)] if any(joint.omega) else []
+            moved += [
+                np.eye(3)[k] for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed
+            ]
+            if any(_is_held(joint, kind, rate) for rate in moved):
+                problems.add(
+                    place, f"has a part that {kind!r}, its kind in the first phase, holds", shown
+                )
 
 
-def _check_held(name: str, scene: Scene, kind: str, problems: Problems, shown: list[float]) -> None:
-    """A rate must be about axes that the kind of the first phase leaves free."""
-    joint = scene.joint[name]
+def _is_held(joint: Joint, kind: str, rate: np.ndarray) -> bool:
+    """Whether a rate has a part about an axis that a kind of a joint holds."""
     axes = joint_axes(joint.x_axis, joint.y_axis).reshape(3, 3)
-    rate = np.array(joint.omega)
     for code in rows_of(joint, kind):
         if at.ROTATION <= code < at.ROD:
             second, first = divmod(code - at.ROTATION, 3)
             about = np.cross(axes[second], axes[first])
             if abs(about @ rate) > _ALONG * np.linalg.norm(rate):
-                problems.add(
-                    f"joint.{name}.omega_deg_s",
-                    f"has a part that {kind!r}, its kind in the first phase, holds",
-                    shown,
-                )
-                return
+                return True
+    return False

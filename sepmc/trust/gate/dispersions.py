@@ -13,6 +13,7 @@ from sepmc.scene.fields import Field, fields_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Law, NotNegative, Scene
 from sepmc.scene.parameters import item_names, value
+from sepmc.scene.swings import check_swings
 from sepmc.trust.gate.dice import Dice, rounded
 
 # angles that laws take all round
@@ -135,6 +136,7 @@ def _allowed(scene: Scene, key: str, law: dict[str, Any]) -> bool:
         return False
     for dispersion in resolve(scene, {key: model}, problems):
         check_dispersion(dispersion, scene, problems)
+        check_swings(scene, frozenset({dispersion.parameter.path}), problems)
     return not problems
 
 
