@@ -200,11 +200,15 @@ def test_a_stage_is_flown_by_the_functions_of_the_next_where_that_holds_the_same
     written once, and flies as what is written for itself."""
     balls = {"pins": "spherical", "other": "spherical"}
     phase = [{"name": "held", "joints": balls, "until": {"time_s": 0.1}}, {"name": "free"}]
+    table = {"alpha_deg": [-180.0, -20.0, 20.0, 180.0], "normal": [-0.5, -0.5, 0.5, 0.5]}
+    air = {"reference_area_m2": 1.0, "reference_length_m": 0.5, "table": table}
     late = TURNING | TWO | {"joint.pins.delay_s": 0.1, "joint.other.delay_s": 0.2, "phase": phase}
+    late |= {"environment.atmosphere": "us1976", "body.aft.aerodynamics": air}
     shared = pair(late)
     kernel = pilot.kernel_text(shared)
     assert "    rates_phase2_late(w)\n\n" in kernel
     assert "    correct_phase2_late(w)\n\n" in kernel
+    assert "    look_up_phase2_late(w)\n\n" in kernel
     monkeypatch.setattr(structure, "_holds_alike", lambda *_: False)
     apart = pair(late)
     assert len(pilot.kernel_text(apart)) > 1.1 * len(kernel)
