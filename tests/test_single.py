@@ -1,6 +1,8 @@
 """One case by itself, flown by the kernel written for its scene in plain Python, with rows over
 time."""
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -159,6 +161,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     found = campaign.simulate(step_s=0.5, announce=heard.append)
     assert found.attrs["compiled"]
     assert any("compiling" in text for text in heard)
+    assert any(re.fullmatch(r"compiled (\d+) of \1", text) for text in heard)
     assert_allclose(found.attrs["outcomes"]["fore_roll_deg"], 1.8e6, rtol=1e-6)
 
 

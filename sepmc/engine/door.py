@@ -285,7 +285,12 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
                 f"compiling {left} pieces of this scene's kernel, once (some seconds each) ..."
             )
         tell = now_and_then(announce, _EVERY_S)
-        cache.compile_apart(
-            names, lambda done, total: tell(lambda _: f"compiled {done} of {total}")
-        )
+
+        def progress(done: int, total: int) -> None:
+            if done < total:
+                tell(lambda _: f"compiled {done} of {total}")
+            elif announce:  # the last word, however soon after another
+                announce(f"compiled {done} of {total}")
+
+        cache.compile_apart(names, progress)
     return cache.load(names)
