@@ -58,7 +58,7 @@ _SENTENCES = {
     "shorten it",
     Status.NOT_FLOWN: "the kernel did not reach this case",
     Status.INCONSISTENT_START: "a joint of the first phase is violated by the initial state: does "
-    "a rod or a joint to the ground allow it?",
+    "a rod, a joint to the ground or the axis of a joint with omega_deg_s allow it?",
     Status.OUTSIDE_TABLE: "Mach, alpha or beta left an aerodynamic table, which is not "
     "extrapolated: widen the table",
     Status.JAMMED: "guide friction grows faster than the load that drives it, so the pins jam: "

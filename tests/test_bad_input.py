@@ -184,7 +184,7 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
     (
         LAW,
         '"joint.pins.y_axis.y" = { uniform = 1.0 }',
-        ["dispersion.joint.pins", "may be zero or parallel to x_axis"],
+        ["dispersion.joint.pins.y_axis", "may be zero or parallel to x_axis"],
     ),
     (
         '"body.upper.mass_kg" = { uniform = 20.0 }',

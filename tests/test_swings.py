@@ -103,15 +103,15 @@ def test_it_varies_from_case_to_case(pair):
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        ({"phase": held(pins="fixed")}, "has a part that 'fixed', its kind in the first phase"),
-        ({"phase": held(pins="revolute")}, "has a part that 'revolute'"),
+        ({"phase": held(pins="fixed")}, "has a part about an axis that 'fixed', its kind in the"),
+        ({"phase": held(pins="revolute")}, "has a part about an axis that 'revolute'"),
         (
             {
                 "phase": held(pins="revolute"),
                 "joint.pins.omega_deg_s": [1.0, 0.0, 0.0],
                 "dispersion": {"joint.pins.omega_deg_s.y": {"uniform": 1.0}},
             },
-            "has a part that 'revolute'",
+            "omega_deg_s.y: would vary about an axis that 'revolute'",
         ),
         (
             {
@@ -133,3 +133,21 @@ def test_it_varies_from_case_to_case(pair):
 def test_what_joints_do_not_allow_is_refused(pair, scene, says):
     with pytest.raises(SceneError, match=says):
         pair({"joint.pins.omega_deg_s": [0.0, 5.0, 10.0]} | scene)
+
+
+def test_a_rate_about_an_oblique_hinge_varies_by_its_components_together(pair):
+    """As rows of a plan do: what is along the hinge flies, what is not is no consistent start."""
+    laws = {f"joint.pins.omega_deg_s.{x}": {"discrete": [10.0, 20.0]} for x in "xy"}
+    campaign = pair(
+        TURNING
+        | {
+            "joint.pins.x_axis": [1.0, 1.0, 0.0],
+            "joint.pins.y_axis": [0.0, 0.0, 1.0],
+            "phase": held(pins="revolute"),
+            "dispersion": laws,
+        }
+    )
+    table = campaign.run(cases=8).to_pandas()
+    x, y = (table[f"in_joint_pins_omega_{axis}_deg_s"] for axis in "xy")
+    assert list(table["status"] == "ok") == list(x == y)
+    assert 0 < (x == y).sum() < 8

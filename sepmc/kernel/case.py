@@ -138,8 +138,12 @@ class Case:
         """Axis k of a joint, in body axes of the first body."""
         slots = self.shape.plan.slots
         if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
-            y = slots[f"joint.{name}.y_axis.x"]
-            return joints.axes(self.vector(place), self.vector(y))[k].called("axis")
+            ahead = vec3.unit(self.vector(place)).called("axis")
+            if k == 0:
+                return ahead
+            y = self.vector(slots[f"joint.{name}.y_axis.x"])
+            up = joints.across(ahead, y).called("axis")
+            return up if k == 1 else vec3.cross(ahead, up).called("axis")
         return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 3 * k, 3)
 
     def apart(self, name: str) -> Value:

@@ -56,10 +56,8 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
             )
         share = share * reach
     s.scope.write(text)
-    counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}"
-    if entry.after in stage.masked:
-        counts += f" and ({among(entry.after, stage.free(entry.after))})"
-    text = text.lanes().block(f"if {counts}:")
+    moves, counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", counts_in(c, stage, i)
+    text = text.lanes().block(f"if {moves if counts == 'True' else f'{moves} and ({counts})'}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
         "w[LENGTH + l]",
@@ -72,6 +70,15 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
         "+ k]"
     )
     text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
+
+
+def counts_in(c: Context, stage: Stage, i: int) -> str:
+    """The condition, for a lane, that a clearance counts in a phase: from the start, or once its
+    joint is free."""
+    after = c.shape.scene.clearance[i].after
+    if i not in c.counted(stage):
+        return "False"
+    return among(after, stage.free(after)) if after in stage.masked else "True"
 
 
 def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:

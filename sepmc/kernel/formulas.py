@@ -34,7 +34,7 @@ joints: Any = Formulas(
         "rotation": (3, NUMBER),
         "rotation_rate": NUMBER,
         "rod": (3, 3, 3, NUMBER),
-        "axes": (3, 3, 3),
+        "across": 3,
     },
 )
 guides: Any = Formulas(

@@ -4,8 +4,8 @@ know."""
 import math
 from typing import Any
 
-from sepmc.kernel.clearances import clearance_now
-from sepmc.kernel.context import Context, among, part
+from sepmc.kernel.clearances import clearance_now, counts_in
+from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, quat, scalar, square_root, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import pin_forces
@@ -122,13 +122,8 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     for k, value in enumerate(row):
         s.scope.store(part("ROW", k), value)
     s.scope.write(text)
-    for i, entry in enumerate(clearances):
-        counts = "False"
-        if i in c.counted(stage):
-            counts = "True"
-            if entry.after in stage.masked:
-                counts = among(entry.after, stage.free(entry.after))
-        clearance_now(text, s, i, counts, part("ROW", len(row) + i))
+    for i in range(len(clearances)):
+        clearance_now(text, s, i, counts_in(c, stage, i), part("ROW", len(row) + i))
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:

@@ -437,6 +437,7 @@ class _Writer:
 
     def store(self, place: str, value: Value) -> str:
         """The line that puts a value at a place."""
+        assert not isinstance(value.shape, tuple), "of a tuple of vectors, its items are stored"
         code = self._spell(value)
         if value.shape in _KEPT:
             return f"put{_KEPT[value.shape][0]}(w, {place} + l, {code})"

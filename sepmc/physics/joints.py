@@ -12,12 +12,11 @@ from sepmc.physics import vec3
 
 
 @formula
-def axes(x, y):
-    """Right-handed unit axes of a joint from an x axis and a vector near the y axis; not finite if
-    they are parallel. As `sepmc.scene.kinds.joint_axes`, against which it is checked."""
-    ahead = vec3.unit(x)
-    up = vec3.unit(vec3.sub(y, vec3.scale(vec3.dot(ahead, y), ahead)))
-    return ahead, up, vec3.cross(ahead, up)
+def across(e, y):
+    """The unit vector at right angles to a unit vector e that is nearest to y; not finite if y is
+    along e. With e the x axis of a joint it is its y axis, as in `sepmc.scene.kinds.joint_axes`,
+    against which it is checked."""
+    return vec3.unit(vec3.sub(y, vec3.scale(vec3.dot(e, y), e)))
 
 
 @formula

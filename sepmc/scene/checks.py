@@ -211,7 +211,7 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
     ):
         problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
         return
-    for bound, shown in zip((low, high), dispersion.support, strict=True):
+    for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (
             convert(bound, parameter.field.type) if parameter.field is not None else (None, None)
         )

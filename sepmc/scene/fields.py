@@ -41,7 +41,8 @@ class Field:
 
     def component(self, number: int) -> "Field | None":
         """The same for one component of a vector, if it has bounds of its own."""
-        kind = get_args(self.bare)[number]
+        kinds = get_args(self.bare)
+        kind = kinds[0] if ... in kinds else kinds[number]
         return dataclasses.replace(self, type=kind) if _bounds(kind) else None
 
     @property

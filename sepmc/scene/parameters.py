@@ -88,6 +88,10 @@ def _item(node: Any, part: str, field: Field | None) -> tuple[str, Any]:
         if part not in node:
             raise UnknownPath(f"no {part!r} here; " + nearest(part, node))
         return part, node[part]
+    if node == ():
+        raise UnknownPath(
+            f"{field.name if field else 'this'!r} is not set in this scene, so it cannot vary"
+        )
     names = _names(node, field) if isinstance(node, tuple) else ()
     if part in names:
         return part, node[names.index(part)]

@@ -352,6 +352,7 @@ def _has_ends(law: Law) -> bool:
 
 # tables whose keys are names, in which nothing is a unit
 _NAMES = ("body", "joint", "joints", "kind", "outcome")
+_XYZ = ("x", "y", "z")
 
 
 def _put(
@@ -365,9 +366,9 @@ def _put(
     head, rest = parts[0], parts[1:]
     if isinstance(node, list):
         tables = {
-            item.get("name"): item
-            for item in node
-            if isinstance(item, dict) and isinstance(item.get("name"), str)
+            name: item
+            for number, item in enumerate(node)
+            if isinstance(item, dict) and isinstance(name := item.get("name", str(number)), str)
         }
         if head in tables and rest:
             _put(tables[head], rest, value, problems, key)
@@ -398,6 +399,12 @@ def _put(
             )
     if not rest:
         node[head] = value
+    elif stem == "points" and len(rest) == 2 and isinstance(node.get(head), list):
+        points = {str(number): point for number, point in enumerate(node[head])}
+        if rest[0] in points and rest[1] in _XYZ and len(points[rest[0]]) == len(_XYZ):
+            points[rest[0]][_XYZ.index(rest[1])] = value
+        else:
+            problems.add(key, f"no point {'.'.join(rest)!r} here; a path ends as in points_m.0.x")
     elif head not in node and table in ("body", "joint"):
         problems.add(key, f"no {head!r} here; {nearest(head, node)}")
     elif isinstance(node.get(head), list) and len(rest) == 1 and stem in _COMPONENTS:

@@ -1,9 +1,6 @@
 """What laws may do together to the axes of joints and springs, and to outlines."""
 
-import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import Problems
@@ -11,6 +8,7 @@ from sepmc.scene.model import Scene
 
 _XYZ = ("x", "y", "z")
 Ranges = dict[str, tuple[float, float]]  # SI, by path
+Box = list[tuple[float, float]]
 
 
 def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Problems) -> None:
@@ -21,19 +19,23 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
         low, high = (bound * one.parameter.factor for bound in one.reach)
         ranges[one.parameter.path] = low, high
     for spring in scene.spring:
-        path = f"spring.{spring.name}.axis"
-        if spring.axis is not None and _reach(path, spring.axis, ranges) >= _length(spring.axis):
-            problems.add(f"dispersion.{path}", "the axis may be zero", list(spring.axis))
+        if spring.axis is not None:
+            path = f"spring.{spring.name}.axis"
+            if _may_vanish(_box(path, spring.axis, ranges)):
+                problems.add(f"dispersion.{path}", "the axis may be zero", list(spring.axis))
     for name, joint in scene.joint.items():
-        tilts = 0.0
-        for key, axis in (("x_axis", joint.x_axis), ("y_axis", joint.y_axis)):
-            share = _reach(f"joint.{name}.{key}", axis, ranges) / _length(axis)
-            tilts += math.asin(share) if share < 1.0 else math.pi
-        between = abs(math.sin(_angle(joint.x_axis, joint.y_axis)))
-        if tilts > 0.0 and (tilts >= 0.5 * math.pi or math.sin(tilts) >= between):
+        x, y = (
+            _box(f"joint.{name}.{key}", axis, ranges)
+            for key, axis in (("x_axis", joint.x_axis), ("y_axis", joint.y_axis))
+        )
+        if _may_vanish(x):
             problems.add(
-                f"dispersion.joint.{name}",
-                "the y_axis may be zero or parallel to x_axis",
+                f"dispersion.joint.{name}.x_axis", "the axis may be zero", list(joint.x_axis)
+            )
+        elif _may_vanish(_cross(x, y)):
+            problems.add(
+                f"dispersion.joint.{name}.y_axis",
+                "the axis may be zero or parallel to x_axis",
                 list(joint.y_axis),
             )
     for name, body in scene.body.items():
@@ -52,18 +54,27 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
                     )
 
 
-def _length(axis: Sequence[float] | np.ndarray) -> float:
-    return float(np.linalg.norm(axis))
-
-
-def _angle(x: Sequence[float], y: Sequence[float]) -> float:
-    return math.atan2(_length(np.cross(x, y)), float(np.dot(x, y)))
-
-
-def _reach(path: str, axis: Sequence[float], ranges: Ranges) -> float:
-    """How far the end of a vector may lie from where it is nominally."""
-    away = [
-        max(abs(bound - value) for bound in ranges.get(f"{path}.{key}", (value, value)))
-        for key, value in zip(_XYZ, axis, strict=True)
+def _box(path: str, axis: Sequence[float], ranges: Ranges) -> Box:
+    """Between what the components of an axis may lie."""
+    return [
+        ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(_XYZ, axis, strict=True)
     ]
-    return _length(away)
+
+
+def _may_vanish(box: Box) -> bool:
+    """Whether zero lies in a box."""
+    return all(low <= 0.0 <= high for low, high in box)
+
+
+def _cross(x: Box, y: Box) -> Box:
+    """A box in which the cross products of vectors of two boxes lie."""
+    found = []
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        one, other = _products(x[j], y[k]), _products(x[k], y[j])
+        found.append((min(one) - max(other), max(one) - min(other)))
+    return found
+
+
+def _products(a: tuple[float, float], b: tuple[float, float]) -> list[float]:
+    return [p * q for p in a for q in b]

@@ -51,13 +51,15 @@ def check_swings(scene: Scene, dispersed: frozenset[str], problems: Problems) ->
                 shown,
             )
         elif kind in KINDS or kind in joint.kind:
-            moved = [np.array(joint.omega)] if any(joint.omega) else []
-            moved += [
-                np.eye(3)[k] for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed
-            ]
-            if any(_is_held(joint, kind, rate) for rate in moved):
+            if any(joint.omega) and _is_held(joint, kind, np.array(joint.omega)):
+                said = f"has a part about an axis that {kind!r}, its kind in the first phase, holds"
+                problems.add(place, said, shown)
+            varied = [k for k, x in enumerate("xyz") if f"joint.{name}.omega.{x}" in dispersed]
+            # several may go together, as rows of a plan do
+            if len(varied) == 1 and _is_held(joint, kind, np.eye(3)[varied[0]]):
                 problems.add(
-                    place, f"has a part that {kind!r}, its kind in the first phase, holds", shown
+                    f"dispersion.joint.{name}.omega_deg_s.{'xyz'[varied[0]]}",
+                    f"would vary about an axis that {kind!r}, its kind in the first phase, holds",
                 )
 
 
