@@ -44,9 +44,10 @@ MOTOR = (
 
 def refuse_others(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     """Raise if a table sets anything but ``known``: a key that is absent, empty or zero sets
-    nothing."""
+    nothing, nor does a vector of zeros."""
     for key, value in table.items():
-        if key not in known and value:
+        sets = any(value) if isinstance(value, list | tuple) else value
+        if key not in known and sets:
             raise ValueError(f"the classical formulations know no {where}.{key}")
 
 
