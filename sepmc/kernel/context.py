@@ -8,7 +8,7 @@ from sepmc.kernel.case import Case
 from sepmc.kernel.methods import Method
 from sepmc.kernel.recorder import Scope, Value, where
 from sepmc.kernel.shape import Shape, Stage
-from sepmc.kernel.text import Slabs
+from sepmc.kernel.text import Slabs, Text
 from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 
 
@@ -135,6 +135,15 @@ class Context:
             self.shape.rubbing(after),
         )
         return after.name if alike else ""
+
+    def hands_on(self, out: Text, stage: Stage, what: str) -> bool:
+        """Write a function of a stage that only calls that of the stage by which it is flown.
+        Returns whether there is such a stage."""
+        after = self.flown_as(stage)
+        if after:
+            text = out.function(f"{what}_{stage.name}(w)", f"Phase {stage.name}: as in {after}.")
+            text(f"{what}_{after}(w)")
+        return bool(after)
 
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""

@@ -12,8 +12,8 @@ from functools import partial
 import numpy as np
 
 from sepmc.physics.us1976_table import BORDERS
-from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import GROUND, Motor, Phase, Scene
+from sepmc.scene.kinds import hanging_together
+from sepmc.scene.model import GROUND, Motor, Scene
 
 # of a table over height that a step passes at most: its stages then see what stands between two
 # rows
@@ -79,7 +79,7 @@ def _pushed(scenes: Sequence[Scene]) -> float:
     """Speed, m/s, that motors, springs and loads give a body at most: each with all that hangs
     together with both in some phase."""
     scene = scenes[0]
-    groups = [group for phase in scene.phase for group in _groups(scene, phase)]
+    groups = [group for phase in scene.phase for group in hanging_together(scene, phase)]
     masses = {
         name: min((s.body[name].mass for s in scenes if s.body[name].mass > 0.0), default=math.inf)
         for name in scene.body
@@ -129,16 +129,3 @@ def _by_impulse(impulse: float, mass: float) -> float:
 def _by_spring(force: float, way: float, end: float, mass: float) -> float:
     """By its force all the time, or by the energy that it has."""
     return min(force * end / mass, math.sqrt(2.0 * force * way / mass)) if force > 0.0 else 0.0
-
-
-def _groups(scene: Scene, phase: Phase) -> list[set[str]]:
-    """Bodies that hang together in a phase, by joints that hold something."""
-    groups = [{name} for name in (*scene.body, GROUND)]
-    for name, joint in scene.joint.items():
-        if rows_of(joint, phase.joints.get(name, "free")):
-            apart = [group for group in groups if not group & set(joint.bodies)]
-            groups = [
-                *apart,
-                set().union(*(group for group in groups if group & set(joint.bodies))),
-            ]
-    return groups

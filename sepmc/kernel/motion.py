@@ -151,6 +151,8 @@ def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
 def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     """A function that notes how far a phase's rows are off, and brings the state back if the scene
     asks for it."""
+    if c.hands_on(out, stage, "correct"):
+        return
     corrects = c.shape.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"
     says += (
@@ -159,9 +161,6 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
         else "."
     )
     text = out.function(f"correct_{stage.name}(w)", says)
-    if after := c.flown_as(stage):
-        text(f"correct_{after}(w)")
-        return
     s = State(c, c.scope(), stage, "Y")
     for k in range(4):
         s.scope.store(part("RESIDUAL_NOW", k), 0.0)

@@ -13,16 +13,15 @@ from sepmc.kernel.packing import Pool
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
 from sepmc.scene.kinds import joint_axes
-from sepmc.scene.model import GROUND, Scene
+from sepmc.scene.model import GROUND, XYZ, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
 
 WIND_FACTOR, WIND_TURN = "environment.wind.profile.factor", "environment.wind.profile.turn"
 _LEVEL = 1e-12  # m, or of the coordinates
-_XYZ = ("x", "y", "z")
 
 
-def _vector(key: str, start: int, names: tuple[str, ...] = _XYZ) -> dict[str, int]:
+def _vector(key: str, start: int, names: tuple[str, ...] = XYZ) -> dict[str, int]:
     return {f"{key}.{name}": start + i for i, name in enumerate(names)}
 
 

@@ -15,10 +15,7 @@ def emit_rates(out: Text, c: Context) -> None:
     """Functions for the derivative in every phase, and one that calls that of the phase."""
     for stage in c.shape.stages:
         emit_look_up(out, c, stage)
-        if after := c.flown_as(stage):
-            text = out.function(f"rates_{stage.name}(w)", f"Phase {stage.name}: as in {after}.")
-            text(f"rates_{after}(w)")
-        else:
+        if not c.hands_on(out, stage, "rates"):
             _rates(out, c, stage)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
     for number, stage in enumerate(c.shape.stages):

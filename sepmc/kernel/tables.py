@@ -54,11 +54,7 @@ def _has_air(shape: Shape, body: str) -> bool:
 
 def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
     """A function for what tables give at a state of a phase."""
-    if not has_tables(c.shape):
-        return
-    if after := c.flown_as(stage):
-        name = f"look_up_{stage.name}(w)"
-        out.function(name, f"What tables give in phase {stage.name}.")(f"look_up_{after}(w)")
+    if not has_tables(c.shape) or c.hands_on(out, stage, "look_up"):
         return
     text = Text(out.indent + 1)  # that of each table comes before it
     _over_height(out, text, c, stage)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sepmc.routines import layout as at
-from sepmc.scene.model import Joint
+from sepmc.scene.model import GROUND, Joint, Phase, Scene
 
 
 def _rotation(of_second: int, of_first: int) -> int:
@@ -76,3 +76,16 @@ def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarr
     y = np.array(y_axis) - x * (x @ np.array(y_axis))
     y /= np.linalg.norm(y)
     return np.concatenate([x, y, np.cross(x, y)])
+
+
+def hanging_together(scene: Scene, phase: Phase, without: str = "") -> list[set[str]]:
+    """Bodies that hang together in a phase, by joints that hold something, one left out."""
+    groups = [{name} for name in (*scene.body, GROUND)]
+    for name, joint in scene.joint.items():
+        if name != without and rows_of(joint, phase.joints.get(name, "free")):
+            apart = [group for group in groups if not group & set(joint.bodies)]
+            groups = [
+                *apart,
+                set().union(*(group for group in groups if group & set(joint.bodies))),
+            ]
+    return groups

@@ -15,7 +15,7 @@ class Quantity(NamedTuple):
     components: tuple[str, ...] = ()
 
 
-_XYZ = ("x", "y", "z")
+XYZ = ("x", "y", "z")
 _ENDS = ("0", "1")  # of a frustum
 Positive = Meta(gt=0)
 NotNegative = Meta(ge=0)
@@ -25,8 +25,8 @@ Length = Annotated[float, Quantity("length")]
 Time = Annotated[float, NotNegative, Quantity("time")]
 Angle = Annotated[float, Quantity("angle")]
 Speed = Annotated[float, NotNegative, Quantity("speed")]
-Point = Annotated[Vector, Quantity("length", _XYZ)]
-Direction = Annotated[Vector, Quantity("", _XYZ)]
+Point = Annotated[Vector, Quantity("length", XYZ)]
+Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
 # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
@@ -183,8 +183,8 @@ class Load(_Table, frozen=True, kw_only=True):
 
     name: Name
     body: str
-    force: Annotated[Vector, Quantity("force", _XYZ)] = (0.0, 0.0, 0.0)
-    moment: Annotated[Vector, Quantity("moment", _XYZ)] = (0.0, 0.0, 0.0)
+    force: Annotated[Vector, Quantity("force", XYZ)] = (0.0, 0.0, 0.0)
+    moment: Annotated[Vector, Quantity("moment", XYZ)] = (0.0, 0.0, 0.0)
     frame: Literal["body", "ground"] = "body"
     point: Point | None = None  # None: the centre of mass
     start: Time = 0.0
@@ -242,7 +242,7 @@ class Joint(_Table, frozen=True, kw_only=True):
     )
     kind: dict[Name, Custom] = field(default_factory=dict)
     # rate of the second body, and what hangs on it, from the first at the start, about the point
-    omega: Annotated[Vector, Quantity("angular rate", _XYZ)] = (0.0, 0.0, 0.0)
+    omega: Annotated[Vector, Quantity("angular rate", XYZ)] = (0.0, 0.0, 0.0)
     delay: Time = 0.0  # from the event that lets go to letting go
     fails: Annotated[float, Meta(ge=0, le=1)] = 0.0  # 1: it never lets go
     guide: Guide | None = None
@@ -307,7 +307,7 @@ class Output(_Table, frozen=True, kw_only=True):
 class Initial(_Table, frozen=True, kw_only=True):
     altitude: Length
     speed: Annotated[float, NotNegative, Quantity("speed")]
-    omega: Annotated[Vector, Quantity("angular rate", _XYZ)] = (0.0, 0.0, 0.0)
+    omega: Annotated[Vector, Quantity("angular rate", XYZ)] = (0.0, 0.0, 0.0)
     alpha: Angle = 0.0
     pitch: Angle = 0.0
     yaw: Angle = 0.0

@@ -8,10 +8,8 @@ import msgspec
 
 from sepmc.scene.fields import Field, fields_of
 from sepmc.scene.messages import nearest
-from sepmc.scene.model import Scene
+from sepmc.scene.model import XYZ, Scene
 from sepmc.scene.units import split_unit
-
-_XYZ = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ def _names(node: tuple[Any, ...], field: Field | None) -> tuple[str, ...]:
     if field and field.quantity.components:
         return field.quantity.components
     within = get_args(field.bare)[:1] if field else ()
-    return _XYZ if within and get_origin(within[0]) is tuple else ()
+    return XYZ if within and get_origin(within[0]) is tuple else ()
 
 
 def _not_a_number(node: Any, field: Field | None) -> str:

@@ -20,7 +20,7 @@ from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.input_table import InputTable, Reader
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
-from sepmc.scene.model import SALTELLI, Correlation, Law, Reference, Requirement, Scene
+from sepmc.scene.model import SALTELLI, XYZ, Correlation, Law, Reference, Requirement, Scene
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.swings import check_swings
@@ -352,7 +352,6 @@ def _has_ends(law: Law) -> bool:
 
 # tables whose keys are names, in which nothing is a unit
 _NAMES = ("body", "joint", "joints", "kind", "outcome")
-_XYZ = ("x", "y", "z")
 
 
 def _put(
@@ -401,8 +400,8 @@ def _put(
         node[head] = value
     elif stem == "points" and len(rest) == 2 and isinstance(node.get(head), list):
         points = {str(number): point for number, point in enumerate(node[head])}
-        if rest[0] in points and rest[1] in _XYZ and len(points[rest[0]]) == len(_XYZ):
-            points[rest[0]][_XYZ.index(rest[1])] = value
+        if rest[0] in points and rest[1] in XYZ and len(points[rest[0]]) == len(XYZ):
+            points[rest[0]][XYZ.index(rest[1])] = value
         else:
             problems.add(key, f"no point {'.'.join(rest)!r} here; a path ends as in points_m.0.x")
     elif head not in node and table in ("body", "joint"):

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import Problems
-from sepmc.scene.model import Scene
+from sepmc.scene.model import XYZ, Scene
 
-_XYZ = ("x", "y", "z")
 Ranges = dict[str, tuple[float, float]]  # SI, by path
 Box = list[tuple[float, float]]
 
@@ -57,7 +56,7 @@ def check_shapes(dispersions: Sequence[Dispersion], scene: Scene, problems: Prob
 def _box(path: str, axis: Sequence[float], ranges: Ranges) -> Box:
     """Between what the components of an axis may lie."""
     return [
-        ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(_XYZ, axis, strict=True)
+        ranges.get(f"{path}.{key}", (value, value)) for key, value in zip(XYZ, axis, strict=True)
     ]
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sepmc.routines import layout as at
-from sepmc.scene.kinds import KINDS, joint_axes, rows_of
+from sepmc.scene.kinds import KINDS, hanging_together, joint_axes, rows_of
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import GROUND, Joint, Scene
 
@@ -24,16 +24,8 @@ def swings(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Iterator[tu
 def _beyond(scene: Scene, joint: str) -> set[str]:
     """What hangs together with the second body of a joint in the first phase, if the joint itself
     is left out."""
-    held = [
-        set(scene.joint[name].bodies)
-        for name, kind in scene.phase[0].joints.items()
-        if kind != "free" and name != joint
-    ]
-    found, size = {scene.joint[joint].bodies[1]}, 0
-    while len(found) > size:
-        size = len(found)
-        found = found.union(*(pair for pair in held if pair & found))
-    return found
+    groups = hanging_together(scene, scene.phase[0], without=joint)
+    return next(group for group in groups if scene.joint[joint].bodies[1] in group)
 
 
 def check_swings(scene: Scene, dispersed: frozenset[str], problems: Problems) -> None:
