@@ -33,7 +33,7 @@ LET_GO = {
 
 def told(campaign, event, case=None):
     """What is told at an event, by the rest of the name."""
-    outcomes = campaign.simulate(case).attrs["outcomes"]
+    outcomes = campaign.simulate(case, step_s=0.05).attrs["outcomes"]
     start = f"{event}_"
     return {name.removeprefix(start): v for name, v in outcomes.items() if name.startswith(start)}
 

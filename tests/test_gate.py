@@ -25,13 +25,10 @@ from sepmc.trust.gate.spellings import SPELLINGS, spelt
 from sepmc.trust.gate.workers import judge_all
 from sepmc.trust.independent import fly
 
-COMPILED = (10, 43, 47)  # seeds of kernels that compile in seconds
-# Scenes that a slow machine flies in seconds each, between them of every kind; large ones, which
-# take up to minutes in plain Python, are left out.
-_LARGE = {1013, 1019}
-_RARE = (1026, 1030, 1033, 1101, 1395, 1398, 420003, 420009, 420021, 420038)  # what the others lack
-SEEDS = (*(n for n in range(1000, 1022) if n not in _LARGE), *_RARE)
-THROUGH_DOORS = (1000, 1008, 1016)
+COMPILED = (10, 47)  # seeds of kernels that compile in seconds
+# Scenes that a slow machine flies in seconds each, between them of every kind: the fewest of many.
+SEEDS = (1006, 1014, 1016, 1026, 1030, 1101, 1395, 1398, 420003, 420009, 420021, 420038)
+THROUGH_DOORS = (1006, 1014, 1016)
 KEPT = sorted((Path(__file__).parent / "scenes").glob("*.toml"))
 
 # Two bodies, one spring between them: what is planted must be found in something small.
@@ -243,10 +240,9 @@ def test_a_planted_fault_is_found(planted, monkeypatch):
 
 
 @pytest.mark.slow
-def test_thirty_scenes():
-    """Thirty random scenes fly as the independent flight does, interpreted; some through the other
+def test_random_scenes():
+    """Random scenes fly as the independent flight does, interpreted; some through the other
     doors too. What a hundred scenes have, these have."""
-    assert len(SEEDS) == 30
     kinds = {seed: set(compare.features(scene(seed))) for seed in (*SEEDS, *range(1000, 1100))}
     assert set().union(*(kinds[seed] for seed in SEEDS)) == set().union(*kinds.values())
     jobs = [{"seed": seed, "cases": 1, "doors": seed in THROUGH_DOORS} for seed in SEEDS]
@@ -255,8 +251,8 @@ def test_thirty_scenes():
 
 
 @pytest.mark.slow
-def test_three_compiled_scenes():
-    """So do three kernels compiled."""
+def test_compiled_scenes():
+    """So do kernels that are compiled."""
     found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
     assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
     assert all(v["compiled"] for v in found)

@@ -90,7 +90,8 @@ _NUMPY = SimpleNamespace(**vars(np) | {"floor": _rounded(math.floor), "ceil": _r
 
 
 class _Divisions(ast.NodeTransformer):
-    """``a / b`` as ``a / d if (d := b) else _over(a, d)``, and ``a ** b`` as ``_power(a, b)``."""
+    """``a / b`` as ``a / d if (d := b) else _over(a, d)``; ``a ** 2`` as ``(c := a) * c``, as it is
+    compiled, other powers as ``_power(a, b)``."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -111,6 +112,11 @@ class _Divisions(ast.NodeTransformer):
         def new(made: Any) -> Any:
             return ast.copy_location(made, node)
 
+        if isinstance(op, ast.Pow) and isinstance(right, ast.Constant) and right.value == 2:
+            self.count += 1
+            name = f"_base_{self.count}"
+            base, again = new(ast.Name(name, ast.Store())), new(ast.Name(name, ast.Load()))
+            return new(ast.BinOp(new(ast.NamedExpr(base, left)), ast.Mult(), again))
         if isinstance(op, ast.Pow):
             return new(ast.Call(new(ast.Name("_power", ast.Load())), [left, right], []))
         if not isinstance(op, ast.Div) or (isinstance(right, ast.Constant) and right.value):
