@@ -97,7 +97,8 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
     )
     found = place + 3 * LANES
     w = np.concatenate([pack_of, np.zeros(found + 6 * LANES - at - len(pack_of))])
-    w[cell : cell + LANES] = math.inf
+    for n in range(3):
+        w[cell + 3 * n * LANES : cell + (3 * n + 1) * LANES] = math.inf
     lines = "\n".join(sum_of_cell(str(cell), str(place), str(found), 6, seen))
     random, held = np.random.default_rng(4), 0
     lanes = inside(axes, LANES)

@@ -165,7 +165,8 @@ def _sum_cells(
     ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
     functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
     if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
-        c.case.scope.store(cell, math.inf)  # holds no place
+        for n in range(3):  # holds no place
+            c.case.scope.store(part(cell, at.CELL_ENDS + 3 * n), math.inf)
         says = "What a table gives at the places of lanes, from the cells that they hold."
         inner = out.function(f"sum_{cell}(w)", says).lanes()
         for line in sum_of_cell(cell, place, found, functions, counts):

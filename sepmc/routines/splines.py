@@ -81,7 +81,9 @@ def hold_cell(w, cell, at, x, y, z):
     """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if
     it lies outside. Returns whether it lies inside, or nowhere.
 
-    A place on the edge is inside. An axis of one point has no edge.
+    A place on the edge is inside. An axis of one point has no edge. What the span of an axis tells
+    is taken over only where that is another span than before; those of a lane that holds nothing
+    yet start at infinity.
     """
     keep_apart()
     functions, inside = int(w[at]), True
@@ -103,18 +105,18 @@ def hold_cell(w, cell, at, x, y, z):
             int(w[axis]),
         )
         if spans == 0:
-            w[ends], w[ends + LANES], w[ends + 2 * LANES] = -math.inf, math.inf, 0.0
-            for i in range(16):
-                w[basis + i * LANES] = 1.0 if i == 0 else 0.0
+            w[ends], w[ends + LANES] = -math.inf, math.inf
             inside = inside and not math.isnan(place)
             continue
         inside = inside and w[axis + 1] <= place <= w[axis + 1 + spans]
         low = _span(w, axis, place)
+        corner += low * stride
         start = w[axis + 1 + low]
+        if w[ends] == start:
+            continue
         w[ends], w[ends + LANES], w[ends + 2 * LANES] = start, w[axis + 2 + low], start
         for i in range(16):
             w[basis + i * LANES] = w[axis + spans + 2 + 16 * low + i]
-        corner += low * stride
     k = cell + layout.CELL_COEFFICIENTS * LANES
     for i in range(4 if w[x_axis] > 0.0 else 1):
         for j in range(4 if w[y_axis] > 0.0 else 1):
