@@ -60,7 +60,7 @@ def tornado_figure(
     return save(figure, made(folder) / f"drivers{suffix}")
 
 
-_DOTS, _INPUTS = 3000, 3  # cases that are drawn; inputs of an outcome
+_DOTS, _INPUTS = 1500, 3  # cases that are drawn; inputs of an outcome
 
 
 def scatter_figure(
