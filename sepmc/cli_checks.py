@@ -93,7 +93,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             return
         from sepmc.analysis.requirements import sentence
         from sepmc.campaign.chunks import implausible_note
-        from sepmc.campaign.remarks import of_file, sampled
+        from sepmc.campaign.remarks import of_file, of_nominal, sampled
         from sepmc.kernel.describe import lines
         from sepmc.scene.units import unit_text
 
@@ -155,7 +155,8 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
                 rough = loaded.with_settings({"solver.accuracy": _ROUGH})
             flown = rough.simulate(step_s=rough.scene.run.end_time, announce=nobody).attrs
             click.echo(f"  nominal      {flown['status']}")
-            warned += [said for said in flown["notes"] if said not in warned]
+            told = [*flown["notes"], *of_nominal(loaded, flown["outcomes"])]
+            warned += [said for said in told if said not in warned]
         for warning in warned + ([note] if note else []) + redundant(loaded):
             click.echo(f"warning: {warning}", err=True)
         click.echo("can be flown")

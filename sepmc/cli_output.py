@@ -273,9 +273,12 @@ def tell_given(
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.statistics import ok_rows, summary_text
     from sepmc.campaign import store
+    from sepmc.scene.messages import InputError
 
     cases = store.CaseColumns(folder)
     held = where(cases, names_of(loaded.file.dispersions, list(cases)), given)
+    if not held.any():
+        raise InputError(f"{' and '.join(given)}: holds in none of {cases.rows} cases")
     outcomes, audits, bounds, required = loaded.summarised
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)

@@ -296,8 +296,9 @@ def _worst(
     loaded: Campaign, verdicts: list[Any], seed: int, say: Callable[[str], None]
 ) -> list[page.Replay]:
     """The worst cases of the requirements, flown again."""
-    told = [v for v in verdicts if v.violations or not is_yes_or_no(v.metric)]
-    worst = {v.worst_case: v for v in reversed(told) if v.worst_case is not None}
+    told = [v for v in verdicts if v.worst_case is not None]
+    told.sort(key=lambda v: not v.violations)  # what is violated goes first
+    worst = {v.worst_case: v for v in reversed(told)}
     found, solver = [], loaded.scene.solver
     if solver.step is None and solver.accuracy < _AS_DRAWN:
         loaded = loaded.with_settings({"solver.accuracy": _AS_DRAWN})
@@ -307,6 +308,8 @@ def _worst(
         history = loaded.simulate(loaded.case(number, seed), every_s, nobody)
         unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")
         title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
+        if v.worst is None:
+            title = f"case {number}, the first of {v.violations} that violate {v.name}"
         found.append(page.Replay(title.rstrip(), history))
     return found
 

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis import requirements
-from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS
+from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, Tally
 from sepmc.analysis.rows import Rows
 from sepmc.analysis.stream import Stream
 from sepmc.scene.messages import SceneError
@@ -91,6 +91,24 @@ def test_cases_that_show_nothing_violate():
     assert (found.worst, found.worst_case) == (6.0, 0)
 
 
+def test_the_case_that_stands_for_violations_of_what_is_yes_or_no():
+    """The first that is known to violate, or else the first of which nothing is known; none if all
+    hold. No value is the worst."""
+
+    def found(values, ok):
+        tally = Tally(Requirement(name="clean", metric="gap_recontact", at_most=0.0))
+        ok, values = np.array(ok), np.array(values)
+        for k in range(len(values)):
+            tally.add(np.array([10 + k]), ok[[k]], values[[k]], np.zeros(1, dtype=bool))
+        judged = requirements.judge(tally, {}, math.nan)
+        return judged.worst, judged.worst_case, judged.violations
+
+    nan = math.nan
+    assert found([0.0, nan, 0.0, 1.0, 1.0], [True, False, True, True, True]) == (None, 13, 3)
+    assert found([0.0, 0.0, nan, nan], [True, True, False, False]) == (None, 12, 2)
+    assert found([0.0, 0.0], [True, True]) == (None, None, 0)
+
+
 def test_what_is_not_known_refutes_nothing():
     """Cases that were lost neither show a requirement nor that it fails; two that violate do."""
     statuses = ["unresolved"] * 30 + ["ok"] * 20
@@ -120,6 +138,7 @@ def test_a_status_that_must_not_occur():
     found = verdict(np.full(53, math.nan), item, statuses)
     # what became of the lost one is not known
     assert (found.violations, found.missing, found.verdict) == (3, 1, PASS)
+    assert (found.worst, found.worst_case) == (None, 50)
     text = requirements.text([found], {})
     assert "never-released does not occur in 90 %" in text
     assert "1 of them ended in another way" in text

@@ -9,7 +9,9 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.campaign.remarks import of_file
+from sepmc.campaign.store import read_manifest
 from sepmc.scene.read import shipped_campaigns
+from sepmc.trust.gate.plain import flown_plainly
 
 BACK = [-1.0, 0.0, 0.0]
 UNIT, OVERLAP, BACKWARD = "is it in another unit?", "overlap at the start", "the other way round?"
@@ -97,6 +99,58 @@ def test_there_are_thirty():
 @pytest.mark.parametrize("name", list(shipped_campaigns()))
 def test_shipped_campaigns_have_none(name):
     assert of_file(sepmc.load(name)) == []
+
+
+PUSHER = "spring.upper_left"
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({f"{PUSHER}.stiffness_N_per_m": 60_000.0}, "over: force_N"),
+        (
+            {f"dispersion.{PUSHER}.force_N": {"discrete": [900.0, 0.0], "weights": [0.99, 0.01]}},
+            "at the end of its law for force: force_N = 0 less",
+        ),
+        ({f"dispersion.{PUSHER}.stroke_m": {"discrete": [0.1, 1e-6]}}, None),
+    ],
+)
+def test_a_pusher_that_pulls(settings, said):
+    """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness; and
+    failed by its stroke, as it should be."""
+    found = [one for one in of_file(loaded("spring-pushers", settings)) if " pulls with " in one]
+    assert [one.startswith(PUSHER) and said in one for one in found] == ([True] if said else [])
+
+
+def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
+    """The starter campaign as it is; ended while its nozzle is inside; a bound of the wrong
+    side."""
+    file = tmp_path / "rocket.toml"
+    assert CliRunner().invoke(cli.main, ["template", str(file)]).exit_code == 0
+
+    def told(*settings):
+        more = [word for setting in settings for word in ("--set", setting)]
+        return CliRunner().invoke(cli.main, ["check", str(file), *more]).stderr
+
+    assert told() == ""
+    early = told("run.end_time_s=0.15")
+    assert "the nominal case has no pushed_upper_omega_z_deg_s" in early
+    assert "gap_clearance_mm is least as the nominal flight ends" in early
+    wrong = told("requirement.clear.at_least=95")
+    assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
+
+
+def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
+    """In the notes and in the manifest of a run that ends too early; not of one that does not."""
+    file = tmp_path / "rocket.toml"
+    CliRunner().invoke(cli.main, ["template", str(file)])
+    with flown_plainly(cases=2):
+        early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
+        late = sepmc.load(file).run(cases=2)
+    note = "gap_clearance_mm is least as the flight ends in 3 cases"
+    assert [one for one in early.notes if one.startswith(note)]
+    assert read_manifest(tmp_path / "early")["least_at_the_end"] == {"gap": 3}
+    assert not [one for one in late.notes if "is least as the flight ends" in one]
 
 
 def test_check_flies_the_nominal_case():

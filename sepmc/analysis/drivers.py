@@ -4,8 +4,9 @@ Rank correlation (Spearman 1904) and partial rank correlation, in which the othe
 fixed (Saltelli et al., Global Sensitivity Analysis, Wiley 2008, 1.2.3), tell direction and strength
 of what rises or falls all along; the first-order index, the share of the outcome's variance that an
 input explains by itself, also what does not. Between the lowest and the highest tenth of an input
-the outcome's mean swings from one end of its tornado bar to the other. A Saltelli campaign also
-gives total indices: with all that an input does together with others.
+the outcome's mean swings from one end of its tornado bar to the other; of an input of few values,
+as a failure mode is, between the lowest and the highest. A Saltelli campaign also gives total
+indices: with all that an input does together with others.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +19,12 @@ from sepmc.scene.model import SALTELLI
 
 _FEWEST = 20  # cases from which anything is told
 _TENTH = 0.1  # of the cases, at either end of an input
+_MANY = 20  # cases of each value of an input, on average, from which its values are groups
 # bootstrap, of first-order indices; what Student's law of so few makes of 1.96
 _RESAMPLES, _WIDER = 12, 2.2010 / 1.9600
+_OF_GROUPS = 200  # the same of groups, which take less time
+# from it on first-order indices say what drives an outcome
+_EXPLAINED = 0.7
 COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "first", "first_low",
     "first_high", "total", "total_low", "total_high",
@@ -50,9 +55,11 @@ def drivers(
     DataFrame, a row per input, what drives most first
         ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
         65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
-        of the cases in which the input is lowest and highest, in its unit, all of these of the
+        of the cases in which the input is lowest and highest (over its lowest and highest value, if
+        these are few), in its unit, all of these of the
         independent cases of a Saltelli design alone; ``first`` with a 95 %
-        interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur 2012; Saltelli et al. 2010);
+        interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur 2012; of an input of few values
+        epsilon squared of its groups, Kelley 1935; Saltelli et al. 2010);
         ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``. ``attrs["mean"]`` is
         the outcome's mean.
 
@@ -109,18 +116,52 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
 
 def _tails(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Means of an outcome where an input is lowest, and highest."""
-    low, high = np.quantile(x, (_TENTH, 1.0 - _TENTH))
+    low, high = (x.min(), x.max()) if _is_of_few(x) else np.quantile(x, (_TENTH, 1.0 - _TENTH))
     return float(y[x <= low].mean()), float(y[x >= high].mean())
 
 
 def _by_frequency(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """First-order indices from any cases."""
+    """First-order indices from any cases. RBD-FAST orders the cases by an input and looks for slow
+    waves: of few values, one of them rare, it misses most."""
     from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
 
-    found = rbd_fast.analyze(_problem(list(table.index)), x.T, y, num_resamples=_RESAMPLES, seed=1)
-    # halves of the cases were resampled
-    half = np.array(found["S1_conf"]) * _WIDER / np.sqrt(2.0)
-    _put(table, "first", found["S1"], half)
+    few = np.array([_is_of_few(row) for row in x])
+    index, half = np.empty(len(x)), np.empty(len(x))
+    if not few.all():
+        names = [str(name) for name in table.index[~few]]
+        found = rbd_fast.analyze(_problem(names), x[~few].T, y, num_resamples=_RESAMPLES, seed=1)
+        index[~few] = found["S1"]
+        # halves of the cases were resampled
+        half[~few] = np.array(found["S1_conf"]) * _WIDER / np.sqrt(2.0)
+    for k in np.flatnonzero(few):
+        index[k], half[k] = _by_groups(x[k], y)
+    _put(table, "first", index, half)
+
+
+def _is_of_few(x: np.ndarray) -> bool:
+    """Whether an input has so few values that cases with the same are groups."""
+    return len(np.unique(x)) * _MANY <= len(x)
+
+
+def _by_groups(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """First-order index of an input of few values, and half of its 95 % interval: epsilon squared,
+    the variance between groups less what chance gives them (Kelley, PNAS 21, 1935); bootstrap."""
+    group, n = np.unique(x, return_inverse=True)[1], len(y)
+    y = y - y.mean()
+
+    def index(rows: np.ndarray) -> float:
+        chosen, values = group[rows], y[rows]
+        size, total = np.bincount(chosen), np.bincount(chosen, values)
+        there = size > 0
+        between = float(np.sum(total[there] ** 2 / size[there])) - values.sum() ** 2 / n
+        every = float(np.sum(values**2)) - values.sum() ** 2 / n
+        groups = int(there.sum())
+        by_chance = (groups - 1) * (every - between) / max(n - groups, 1)
+        return (between - by_chance) / every if every > 0.0 else 0.0
+
+    rng = np.random.default_rng(1)
+    drawn = [index(rng.integers(0, n, n)) for _ in range(_OF_GROUPS)]
+    return index(np.arange(n)), TWO_SIDED * float(np.std(drawn, ddof=1))
 
 
 def _by_saltelli(table: pd.DataFrame, inputs: int, varied: list[int], y: np.ndarray) -> None:
@@ -143,7 +184,9 @@ def _problem(names: list[str]) -> dict[str, object]:
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
 
 
-def _put(table: pd.DataFrame, name: str, found: Sequence[float], half: np.ndarray) -> None:
+def _put(
+    table: pd.DataFrame, name: str, found: Sequence[float] | np.ndarray, half: np.ndarray
+) -> None:
     index = np.asarray(found, dtype=float)
     table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
 
@@ -178,7 +221,19 @@ def text(
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} inputs that do less"] if left > 0 else [])
+        + _left_over(table)
     )
+
+
+def _left_over(table: pd.DataFrame) -> list[str]:
+    """What is to be said if inputs by themselves explain little of an outcome."""
+    together = float(table["first"].clip(lower=0.0).sum())
+    if not (together < _EXPLAINED and table["total"].isna().all()):
+        return []
+    return [
+        f"  first-order indices add up to {together:.2f}: what is left is due to inputs together,",
+        "  or to chance; --sampler saltelli flies cases that tell total indices",
+    ]
 
 
 def _with_half(row: pd.Series, name: str) -> str:

@@ -48,6 +48,7 @@ class Tally:
         self.requirement = requirement
         self.cases = self.violations = self.missing = 0
         self.worst = (math.nan, -1)  # value and case
+        self.first = self.first_unknown = -1  # case that violates, by its outcome or for want of it
         self._least = math.inf
         self._near = np.empty(0)  # margins nearest to the bound; below zero they violate
 
@@ -71,11 +72,13 @@ class Tally:
         if values is None:
             self.violations += int(np.count_nonzero(~ok))
             self.missing += int(np.count_nonzero(~ok & ~met))
+            self._see(numbers, ~ok & met, ~ok & ~met)
             return
         margin = np.where(ok, margins(values, self.requirement), np.nan)
         there = ~np.isnan(margin)
         self.missing += int(np.count_nonzero(~there))
         self.violations += int(np.count_nonzero(~(margin >= 0.0)))
+        self._see(numbers, margin < 0.0, ~there)
         margin, values, numbers = margin[there], values[there], numbers[there]
         if not len(margin):
             return
@@ -86,6 +89,21 @@ class Tally:
         if len(near) > _NEAR:
             near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
         self._near = near
+
+    def _see(self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray) -> None:
+        if self.first < 0 and known.any():
+            self.first = int(numbers[known][0])
+        if self.first_unknown < 0 and unknown.any():
+            self.first_unknown = int(numbers[unknown][0])
+
+    @property
+    def extreme(self) -> tuple[float, int]:
+        """Value and number of the worst case; of a requirement on what is yes or no, or on a
+        status, no value and the first case that violates it. -1 if there is none."""
+        item = self.requirement
+        if item.at_least is item.at_most is None or is_yes_or_no(item.metric):
+            return math.nan, self.first if self.first >= 0 else self.first_unknown
+        return self.worst
 
     @property
     def nearest(self) -> float:
@@ -133,7 +151,8 @@ class Verdict:
     the confidence of the requirement
     ``design_value`` : what the required share of all cases does not pass, with the confidence: an
     order statistic; None if the cases are too few, or there are two bounds
-    ``worst``, ``worst_case`` : the outcome that is worst, and its case
+    ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, or a
+    status, None, and the first case that violates
     ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there
     """
 
@@ -223,8 +242,8 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
         at_least(known, n, item.confidence) if n else 0.0,
         at_most(k, n, item.confidence) if n else 1.0,
         _known(design),
-        _known(tally.worst[0]),
-        tally.worst[1] if tally.worst[1] >= 0 else None,
+        _known(tally.extreme[0]),
+        tally.extreme[1] if tally.extreme[1] >= 0 else None,
         _known(tally.nearest),
         _known(error),
     )
@@ -315,7 +334,7 @@ def _told(v: Verdict, unit: str, width: int) -> str:
         lines[-1] += f"; of all cases {_violating(v)} do ({confidence})"
     if v.verdict == NOT_SHOWN:
         lines.append(f"{v.more} more cases, none of which violates it, would show it")
-    if v.worst is not None and not is_yes_or_no(v.metric):
+    if v.worst is not None:
         said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
         if v.design_value is not None and v.verdict != NONE:
             sign = ">=" if v.at_least is not None else "<="

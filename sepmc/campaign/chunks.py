@@ -4,6 +4,7 @@ the manifest says how far the run got."""
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from sepmc.campaign.accuracy import SAFETY, Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.remarks import sampled, unmet, unsettled
+from sepmc.campaign.remarks import least_at_the_end, sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
 from sepmc.schema import Column, Status
 
@@ -73,6 +74,7 @@ class Chunks:
         self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
         self.spare = how.get("spare_cases", 0)  # flown by spare kernels
         self.unsettled = how.get("unsettled_cases", 0)  # of both
+        self.still_near = Counter[str](self.earlier.get("least_at_the_end", {}))  # by clearance
         # of their outcomes by the last halvings of steps
         self._change = np.zeros(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
@@ -147,6 +149,7 @@ class Chunks:
             )
             self.finer += block.again.finer
             self._change = np.maximum(self._change, block.again.change)
+        self.still_near += least_at_the_end(campaign, block.outcomes)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
         return Piece(first, drawn, block)
@@ -191,6 +194,7 @@ class Chunks:
             "implausible_inertias": self.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
+            "least_at_the_end": dict(self.still_near),
             **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
@@ -275,6 +279,7 @@ class Chunks:
             *sampled(self.campaign, self.draws.numbers),
             *unmet(told, fixed),
             *unsettled(self.unsettled, self.finer),
+            *still_near(self.still_near),
             *self._stopped,
         ]
         return found + [note for note in self.flight.notes if note not in found]

@@ -2,7 +2,8 @@
 case that goes together, not apart; loads that do nothing."""
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -117,6 +118,57 @@ def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
                 f"spring.{spring.name} does nothing: give force_N, stiffness_N_per_m or "
                 "damping_N_s_per_m"
             )
+
+
+def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[str]:
+    """Sentences on outcomes of the nominal case, in their units: beyond what is required, or least
+    where it may become less."""
+    units = {c.name: c.unit for c in campaign.outcome_columns}
+    for item in campaign.file.requirements:
+        value = outcomes.get(item.metric)
+        if value is None:  # a status
+            continue
+        unit = units[item.metric].replace("1", "")
+        if math.isnan(value):
+            yield f"requirement.{item.name}: the nominal case has no {item.metric}"
+        for key, bound, beyond in (
+            ("at_least", item.at_least, item.at_least is not None and value < item.at_least),
+            ("at_most", item.at_most, item.at_most is not None and value > item.at_most),
+        ):
+            if beyond:
+                yield (
+                    f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
+                    f"{item.metric} is {value:.5g} {unit}".rstrip()
+                )
+    end = campaign.scene.run.end_time
+    for name, value in outcomes.items():
+        if name.endswith(_LEAST_AT) and value >= end * (1.0 - 1e-9):
+            yield (
+                f"{name.removesuffix(_LEAST_AT)}_clearance_mm is least as the nominal flight ends: "
+                "it may become less after that; a longer run.end_time_s tells"
+            )
+
+
+_LEAST_AT = "_clearance_time_s"  # columns of when a clearance was least
+
+
+def least_at_the_end(campaign: Definition, outcomes: np.ndarray) -> Counter[str]:
+    """Of outcomes (n, o) in SI, the cases in which a clearance is least as the flight ends, by
+    clearance."""
+    end, found = campaign.scene.run.end_time, Counter[str]()
+    for c, x in zip(campaign.outcome_columns, outcomes.T, strict=False):
+        if c.name.endswith(_LEAST_AT):
+            found[c.name.removesuffix(_LEAST_AT)] = int(np.count_nonzero(x >= end * (1.0 - 1e-9)))
+    return +found
+
+
+def still_near(counts: Mapping[str, int]) -> list[str]:
+    """A sentence for each clearance of `least_at_the_end`."""
+    return [
+        f"{name}_clearance_mm is least as the flight ends in {count} cases: it may become less "
+        "after that; a longer run.end_time_s tells"
+        for name, count in counts.items()
+    ]
 
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:

@@ -14,7 +14,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 from sepmc.scene.messages import InputError, nearest
-from sepmc.schema import Status, is_yes_or_no
+from sepmc.schema import Status
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ def worst(
     for verdict in summary.verdicts(errors, audited, sampler):
         if asked in (verdict.name, verdict.metric):
             if verdict.worst_case is None:
-                raise InputError(f"worst = {asked}: no case shows it")
-            if verdict.at_least is verdict.at_most is None or is_yes_or_no(verdict.metric):
+                raise InputError(f"worst = {asked}: no case violates {verdict.name}")
+            if verdict.worst is None:
                 said = f"is the first of {verdict.violations} that violate {verdict.name}"
             else:
                 said = f"is the worst of {verdict.name}"

@@ -1,6 +1,7 @@
 """The report of a run: one HTML page that holds everything, figures as SVG among it, and asks
 nothing of a server."""
 
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -143,8 +144,10 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
         "violations": v.violations,
         "cases": v.cases,
         "allowed": v.allowed if v.allowed >= 0 else "too few cases",
-        "share": f"{share_text(v.share_low)} to {share_text(v.share_high)}",
-        "worst": shown(v.worst, f" ({v.worst_case})"),
+        "share": f"{share_text(v.share_low, math.floor)} to {share_text(v.share_high, math.ceil)}",
+        "worst": f"case {v.worst_case}"
+        if v.worst is None and v.worst_case is not None
+        else shown(v.worst, f" ({v.worst_case})"),
         "design": shown(v.design_value),
     }
 

@@ -16,6 +16,7 @@ _WIDE = 1.0  # half a law's range over its nominal
 _FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
 _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
 _SCALE_HEIGHT, _GROUND_DENSITY = 7_000.0, 1.225
+_PULL = 0.05  # of its force at the start: with what a pusher may pull at the end of its stroke
 _AGAINST = -0.5  # cosine: a spring that pushes its second body back toward the first
 _ROUND = np.arange(24) * (2.0 * math.pi / 24)
 # kinds of number that no law takes beyond zero
@@ -32,6 +33,7 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_start(scene),
         *_overlaps(scene),
         *_springs(scene),
+        *_pulls(scene, dispersions),
         *_wind(scene, dispersions),
         *_never(scene, dispersions),
     ]
@@ -176,6 +178,31 @@ def _springs(scene: Scene) -> Iterator[str]:
                 f"spring.{spring.name}.axis = {_list(spring.axis)} pushes {spring.bodies[1]} "
                 f"toward {spring.bodies[0]}: is it the other way round?"
             )
+
+
+def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Pushers that pull before their stroke is over, as they are or at the end of a law."""
+    laws = {d.parameter.path: d for d in dispersions}
+    for spring in scene.spring:
+        place = f"spring.{spring.name}"
+        if spring.force <= 0.0 or math.isinf(spring.stroke):
+            continue
+        usual = {"force": spring.force, "stiffness": spring.stiffness, "stroke": spring.stroke}
+        tries: list[tuple[str, dict[str, float]]] = [("", usual)]
+        for key, end in (("force", 0), ("stiffness", 1), ("stroke", 1)):
+            law = laws.get(f"{place}.{key}")
+            if law is not None:
+                worst = law.reach[end] * law.parameter.factor
+                tries.append((f", at the end of its law for {key}", usual | {key: worst}))
+        for where, of in tries:
+            pull = of["stiffness"] * of["stroke"] - of["force"]
+            if pull > _PULL * spring.force:
+                yield (
+                    f"{place} pulls with {pull:.4g} N before its stroke is over{where}: force_N = "
+                    f"{of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} times "
+                    f"stroke_m = {of['stroke']:.4g}; one that fails has next to no stroke"
+                )
+                break
 
 
 def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
