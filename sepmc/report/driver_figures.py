@@ -41,8 +41,8 @@ def tornado_figure(
         places = np.arange(len(top))
         # beside each other: where both ends lie on one side of the mean, neither hides the other
         for end, aside, colour, hatch, text in (
-            ("mean_low", 0.2, BLUE, "", "input in its lowest tenth"),
-            ("mean_high", -0.2, VERMILION, "//", "input in its highest tenth"),
+            ("mean_low", 0.2, BLUE, "", "lowest tenth of the input, or its lowest of few values"),
+            ("mean_high", -0.2, VERMILION, "//", "highest tenth, or value"),
         ):
             ax.barh(
                 places + aside, top[end] - middle, left=middle, color=colour, hatch=hatch,

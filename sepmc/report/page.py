@@ -92,6 +92,7 @@ def write_report(
             "replays": replays,
             "columns": columns,
             "telling": rows,
+            "outcomes": len(report.statistics),
             "verdicts": [_verdict(v, report.units.get(v.metric, "")) for v in report.verdicts],
             "sessions": [_session(one) for one in report.sessions],
         }
