@@ -119,6 +119,21 @@ def test_a_name_means_one_kind_of_thing_in_a_function():
     ]  # fmt: skip
 
 
+def test_what_counts_a_loop_stands_for_nothing_else():
+    """A value called as the counter of a loop that comes later has another name; two things by one
+    name are refused."""
+    slabs, text = Slabs(), Text()
+    lines, scope = text.function("one(w)", "Says."), Scope(slabs, Scope(slabs))
+    x = scope.load("X", 3)
+    scope.store("E", vec3.add(x, x).called("e"))
+    scope.store("ROW", vec3.add(x, vec3.add(x, x)).called("turned"))
+    scope.write(lines)
+    lines("for e in range(48):", "    w[SPARE + e] = 0.0")
+    assert any(line.strip().startswith("e_2 = ") for line in text.lines)
+    with pytest.raises(TypeError, match="turned stands for two things in a function"):
+        lines("for turned in range(3):")
+
+
 def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
     """A parameter is read again, a value that another function needs is kept once, any other in a
     slab of its own; every loop reads only what it uses."""

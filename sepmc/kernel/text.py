@@ -8,6 +8,8 @@ from typing import Any
 
 WIDTH = 100
 _BY_HAND = "written by hand"
+# of loops that are written by hand: in no function do they stand for anything else
+_COUNTERS = ("e", "i", "k", "l")
 _ASSIGNED = re.compile(r"(?:for )?((?:[a-z]\w*, )*[a-z]\w*) (?:=|in) ")
 
 
@@ -22,14 +24,16 @@ class Text:
         names: dict[str, Any] | None = None,
     ):
         self.lines: list[str] = [] if lines is None else lines
-        self.names: dict[str, Any] = {} if names is None else names
+        self.names: dict[str, Any] = dict.fromkeys(_COUNTERS, _BY_HAND) if names is None else names
         self.indent = indent
 
     def __call__(self, *lines: str) -> None:
         for line in lines:
             if found := _ASSIGNED.match(line):
                 for name in found[1].split(", "):
-                    self.names.setdefault(name, _BY_HAND)
+                    known = self.names.setdefault(name, _BY_HAND)
+                    if known != _BY_HAND and line.startswith("for "):
+                        raise TypeError(f"{name} stands for two things in a function: {line}")
         self.lines += ["    " * self.indent + line if line else "" for line in lines]
 
     def indented(self, by: int) -> "Text":
