@@ -307,9 +307,11 @@ def _worst(
         every_s = loaded.scene.run.end_time / _REPLAY_ROWS
         history = loaded.simulate(loaded.case(number, seed), every_s, nobody)
         unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")
-        title = f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
-        if v.worst is None:
-            title = f"case {number}, the first of {v.violations} that violate {v.name}"
+        title = (
+            f"case {number}, the first of {v.violations} that violate {v.name}"
+            if v.worst is None
+            else f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
+        )
         found.append(page.Replay(title.rstrip(), history))
     return found
 

@@ -13,7 +13,7 @@ from sepmc.kernel.structure import make_shape
 from sepmc.routines.layout import ANY_ORDER
 from sepmc.schema import Status
 
-CASES, COMPARED = 60, 6
+CASES, COMPARED = 60, 12
 PULL = {
     "name": "pull",
     "body": "aft",

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.bench import bench as of
-from sepmc.bench import bits, clock, engines, features, flops, scaling, work_precision
+from sepmc.bench import bits, clock, engines, features, flops, scaling, stages, work_precision
 from sepmc.bench.folder import open_folder
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
@@ -52,15 +52,33 @@ def table(study, reference):
     return work_precision.measure(study, reference)
 
 
-def test_command(tmp_path, monkeypatch):
-    """Files, columns, marks."""
+@pytest.mark.parametrize(("name", "formulation"), [("table2", "reduced"), ("table1", "full")])
+def test_command(name, formulation, tmp_path, monkeypatch):
+    """Files, columns, marks, whichever formulation is the scene's own."""
     monkeypatch.setattr(scaling, "SIZES", (20, 40))
     # compiles for a minute; it has a test of its own
     monkeypatch.setattr(flops, "count", lambda *_: None)
-    variants = features._variants  # a kernel each
-    monkeypatch.setattr(features, "_variants", lambda *given: variants(*given)[:2])
+    if formulation == "full":  # the cost of every feature is measured of the other: a kernel each
+        variants = features._variants
+        monkeypatch.setattr(features, "_variants", lambda *given: variants(*given)[:2])
+        took = [
+            {"stage": s, "kind": "stage", "s": 1.0, "best_s": 1.0, "repeats": 1} for s in STAGES
+        ]
+        monkeypatch.setattr(stages, "measure", lambda *_: pd.DataFrame(took))
     out = tmp_path / "bench"
-    result = call("bench", "table2", "--quick", "--cases", 40, "--repeats", 1, "--out", out)
+    result = call(
+        "bench",
+        name,
+        "--quick",
+        "--cases",
+        40,
+        "--repeats",
+        1,
+        "--out",
+        out,
+        "--set",
+        f"solver.formulation={formulation}",
+    )
     assert result.exit_code == 0, result.output
     parts = ["features", "scaling", "stages", "work_precision"]
     assert sorted(p.name for p in out.iterdir()) == sorted(
@@ -76,15 +94,15 @@ def test_command(tmp_path, monkeypatch):
     assert set(frame["formulation"]) == {"reduced", "full"}
     assert (frame["scaled"] == (frame["formulation"] == "full")).all()
     chosen = frame[frame["default"]].iloc[0]
-    assert (chosen["formulation"], told["formulation"]) == ("reduced", "reduced")
-    assert "threads, reduced formulation" in result.output
+    assert (chosen["formulation"], told["formulation"]) == (formulation, formulation)
+    assert f"threads, {formulation} formulation" in result.output
     assert chosen["error"] < 1e-8
     assert {"feature", "time_ratio", "flop_ratio"} <= set(pd.read_parquet(out / "features.parquet"))
     assert {"over", "cases", "threads", "kernel_s", "peak_MB"} <= set(
         pd.read_parquet(out / "scaling.parquet")
     )
     assert set(STAGES) <= set(pd.read_parquet(out / "stages.parquet")["stage"])
-    again = call("bench", "table2", "--out", out)
+    again = call("bench", name, "--out", out)
     assert (again.exit_code, "--overwrite" in again.stderr) == (2, True)
 
 

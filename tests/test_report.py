@@ -81,6 +81,23 @@ def test_one_page(page):
     assert len(page) < 3e6
 
 
+def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
+    """Some are not released before the end: the first of them is among the worst, by its status,
+    and replayed."""
+    settings = {"requirement": [REQUIRED[2]], "run.end_time_s": 0.25}
+    with flown_plainly(cases=4):
+        table = (
+            sepmc.load("table2", settings).run(cases=6, seed=3, out=tmp_path / "run").to_pandas()
+        )
+        found = call("report", tmp_path / "run")
+    first = int(table["case"][table["status"] == "never-released"].iloc[0])
+    assert found.exit_code == 0, found.output
+    assert f"flies case {first} again, the worst of parts" in found.stdout
+    violations = int((table["status"] == "never-released").sum())
+    text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert f"case {first}, the first of {violations} that violate parts" in text
+
+
 def test_what_it_says(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "FAIL fast: separation_speed_m_s &gt;= 0.53 m/s in 90 % of all cases" in text

@@ -120,6 +120,7 @@ def test_what_is_not_known_refutes_nothing():
     assert verdict(values, statuses=statuses).verdict == FAIL
     lost = verdict(values, statuses=["unresolved"] * 50)
     assert (lost.verdict, lost.why) == (NONE, "no case came to its end with this outcome")
+    assert (lost.worst, lost.worst_case) == (None, 0)
 
 
 def test_many_cases_at_the_bound():

@@ -56,12 +56,11 @@ def drivers(
         ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
         65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
         of the cases in which the input is lowest and highest (over its lowest and highest value, if
-        these are few), in its unit, all of these of the
-        independent cases of a Saltelli design alone; ``first`` with a 95 %
-        interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur 2012; of an input of few values
-        epsilon squared of its groups, Kelley 1935; Saltelli et al. 2010);
-        ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``. ``attrs["mean"]`` is
-        the outcome's mean.
+        these are few), in its unit, all of these of the independent cases of a Saltelli design
+        alone; ``first`` with a 95 % interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur
+        2012; of an input of few values epsilon squared of its groups, Kelley 1935; Saltelli et al.
+        2010); ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``.
+        ``attrs["mean"]`` is the outcome's mean.
 
     Raises
     ------
@@ -84,12 +83,14 @@ def drivers(
         apart = np.isin(np.arange(len(y)) % size, (0, size - 1))
         known, outcomes = x[varied][:, there & apart], y[there & apart]
     _by_rank(table, known, outcomes)
-    tenths = [_tails(row, outcomes) for row in known]
+    # whether an input has so few values that cases with the same are groups
+    few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])
+    tenths = [_tails(row, outcomes, of_few) for row, of_few in zip(known, few, strict=True)]
     table[["mean_low", "mean_high"]] = tenths
     if sampler == SALTELLI:
         _by_saltelli(table, len(inputs), varied, np.where(there, y, np.nan))
     elif indices:
-        _by_frequency(table, known, outcomes)
+        _by_rows(table, known, outcomes, few)
     table.attrs["mean"] = float(outcomes.mean())
     # a large index of few cases may be none
     order = np.lexsort((-table["rank"].abs(), -table["first_low"].clip(lower=0.0).fillna(0.0)))
@@ -114,20 +115,19 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
         table["partial"] = -precision[-1, :-1] / (scale[-1] * scale[:-1])
 
 
-def _tails(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Means of an outcome where an input is lowest, and highest."""
-    low, high = (x.min(), x.max()) if _is_of_few(x) else np.quantile(x, (_TENTH, 1.0 - _TENTH))
+def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float]:
+    """Means of an outcome where an input, ``of_few`` values or many, is lowest, and highest."""
+    low, high = (x.min(), x.max()) if of_few else np.quantile(x, (_TENTH, 1.0 - _TENTH))
     return float(y[x <= low].mean()), float(y[x >= high].mean())
 
 
-def _by_frequency(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
+def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
     """First-order indices from any cases. RBD-FAST orders the cases by an input and looks for slow
-    waves: of few values, one of them rare, it misses most."""
-    from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
-
-    few = np.array([_is_of_few(row) for row in x])
+    waves: of ``few`` values (d,), one of them rare, it misses most."""
     index, half = np.empty(len(x)), np.empty(len(x))
     if not few.all():
+        from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
+
         names = [str(name) for name in table.index[~few]]
         found = rbd_fast.analyze(_problem(names), x[~few].T, y, num_resamples=_RESAMPLES, seed=1)
         index[~few] = found["S1"]
@@ -136,11 +136,6 @@ def _by_frequency(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     for k in np.flatnonzero(few):
         index[k], half[k] = _by_groups(x[k], y)
     _put(table, "first", index, half)
-
-
-def _is_of_few(x: np.ndarray) -> bool:
-    """Whether an input has so few values that cases with the same are groups."""
-    return len(np.unique(x)) * _MANY <= len(x)
 
 
 def _by_groups(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

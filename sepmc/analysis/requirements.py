@@ -70,15 +70,11 @@ class Tally:
         """
         self.cases += len(numbers)
         if values is None:
-            self.violations += int(np.count_nonzero(~ok))
-            self.missing += int(np.count_nonzero(~ok & ~met))
-            self._see(numbers, ~ok & met, ~ok & ~met)
+            self._count(numbers, ~ok & met, ~ok & ~met)
             return
         margin = np.where(ok, margins(values, self.requirement), np.nan)
         there = ~np.isnan(margin)
-        self.missing += int(np.count_nonzero(~there))
-        self.violations += int(np.count_nonzero(~(margin >= 0.0)))
-        self._see(numbers, margin < 0.0, ~there)
+        self._count(numbers, margin < 0.0, ~there)
         margin, values, numbers = margin[there], values[there], numbers[there]
         if not len(margin):
             return
@@ -90,7 +86,10 @@ class Tally:
             near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
         self._near = near
 
-    def _see(self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray) -> None:
+    def _count(self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray) -> None:
+        """Count cases (n,) that are known to violate, and those of which nothing is known."""
+        self.missing += int(np.count_nonzero(unknown))
+        self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():
             self.first = int(numbers[known][0])
         if self.first_unknown < 0 and unknown.any():
@@ -99,9 +98,11 @@ class Tally:
     @property
     def extreme(self) -> tuple[float, int]:
         """Value and number of the worst case; of a requirement on what is yes or no, or on a
-        status, no value and the first case that violates it. -1 if there is none."""
+        status, or if no case has the outcome, no value and the first case that violates it. -1 if
+        there is none."""
         item = self.requirement
-        if item.at_least is item.at_most is None or is_yes_or_no(item.metric):
+        on_status = item.at_least is item.at_most is None
+        if on_status or is_yes_or_no(item.metric) or self.worst[1] < 0:
             return math.nan, self.first if self.first >= 0 else self.first_unknown
         return self.worst
 
@@ -151,8 +152,8 @@ class Verdict:
     the confidence of the requirement
     ``design_value`` : what the required share of all cases does not pass, with the confidence: an
     order statistic; None if the cases are too few, or there are two bounds
-    ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, or a
-    status, None, and the first case that violates
+    ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, a
+    status, or in no case there, None, and the first case that violates
     ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there
     """
 
@@ -223,6 +224,7 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
     error = _error_at(item, errors)
     verdict, why = _verdict(tally, error, none)
     known = k - tally.missing
+    worst, worst_case = tally.extreme
     return Verdict(
         item.name,
         item.metric,
@@ -242,8 +244,8 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
         at_least(known, n, item.confidence) if n else 0.0,
         at_most(k, n, item.confidence) if n else 1.0,
         _known(design),
-        _known(tally.extreme[0]),
-        tally.extreme[1] if tally.extreme[1] >= 0 else None,
+        _known(worst),
+        worst_case if worst_case >= 0 else None,
         _known(tally.nearest),
         _known(error),
     )

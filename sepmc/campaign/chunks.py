@@ -74,7 +74,8 @@ class Chunks:
         self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
         self.spare = how.get("spare_cases", 0)  # flown by spare kernels
         self.unsettled = how.get("unsettled_cases", 0)  # of both
-        self.still_near = Counter[str](self.earlier.get("least_at_the_end", {}))  # by clearance
+        # cases in which a clearance is least at the end, by clearance
+        self.least_at_the_end = Counter[str](self.earlier.get("least_at_the_end", {}))
         # of their outcomes by the last halvings of steps
         self._change = np.zeros(len(campaign.outcome_columns))
         self.started = datetime.now(UTC)
@@ -149,7 +150,9 @@ class Chunks:
             )
             self.finer += block.again.finer
             self._change = np.maximum(self._change, block.again.change)
-        self.still_near += least_at_the_end(campaign, block.outcomes)
+        outcomes = zip(campaign.outcome_columns, block.outcomes.T, strict=False)
+        by_name = {column.name: x for column, x in outcomes}
+        self.least_at_the_end += least_at_the_end(by_name, campaign.scene.run.end_time)
         self.timing["sample"] += t1 - t0
         self.timing["kernel"] += clock() - t1
         return Piece(first, drawn, block)
@@ -194,7 +197,7 @@ class Chunks:
             "implausible_inertias": self.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
-            "least_at_the_end": dict(self.still_near),
+            "least_at_the_end": dict(self.least_at_the_end),
             **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
         }
@@ -279,7 +282,7 @@ class Chunks:
             *sampled(self.campaign, self.draws.numbers),
             *unmet(told, fixed),
             *unsettled(self.unsettled, self.finer),
-            *still_near(self.still_near),
+            *still_near(self.least_at_the_end),
             *self._stopped,
         ]
         return found + [note for note in self.flight.notes if note not in found]

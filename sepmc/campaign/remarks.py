@@ -18,6 +18,8 @@ from sepmc.scene.model import SALTELLI, Scene
 from sepmc.scene.slips import slips
 
 _NAMED = 3  # outcomes that a sentence names
+_LEAST_AT = "_clearance_time_s"  # columns of when a clearance was least
+_SAME = 1.0 - 1e-9  # of an end: a time that is no earlier is the end
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
 # of the vehicle's size: bodies that end further into each other than that did not separate
 _TOGETHER = 1e-3
@@ -128,47 +130,46 @@ def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[
         value = outcomes.get(item.metric)
         if value is None:  # a status
             continue
-        unit = units[item.metric].replace("1", "")
         if math.isnan(value):
             yield f"requirement.{item.name}: the nominal case has no {item.metric}"
-        for key, bound, beyond in (
-            ("at_least", item.at_least, item.at_least is not None and value < item.at_least),
-            ("at_most", item.at_most, item.at_most is not None and value > item.at_most),
-        ):
-            if beyond:
+        unit = "" if units[item.metric] == "1" else units[item.metric]
+        for key, bound, within in (("at_least", item.at_least, 1), ("at_most", item.at_most, -1)):
+            if bound is not None and within * (value - bound) < 0.0:
                 yield (
                     f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
                     f"{item.metric} is {value:.5g} {unit}".rstrip()
                 )
-    end = campaign.scene.run.end_time
-    for name, value in outcomes.items():
-        if name.endswith(_LEAST_AT) and value >= end * (1.0 - 1e-9):
-            yield (
-                f"{name.removesuffix(_LEAST_AT)}_clearance_mm is least as the nominal flight ends: "
-                "it may become less after that; a longer run.end_time_s tells"
-            )
+    for name in least_at_the_end(outcomes, campaign.scene.run.end_time):
+        yield _may_become_less(name, "the nominal flight ends")
 
 
-_LEAST_AT = "_clearance_time_s"  # columns of when a clearance was least
-
-
-def least_at_the_end(campaign: Definition, outcomes: np.ndarray) -> Counter[str]:
-    """Of outcomes (n, o) in SI, the cases in which a clearance is least as the flight ends, by
-    clearance."""
-    end, found = campaign.scene.run.end_time, Counter[str]()
-    for c, x in zip(campaign.outcome_columns, outcomes.T, strict=False):
-        if c.name.endswith(_LEAST_AT):
-            found[c.name.removesuffix(_LEAST_AT)] = int(np.count_nonzero(x >= end * (1.0 - 1e-9)))
-    return +found
+def least_at_the_end(
+    outcomes: Mapping[str, float] | Mapping[str, np.ndarray], end: float
+) -> Counter[str]:
+    """The cases in which a clearance is least as the flight ends, at ``end`` s, by clearance; of
+    ``outcomes`` by column, of one case or of many (n,)."""
+    return +Counter(
+        {
+            name.removesuffix(_LEAST_AT): int(np.count_nonzero(np.greater_equal(x, _SAME * end)))
+            for name, x in outcomes.items()
+            if name.endswith(_LEAST_AT)
+        }
+    )
 
 
 def still_near(counts: Mapping[str, int]) -> list[str]:
     """A sentence for each clearance of `least_at_the_end`."""
     return [
-        f"{name}_clearance_mm is least as the flight ends in {count} cases: it may become less "
-        "after that; a longer run.end_time_s tells"
+        _may_become_less(name, f"the flight ends in {count} cases")
         for name, count in counts.items()
     ]
+
+
+def _may_become_less(clearance: str, when: str) -> str:
+    return (
+        f"{clearance}_clearance_mm is least as {when}: it may become less after that; a longer "
+        "run.end_time_s tells"
+    )
 
 
 def unmet(told: Achieved, fixed: bool) -> list[str]:

@@ -38,7 +38,8 @@ _PRECEDENCE = {
 }
 _ATOM = 9
 # names that functions have already, and functions
-_TAKEN = {"w", "l", "math", "np", "phase", "usual", "left", "size"}
+_TAKEN = {"w", "math", "np", "phase", "usual", "left", "size"}
+_TAKEN |= {"e", "i", "k", "l"}  # count loops that are written by hand
 _TAKEN |= {
     "add",
     "advance",

@@ -8,8 +8,6 @@ from typing import Any
 
 WIDTH = 100
 _BY_HAND = "written by hand"
-# of loops that are written by hand: in no function do they stand for anything else
-_COUNTERS = ("e", "i", "k", "l")
 _ASSIGNED = re.compile(r"(?:for )?((?:[a-z]\w*, )*[a-z]\w*) (?:=|in) ")
 
 
@@ -24,7 +22,7 @@ class Text:
         names: dict[str, Any] | None = None,
     ):
         self.lines: list[str] = [] if lines is None else lines
-        self.names: dict[str, Any] = dict.fromkeys(_COUNTERS, _BY_HAND) if names is None else names
+        self.names: dict[str, Any] = {} if names is None else names
         self.indent = indent
 
     def __call__(self, *lines: str) -> None:
