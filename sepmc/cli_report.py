@@ -1,8 +1,11 @@
 """What the command line tells of a run beyond its statistics: what drives it, and the report."""
 
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
@@ -15,6 +18,7 @@ from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summar
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
+from sepmc.cli_options import load_campaign
 from sepmc.cli_output import (
     about_run,
     accuracy_text,
@@ -228,16 +232,51 @@ def _common(one: list[str], two: list[str]) -> list[str]:
 
 
 def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[str], None]) -> Path:
-    """Write the report of a run, with its worst cases over time if wanted; returns its path."""
+    """Write the report of a run, with its worst cases over time if wanted; returns its path. A
+    second process draws the vehicle and the outcomes, while this one finds the rest."""
+    with (
+        TemporaryDirectory() as temporary,
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as second,
+    ):
+        into = Path(temporary)
+        drawn = second.submit(_draw_run, folder, into)
+        report, driven = _found(folder, loaded, replays, into, say)
+        drivers = draw_drivers(driven, folder, loaded, into, ".svg")
+        return page.write_report(report, folder / "report.html", *drawn.result(), drivers)
+
+
+def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
+    """Draw the vehicle, and the outcomes, of a run into a folder; returns the paths of both."""
+    loaded = load_campaign(str(folder), (), warn=False)
+    summary = summary_of(folder, loaded)
+    table, manifest = summary.statistics(), store.read_manifest(folder)
+    accuracy = manifest.get("accuracy") or {}
+    vehicle = drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
+    outcomes = draw_figures(
+        folder,
+        loaded,
+        summary,
+        table,
+        say=nobody,
+        page=into,
+        verdicts=verdicts_of(loaded, summary, accuracy, table, summary.audit()),
+        converging=True,
+    )
+    return [vehicle], outcomes
+
+
+def _found(
+    folder: Path, loaded: Campaign, replays: bool, into: Path, say: Callable[[str], None]
+) -> tuple[page.Report, Driven]:
+    """What the report of a run tells, with its worst cases flown again and drawn into a folder, and
+    what drives its outcomes."""
     summary, manifest = summary_of(folder, loaded), store.read_manifest(folder)
     table, audited = summary.statistics(loaded.reference), summary.audit()
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
-    driven, units = (
-        find_drivers(folder, loaded, summary, table),
-        {c.name: c.unit for c in loaded.outcome_columns},
-    )
+    driven = find_drivers(folder, loaded, summary, table)
     about, texts = about_run(folder), driven.texts(WIDTH)
+    units = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
     every = summary_text(table, summary.counts, units, source)
@@ -269,33 +308,15 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         campaign=loaded.file.toml,
         drivers=texts[0],
         causes=texts[1],
-        replays=_worst(loaded, verdicts, manifest["seed"], say) if replays else [],
+        replays=_worst(loaded, verdicts, manifest["seed"], into, say) if replays else [],
     )
-    return page.write_report(
-        report,
-        folder / "report.html",
-        lambda into: [
-            drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
-        ],
-        lambda into: draw_figures(
-            folder,
-            loaded,
-            summary,
-            table,
-            say=nobody,
-            page=into,
-            verdicts=verdicts,
-            converging=True,
-        ),
-        lambda into: draw_drivers(driven, folder, loaded, into, ".svg"),
-        lambda replay, into: _draw_replay(loaded, replay, into),
-    )
+    return report, driven
 
 
 def _worst(
-    loaded: Campaign, verdicts: list[Any], seed: int, say: Callable[[str], None]
+    loaded: Campaign, verdicts: list[Any], seed: int, into: Path, say: Callable[[str], None]
 ) -> list[page.Replay]:
-    """The worst cases of the requirements, flown again."""
+    """The worst cases of the requirements, flown again and drawn into a folder."""
     told = [v for v in verdicts if v.worst_case is not None]
     told.sort(key=lambda v: not v.violations)  # what is violated goes first
     worst = {v.worst_case: v for v in reversed(told)}
@@ -312,10 +333,13 @@ def _worst(
             if v.worst is None
             else f"case {number}, the worst of {v.name}: {v.metric} {v.worst:.5g} {unit}"
         )
-        found.append(page.Replay(title.rstrip(), history))
+        figures = run_figures(
+            history,
+            into / str(number),
+            loaded.plan.bodies,
+            list(loaded.plan.joints),
+            suffix=".svg",
+            only=_REPLAYED_PAGES,
+        )
+        found.append(page.Replay(title.rstrip(), figures))
     return found
-
-
-def _draw_replay(loaded: Campaign, replay: page.Replay, into: Path) -> list[Path]:
-    bodies, joints = loaded.plan.bodies, list(loaded.plan.joints)
-    return run_figures(replay.history, into, bodies, joints, suffix=".svg", only=_REPLAYED_PAGES)

@@ -112,12 +112,12 @@ PUSHER = "spring.upper_left"
             {f"dispersion.{PUSHER}.force_N": {"discrete": [900.0, 0.0], "weights": [0.99, 0.01]}},
             "at the end of its law for force: force_N = 0 less",
         ),
-        ({f"dispersion.{PUSHER}.stroke_m": {"discrete": [0.1, 1e-6]}}, None),
+        ({f"dispersion.{PUSHER}.factor": {"discrete": [1.0, 0.0], "weights": [0.99, 0.01]}}, None),
     ],
 )
 def test_a_pusher_that_pulls(settings, said):
     """Stiffer than its force over its stroke; failed by its force, which leaves the stiffness; and
-    failed by its stroke, as it should be."""
+    failed by its factor, as it should be."""
     found = [one for one in of_file(loaded("spring-pushers", settings)) if " pulls with " in one]
     assert [one.startswith(PUSHER) and said in one for one in found] == ([True] if said else [])
 

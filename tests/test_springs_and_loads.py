@@ -88,6 +88,28 @@ def spring(**keys):
     return {key: value for key, value in (PUSH | keys).items() if value is not None}
 
 
+def test_weak_and_failed(pair):
+    """A factor is on the whole force: as of a spring so much weaker in each of its three numbers;
+    the end of the stroke of one that fails is where the other pushes the bodies so far apart."""
+    numbers = {"force_N": 12.0, "stiffness_N_per_m": 40.0, "damping_N_s_per_m": 3.0}
+
+    def shown(*springs):
+        ended = {"name": "ended", "when": {"spring": springs[-1]["name"]}}
+        settings = {"spring": list(springs), "event": [ended], "run.end_time_s": 1.0}
+        found = flown(pair(STILL | settings))
+        return [along(found)[i][-1] for i in (0, 1)], found.attrs["outcomes"]["ended_time_s"]
+
+    less = spring(stroke_m=0.2, **{key: 0.7 * x for key, x in numbers.items()})
+    weak = spring(stroke_m=0.2, factor=0.7, **numbers)
+    assert_allclose(shown(weak)[0], shown(less)[0], rtol=0, atol=1e-11)
+    failed = spring(stroke_m=0.1, factor=0.0, **numbers) | {"name": "other"}
+    last, time = shown(less, failed)
+    assert_allclose(last, shown(less)[0], rtol=0, atol=1e-11)
+    x = spring(stroke_m=0.1, **{key: 0.0 for key in numbers}) | {"name": "other"}
+    assert time == pytest.approx(shown(less, x)[1], abs=1e-12)
+    assert 0.0 < time < shown(less)[1]
+
+
 @pytest.mark.parametrize(
     "kind", KINDS, ids=["axis", "line", "axis, bodies exchanged", "line, bodies exchanged"]
 )

@@ -314,6 +314,8 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     push = getattr(loads, "springs.spring_force")(
         *strengths, line.length - s.spring_start(spring), line.rate
     )
+    if s.shape.may(f"spring.{spring.name}.factor", spring.factor != 1.0):
+        push = s.case.number(p + at.SPRING_FACTOR) * push
     if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
         s.c.start(ended(spring.name), 0.0)
         push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)

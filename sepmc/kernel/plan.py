@@ -87,6 +87,7 @@ _SPRING = {
     "stiffness": at.STIFFNESS,
     "damping": at.DAMPING,
     "stroke": at.STROKE,
+    "factor": at.SPRING_FACTOR,
 }
 _LOAD = {
     **_vector("force", at.LOAD_FORCE),

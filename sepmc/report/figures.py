@@ -365,7 +365,13 @@ def _histogram(
             density, found.edges, fill=True, facecolor="#a9cdea", edgecolor="white",
             linewidth=0.4, label="cases",
         )  # fmt: skip
-        # a bar of one case is too low to be seen
+        centres, low = 0.5 * (found.edges[1:] + found.edges[:-1]), density < _SEEN * density.max()
+        few = centres[low & (found.counts > 0)]
+        if len(few):
+            ax.plot(
+                few, np.zeros(len(few)), linestyle="", marker="|", markersize=9,
+                color=BLUE, clip_on=False, label="bars too low to be seen",
+            )  # fmt: skip
         ax.plot(
             [found.low, found.high], [0.0, 0.0], linestyle="", marker="^", markersize=6,
             color=BLACK, clip_on=False, label="least and greatest",
@@ -412,6 +418,7 @@ def _histogram(
         )
 
 
+_SEEN = 0.01  # of the highest bar: lower ones are marked
 _UNLIKE = 0.06  # probability that may lie elsewhere, beyond what chance moves
 
 

@@ -2,8 +2,7 @@
 nothing of a server."""
 
 import math
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -20,10 +19,10 @@ _STYLES = {PASS: "pass", FAIL: "fail"}
 
 @dataclass
 class Replay:
-    """A case that is shown over time."""
+    """A case that is shown over time, in SVG files."""
 
     title: str
-    history: pd.DataFrame
+    figures: Sequence[Path]
 
 
 @dataclass
@@ -64,24 +63,20 @@ class Report:
 def write_report(
     report: Report,
     path: Path,
-    draw_vehicle: Callable[[Path], list[Path]],
-    draw_outcomes: Callable[[Path], list[Path]],
-    draw_drivers: Callable[[Path], list[Path]],
-    draw_replay: Callable[[Replay, Path], list[Path]],
+    vehicle: Sequence[Path],
+    outcomes: Sequence[Path],
+    drivers: Sequence[Path],
 ) -> Path:
-    """Write a report into a file; the figures are drawn by functions that write SVG files into a
-    folder and return their paths. Returns the path."""
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        replays = [
-            {"title": one.title, "figures": _embedded(draw_replay(one, folder))}
-            for one in report.replays
-        ]
-        figures = {
-            "vehicle_figures": _embedded(draw_vehicle(folder)),
-            "outcome_figures": _embedded(draw_outcomes(folder)),
-            "driver_figures": _embedded(draw_drivers(folder)),
-        }
+    """Write a report into a file, with its figures from SVG files: the ``vehicle``, the
+    ``outcomes`` and what drives them; those of replays are named there. Returns the path."""
+    figures = {
+        "vehicle_figures": _embedded(vehicle),
+        "outcome_figures": _embedded(outcomes),
+        "driver_figures": _embedded(drivers),
+        "replays": [
+            {"title": one.title, "figures": _embedded(one.figures)} for one in report.replays
+        ],
+    }
     template = files("sepmc.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     columns, rows = _statistics(report.statistics, report.telling)
@@ -89,7 +84,6 @@ def write_report(
         vars(report)
         | figures
         | {
-            "replays": replays,
             "columns": columns,
             "telling": rows,
             "outcomes": len(report.statistics),

@@ -60,8 +60,8 @@ SWING = 13  # rate across it at the start
 JOINT_SIZE = 16
 LEAST_ENGAGED = 0.01  # of the engaged length of pins when closed: they are never counted shorter
 # Offsets in a spring's block; its points as those of a joint.
-SPRING_FORCE, STIFFNESS, DAMPING, STROKE = 6, 7, 8, 9
-SPRING_SIZE = 10
+SPRING_FORCE, STIFFNESS, DAMPING, STROKE, SPRING_FACTOR = 6, 7, 8, 9, 10
+SPRING_SIZE = 11
 # Offsets in a constant load's block.
 LOAD_FORCE, LOAD_MOMENT, LOAD_POINT, LOAD_START, LOAD_END = 0, 3, 6, 9, 10
 LOAD_SIZE = 11

@@ -162,8 +162,8 @@ class Spring(_Table, frozen=True, kw_only=True):
     the first.
 
     With ``axis`` (of the first body) it pushes along that axis, otherwise along the line between
-    its points. The force is ``force - stiffness x - damping x'`` at an extension x from the start;
-    beyond ``stroke`` it is gone for good.
+    its points. The force is ``force - stiffness x - damping x'`` at an extension x from the start,
+    times ``factor``, 0 of a spring that fails; beyond ``stroke`` it is gone for good.
     """
 
     name: Name
@@ -175,6 +175,7 @@ class Spring(_Table, frozen=True, kw_only=True):
     stiffness: Annotated[float, NotNegative, Quantity("stiffness")] = 0.0
     damping: Annotated[float, NotNegative, Quantity("damping")] = 0.0
     stroke: Annotated[float, Positive, Quantity("length")] = math.inf
+    factor: Annotated[float, NotNegative] = 1.0
 
 
 class Load(_Table, frozen=True, kw_only=True):

@@ -200,7 +200,7 @@ def _pulls(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
                 yield (
                     f"{place} pulls with {pull:.4g} N before its stroke is over{where}: force_N = "
                     f"{of['force']:.4g} less stiffness_N_per_m = {of['stiffness']:.4g} times "
-                    f"stroke_m = {of['stroke']:.4g}; one that fails has next to no stroke"
+                    f"stroke_m = {of['stroke']:.4g}; one that fails has factor = 0"
                 )
                 break
 

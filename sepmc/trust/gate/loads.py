@@ -102,6 +102,8 @@ def _add_spring(draft: Draft) -> None:
         spring["damping_N_s_per_m"] = rounded(2.0 * dice.between(0.05, 0.7) * reduced * turns)
     if dice.chance(0.4):
         spring["stroke_m"] = dice.decades(1e-3, 0.1)
+    if dice.chance(0.2):
+        spring["factor"] = dice.pick([0.0, 0.5, 1.2])
     draft.tree.setdefault("spring", []).append(spring)
 
 

@@ -42,7 +42,7 @@ PROFILE = {"time": REQUIRED, "fraction": REQUIRED}
 SPRING = {
     "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None,
     "force": 0.0, "stiffness": 0.0,
-    "damping": 0.0, "stroke": math.inf,
+    "damping": 0.0, "stroke": math.inf, "factor": 1.0,
 }  # fmt: skip
 LOAD = {
     "name": REQUIRED, "body": REQUIRED, "force": ZERO, "moment": ZERO, "frame": "body",

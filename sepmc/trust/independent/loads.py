@@ -117,7 +117,7 @@ class Spring:
         """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres,
         body axes."""
         e, extension, rate, d = self.line(s)
-        size = (
+        size = self.table["factor"] * (
             self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
         )
         act(
