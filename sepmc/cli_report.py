@@ -1,9 +1,7 @@
 """What the command line tells of a run beyond its statistics: what drives it, and the report."""
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -29,6 +27,7 @@ from sepmc.cli_output import (
     telling_outcomes,
     verdicts_of,
 )
+from sepmc.processes import processes
 from sepmc.report import page
 from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.drawing import drawing
@@ -234,10 +233,7 @@ def _common(one: list[str], two: list[str]) -> list[str]:
 def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[str], None]) -> Path:
     """Write the report of a run, with its worst cases over time if wanted; returns its path. A
     second process draws the vehicle and the outcomes, while this one finds the rest."""
-    with (
-        TemporaryDirectory() as temporary,
-        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as second,
-    ):
+    with TemporaryDirectory() as temporary, processes(1) as second:
         into = Path(temporary)
         drawn = second.submit(_draw_run, folder, into)
         report, driven = _found(folder, loaded, replays, into, say)

@@ -163,6 +163,22 @@ def test_what_a_later_loop_needs_is_kept_or_read_again(scope):
     ]
 
 
+def test_the_items_of_a_tuple_that_a_later_loop_needs_are_kept(scope):
+    """One behind the other, and read as they were."""
+    case = scope.case
+    around = guides.around_circle(case.parameter(1), case.parameter(2)).called("around")
+    ends = vec3.add((case.parameter(3), 0.0, 0.0), (around[0], 1.0, 2.0)).called("end")
+    case.store("A", around[0] * around[1])
+    case.store("B", around[1] + ends[2])
+    text = Text()
+    case.write(text, 2)
+    loops = "\n".join(text.lines).split("for l in range(LANES):\n")[1:]
+    kept = ["    w[AROUND_1 + l] = around[0]", "    w[AROUND_1 + 1 * LANES + l] = around[1]"]
+    assert [line for line in loops[0].splitlines() if "AROUND" in line] == kept
+    assert "    around = (w[AROUND_1 + l], w[AROUND_1 + 1 * LANES + l])" in loops[1].splitlines()
+    assert scope.slabs.counts["AROUND_1"] == 2
+
+
 def test_a_name_never_meets_that_of_a_formula(scope):
     scope.store("OUT", total([scalar.larger(scope.load("A"), 0.0)] * 2))
     assert scope.lines() == ["larger_2 = larger(w[A + l], 0.0)", "w[OUT + l] = larger_2 + larger_2"]

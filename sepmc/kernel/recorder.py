@@ -272,9 +272,7 @@ class Scope:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
             number = 1
-            while not self.slabs.add(
-                f"{name}_{number}", _KEPT[value.shape][1] if value.shape in _KEPT else 1
-            ):
+            while not self.slabs.add(f"{name}_{number}", _size(value.shape)):
                 number += 1
             place = self._kept[value.node] = f"{name}_{number}"
             self.stores[place] = value.node + 1, value  # as soon as it is known
@@ -320,7 +318,7 @@ class Scope:
             for node, line in part:
                 loop.append(line)
                 if node in fresh and line.startswith(f"{crossing[node]} = "):
-                    loop.append(writer.store(places[node], values[node]))
+                    loop += writer.store(places[node], values[node])
             inner = text.lanes()
             for line in loop:
                 inner.broken(line)
@@ -366,7 +364,7 @@ class _Writer:
             if line is not None:
                 written.append((node, 1, line))
         for place, (after, value) in self.scope.stores.items():
-            written.append((after - 1, 2, self.store(place, value)))
+            written += [(after - 1, 2, line) for line in self.store(place, value)]
         last = max((node for node, _, _ in written), default=-1)
         written += [(node, 0, f"# {says}") for node, says in self.scope.comments if node <= last]
         return sorted(written, key=lambda item: item[:2])
@@ -436,16 +434,42 @@ class _Writer:
         code, precedence = self.spelled[a.node]
         return code if precedence >= least else f"({code})"
 
-    def store(self, place: str, value: Value) -> str:
-        """The line that puts a value at a place."""
-        assert not isinstance(value.shape, tuple), "of a tuple of vectors, its items are stored"
+    def store(self, place: str, value: Value) -> list[str]:
+        """The lines that put a value at a place, one behind the other the items of a tuple."""
         code = self._spell(value)
-        if value.shape in _KEPT:
-            return f"put{_KEPT[value.shape][0]}(w, {place} + l, {code})"
-        return f"w[{place} + l] = {f'1.0 if {code} else 0.0' if value.shape == CONDITION else code}"
+        if isinstance(value.shape, tuple):
+            assert value.node in self.named, "a tuple without a name would be computed again"
+            return [
+                _store(to, f"{code}[{k}]", shape)
+                for k, (to, shape) in enumerate(_items(place, value.shape))
+            ]
+        return [_store(place, code, value.shape)]
+
+
+def _size(shape: Shape) -> int:
+    """How many numbers a value has."""
+    if isinstance(shape, tuple):
+        return sum(_size(item) for item in shape)
+    return _KEPT[shape][1] if shape in _KEPT else 1
+
+
+def _items(place: str, shapes: tuple[Shape, ...]) -> Iterator[tuple[str, Shape]]:
+    """Where the items of a tuple are kept, and their shapes."""
+    behind = 0
+    for shape in shapes:
+        yield (f"{place} + {behind} * LANES" if behind else place), shape
+        behind += _size(shape)
+
+
+def _store(place: str, code: str, shape: Shape) -> str:
+    if shape in _KEPT:
+        return f"put{_KEPT[shape][0]}(w, {place} + l, {code})"
+    return f"w[{place} + l] = {f'1.0 if {code} else 0.0' if shape == CONDITION else code}"
 
 
 def _load(place: str, shape: Shape) -> tuple[str, int]:
+    if isinstance(shape, tuple):
+        return f"({', '.join(_load(at, item)[0] for at, item in _items(place, shape))})", _ATOM
     if shape in _KEPT:
         return f"get{_KEPT[shape][0]}(w, {place} + l)", _ATOM
     return (

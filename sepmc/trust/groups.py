@@ -2,9 +2,10 @@
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import active_children, get_context
+from concurrent.futures import as_completed
 from typing import Any
+
+from sepmc.processes import processes
 
 Fly = Callable[[list[str]], list[Any]]
 
@@ -38,22 +39,13 @@ def side_by_side(
         if told:
             told(name)
 
-    processes = max(1, (os.cpu_count() or 1) - len(here))
     if len(names) == 1:
         apart, here = [], set(names)
-    others = set(active_children())
-    # not forked: threads of compiled code may run
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        try:
-            # the longest stand last in the lists
-            flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
-            for name in here:
-                keep(name, fly([name]))
-            for flight in as_completed(flights):
-                keep(flights[flight], flight.result())
-        except BaseException:  # interrupted, or a group failed: no other goes on
-            for process in set(active_children()) - others:
-                process.kill()
-            pool.shutdown(cancel_futures=True)
-            raise
+    with processes(max(1, (os.cpu_count() or 1) - len(here))) as pool:
+        # the longest stand last in the lists
+        flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
+        for name in here:
+            keep(name, fly([name]))
+        for flight in as_completed(flights):
+            keep(flights[flight], flight.result())
     return {name: found[name] for name in names}
