@@ -4,6 +4,7 @@ what a run tells of them."""
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -239,6 +240,22 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     again = pilot.plan_flight(campaign.with_settings({"run.seed": 8}))
     assert_array_equal(again.steps, flight.steps)
     assert again.error == flight.error
+
+
+def test_errors_are_shares_of_what_statistics_are_of():
+    """Cases that are never released have outcomes and are in no statistics: their outcomes, apart
+    from all others, would make sigma larger than the one that is told."""
+    ok, never, other = Status.OK, Status.NEVER_RELEASED, Status.UNRESOLVED
+    block = SimpleNamespace(
+        status=np.array([ok, never, ok, other, ok]),
+        outcomes=np.array([[1.0], [50.0], [1.2], [NAN], [1.4]]),
+        flown=np.array([True, True, True, False, True]),
+        guarded=np.array([True, True, True, True, False]),
+    )
+    assert_array_equal(pilot._ended(block, None), [[1.0], [1.2]])
+    assert_array_equal(pilot._ended(block, 0.1), [[1.0], [1.2], [1.4]])
+    block.status[:] = [never, never, other, other, never]
+    assert_array_equal(pilot._ended(block, None), [[1.0], [50.0]])
 
 
 # -- what a run tells

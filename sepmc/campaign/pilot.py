@@ -306,21 +306,25 @@ def _choose_steps(
     goal = SAFE * campaign.scene.solver.accuracy
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def block_of(steps: np.ndarray, draws: np.ndarray) -> Block:
         block, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         tell(len(draws))
+        return block
+
+    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = block_of(steps, draws)
         return block.outcomes[:, : len(units)], _verdict(block, given)
 
     spread, some = (
         _SPREAD_STEPS if given is None else 1,
         np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]),
     )
-    few, verdict = flown(np.full(kernel.stages, spread), some)
+    few = block_of(np.full(kernel.stages, spread), some)
     # a body may turn too far in a step for any of them
-    while not mostly(verdict) and spread < _MOST_SPREAD:
+    while not mostly(_verdict(few, given)) and spread < _MOST_SPREAD:
         spread *= 2
-        few, verdict = flown(np.full(kernel.stages, spread), some)
-    scale = scales(few[verdict == VOUCHED], units, scene_scales(campaign.scene, units))
+        few = block_of(np.full(kernel.stages, spread), some)
+    scale = scales(_ended(few, given)[:, : len(units)], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides)
@@ -373,6 +377,14 @@ def _verdict(block: Block, given: float | None) -> np.ndarray:
     return np.where(
         block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT)
     )
+
+
+def _ended(block: Block, given: float | None) -> np.ndarray:
+    """Outcomes (n, o) of the cases that statistics are of, which came to their end; if none did, of
+    all that a kernel vouches for."""
+    vouched = _verdict(block, given) == VOUCHED
+    ended = vouched & (block.status == Status.OK)
+    return np.asarray(block.outcomes[ended if ended.any() else vouched])
 
 
 def _limits(campaign: Definition, trials: Block) -> np.ndarray:
