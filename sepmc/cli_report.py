@@ -205,7 +205,12 @@ def tell_comparison(
         click.echo(f"requirement {name}: {' -> '.join(told)}")
     inputs = _common(*([c.name for c in run.input_columns] for run in runs))
     outcomes = _common(*([c.name for c in run.outcome_columns] for run in runs))
-    table = compare.compare(rows[0], rows[1], inputs, outcomes)
+    laws_of = [
+        {d.parameter.column: (d.law, d.numbers, d.weights) for d in run.file.dispersions}
+        for run in runs
+    ]
+    redrawn = [name for name in inputs if laws_of[0].get(name) != laws_of[1].get(name)]
+    table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling], screen_width()))
     if out is None:

@@ -39,6 +39,20 @@ def test_pairs():
     assert_allclose(row["mean_one"], np.delete(x, 3).mean())
 
 
+def test_a_changed_input_that_agrees_in_some_cases():
+    """A failure that became likelier: pairs are all cases, not those alone that it left as they
+    were; without a word on what was changed, only equal cases are."""
+    rng = np.random.default_rng(4)
+    x, fails = rng.normal(size=(2, 200))
+    one, two = table(x, x), table(x, np.where(fails > 1.0, x + 5.0, x))
+    one["in_fails"], two["in_fails"] = np.zeros(200), (fails > 1.0).astype(float)
+    row = compare(one, two, ["in_x", "in_fails"], ["y"], ["in_fails"]).loc["y"]
+    assert row["pairs"] == 200
+    assert_allclose(row["difference"], 5.0 * (fails > 1.0).mean())
+    assert compare(one, two, ["in_x", "in_fails"], ["y"]).loc["y", "pairs"] == (fails <= 1.0).sum()
+    assert compare(one, two, ["in_fails"], ["y"], ["in_fails"]).loc["y", "pairs"] < 200
+
+
 def test_independent_samples():
     """Other inputs: no pairs, Welch's interval."""
     rng = np.random.default_rng(2)
@@ -102,6 +116,17 @@ def test_command(runs, tmp_path):
     # a heavier stage is slowed less: every pair says so, two means of 25 cases would not
     assert row["high"] < 0.0
     assert (tmp_path / "beside" / "compare.png").stat().st_size > 20_000
+    assert kept["pairs"].max() == 25  # a law of one value that became another
+    key, thrusts = "dispersion.motor.retro.thrust_N", {"discrete": [500.0, 250.0]}
+    with flown_plainly():
+        for name, weights in (("rarely", [0.9, 0.1]), ("often", [0.4, 0.6])):
+            law = {key: thrusts | {"weights": weights}}
+            sepmc.load(runs / "light", law).run(cases=25, seed=3, out=tmp_path / name)
+    weak = call("compare", tmp_path / "rarely", tmp_path / "often", "--out", tmp_path / "and")
+    assert f"{key}.weights" in weak.stdout
+    kept = pd.read_csv(tmp_path / "and" / "compare.csv", index_col="outcome")
+    assert kept.loc["separation_speed_m_s", "pairs"] == 25
+    assert kept.loc["separation_speed_m_s", "difference"] < -0.05
     same = call("compare", runs / "light", runs / "light")
     assert "what differs in the files\n  nothing\n" in same.stdout
     assert call("compare", runs / "light", tmp_path).exit_code == 2

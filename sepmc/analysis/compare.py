@@ -5,7 +5,7 @@ one seed have them: the difference of a pair is known far better than that of tw
 share no pairs are compared as independent samples (Welch, Biometrika 34, 1947).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,24 +42,34 @@ def _brief(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def are_pairs(one: Mapping[str, Any], two: Mapping[str, Any], inputs: Sequence[str]) -> np.ndarray:
-    """Which cases (n,) of the numbers that both tables hold have equal inputs. An input that
-    differs in every case is what was changed, and does not count, unless all do.
+def are_pairs(
+    one: Mapping[str, Any],
+    two: Mapping[str, Any],
+    inputs: Sequence[str],
+    changed: Collection[str] = (),
+) -> np.ndarray:
+    """Which cases (n,) of the numbers that both tables hold have equal inputs, but for those that
+    were changed. Where all were, they count: such cases are pairs if nothing differs.
 
     Parameters
     ----------
     one, two : mapping of name to column
         ``case`` and inputs; cases are numbered from 0 without a gap.
     inputs : names of the inputs that both have
+    changed : those of them whose laws differ, though they may agree in some cases
     """
     count = min(len(one["case"]), len(two["case"]))
-    equal = [column(one, name)[:count] == column(two, name)[:count] for name in inputs]
-    kept = [each for each in equal if each.any()]
-    return np.logical_and.reduce(kept) if kept else np.zeros(count, dtype=bool)
+    told = [name for name in inputs if name not in changed] or list(inputs)
+    equal = [column(one, name)[:count] == column(two, name)[:count] for name in told]
+    return np.logical_and.reduce(equal) if equal else np.zeros(count, dtype=bool)
 
 
 def compare(
-    one: Mapping[str, Any], two: Mapping[str, Any], inputs: Sequence[str], outcomes: Sequence[str]
+    one: Mapping[str, Any],
+    two: Mapping[str, Any],
+    inputs: Sequence[str],
+    outcomes: Sequence[str],
+    changed: Collection[str] = (),
 ) -> pd.DataFrame:
     """Differences of the outcomes of two case tables, the second minus the first.
 
@@ -68,6 +78,7 @@ def compare(
     one, two : mapping of name to column
         ``case``, ``status``, inputs, outcomes.
     inputs, outcomes : names that both have
+    changed : inputs whose laws differ between the two; see `are_pairs`
 
     Returns
     -------
@@ -76,7 +87,7 @@ def compare(
         its 95 % interval ``low``, ``high``, and from how many ``pairs`` of cases; 0 pairs: from
         independent samples.
     """
-    pairs, rows = are_pairs(one, two, inputs), []
+    pairs, rows = are_pairs(one, two, inputs, changed), []
     for name in outcomes:
         a, b = (np.where(ok_rows(t), column(t, name), np.nan) for t in (one, two))
         apart = (b[: len(pairs)] - a[: len(pairs)])[pairs]
@@ -123,4 +134,7 @@ def text(table: pd.DataFrame, width: int = WIDTH) -> str:
                 str(int(row["pairs"])) if row["pairs"] else "none",
             ]
         )
-    return "\n".join(aligned(rows, width))
+    told = (
+        "differences are of pairs where there are some, means and sigmas of all cases of each run"
+    )
+    return "\n".join([*aligned(rows, width), told])
