@@ -101,6 +101,18 @@ def test_shipped_campaigns_have_none(name):
     assert of_file(sepmc.load(name)) == []
 
 
+@pytest.mark.parametrize(
+    ("weights", "said"),
+    [([0.97, 0.3], "add up to 1.27, so that the probabilities are 0.764, 0.236"),
+     ([0.97, 0.03], ""), ([2.0, 1.0], ""), ([0.33, 0.66], "")],
+)  # fmt: skip
+def test_weights_that_do_not_add_up(weights, said):
+    """Probabilities should; ratios need not."""
+    law = {"dispersion.motor.retro.thrust_N": {"discrete": [500.0, 0.0], "weights": weights}}
+    found = [one for one in of_file(loaded("table2", law)) if "weights" in one]
+    assert [said in one for one in found] == ([True] if said else [])
+
+
 PUSHER = "spring.upper_left"
 
 

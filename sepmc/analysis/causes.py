@@ -202,7 +202,8 @@ def text(
     lines = [f"{what}: what sets these cases apart from the rest"]
     for one in found[:most]:
         where = " and ".join(
-            f"{keys.get(name, name)} {low:.5g} to {high:.5g}"
+            f"{keys.get(name, name)} "
+            + (f"= {low:.5g}" if low == high else f"{low:.5g} to {high:.5g}")
             for name, (low, high) in zip(one.inputs, one.region, strict=True)
         )
         lines.append(

@@ -12,6 +12,7 @@ from sepmc.scene.parameters import value
 
 _FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
 _BESIDE = 2.0  # of the vehicle's length: how far off its axis things are at most
+_ROUNDED = 0.011  # that weights may be from 1, as thirds to two digits are
 _WIDE = 1.0  # half a law's range over its nominal
 _FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
 _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
@@ -30,6 +31,7 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_far_points(scene),
         *_outside(scene),
         *_wide_laws(scene, dispersions),
+        *_weights(dispersions),
         *_start(scene),
         *_overlaps(scene),
         *_springs(scene),
@@ -99,6 +101,18 @@ def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]
             yield (
                 f"dispersion of {law.sentence}: reaches {low:.4g} to {high:.4g} about a nominal of "
                 f"{nominal:.4g}; is a share meant, relative = true?"
+            )
+
+
+def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Weights that look like probabilities and do not add up to 1."""
+    for law in dispersions:
+        whole = sum(law.weights)
+        if law.weights and max(law.weights) < 1.0 and abs(whole - 1.0) > _ROUNDED:
+            shares = ", ".join(f"{weight / whole:.3g}" for weight in law.weights)
+            yield (
+                f"dispersion of {law.sentence}: the weights add up to {whole:.4g}, so that the "
+                f"probabilities are {shares}; is that meant?"
             )
 
 
