@@ -16,7 +16,7 @@ from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summar
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
-from sepmc.cli_options import load_campaign
+from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
     about_run,
     accuracy_text,
@@ -287,7 +287,7 @@ def _found(
         title=loaded.file.title,
         facts=f"{about}, sampler {loaded.scene.run.sampler}; flown {last['finished'][:10]} by "
         f"sepmc {last['sepmc']}; campaign {manifest['digest']}",
-        notes=manifest.get("notes", ()),
+        notes=[*manifest.get("notes", ()), *redundant(loaded)],
         verdicts=verdicts,
         counts=every.partition("\n")[0],
         failures=[

@@ -98,6 +98,21 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     assert f"case {first}, the first of {violations} that violate parts" in text
 
 
+def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):
+    """Of two joints that hold the same, as the campaign says when it is flown."""
+    settings = {
+        "joint.bolt": {"bodies": ["fore", "aft"], "point_m": [2.0, 0.1, 0.0]},
+        "phase": [{"name": "locked", "joints": {"pins": "fixed", "bolt": "fixed"}}],
+        "dispersion": {"initial.speed_m_s": {"uniform": 0.1}},
+    }
+    with flown_plainly(cases=4):
+        pair(settings).run(cases=25, out=tmp_path / "run")
+    found = call("report", tmp_path / "run", "--no-replay")
+    assert found.exit_code == 0, found.output
+    text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "constraint rows are redundant, among pins, bolt" in text
+
+
 def test_what_it_says(page):
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "FAIL fast: separation_speed_m_s &gt;= 0.53 m/s in 90 % of all cases" in text
