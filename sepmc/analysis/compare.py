@@ -49,7 +49,8 @@ def are_pairs(
     changed: Collection[str] = (),
 ) -> np.ndarray:
     """Which cases (n,) of the numbers that both tables hold have equal inputs, but for those that
-    were changed. Where all were, they count: such cases are pairs if nothing differs.
+    were changed: whose laws were, or that differ in every case, as correlation makes them. Where
+    all were changed there are no pairs, unless both tables hold the same cases.
 
     Parameters
     ----------
@@ -59,9 +60,11 @@ def are_pairs(
     changed : those of them whose laws differ, though they may agree in some cases
     """
     count = min(len(one["case"]), len(two["case"]))
-    told = [name for name in inputs if name not in changed] or list(inputs)
-    equal = [column(one, name)[:count] == column(two, name)[:count] for name in told]
-    return np.logical_and.reduce(equal) if equal else np.zeros(count, dtype=bool)
+    equal = {name: column(one, name)[:count] == column(two, name)[:count] for name in inputs}
+    if equal and all(each.all() for each in equal.values()):
+        return np.ones(count, dtype=bool)
+    kept = [each for name, each in equal.items() if name not in changed and each.any()]
+    return np.logical_and.reduce(kept) if kept else np.zeros(count, dtype=bool)
 
 
 def compare(
