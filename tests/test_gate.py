@@ -15,7 +15,7 @@ from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
-from sepmc.trust.gate import compare, drive
+from sepmc.trust.gate import compare, drive, workers
 from sepmc.trust.gate.dice import Dice
 from sepmc.trust.gate.dispersions import kind_of, paths
 from sepmc.trust.gate.plain import flown_plainly
@@ -276,3 +276,33 @@ def test_a_scene_that_takes_too_long_is_told_and_no_fault():
     text = drive.table(found)
     assert "not compared: 1 x no verdict within 0.05 s (seeds 5)" in text
     assert text.splitlines()[1].split() == ["all", *["0"] * (len(text.splitlines()[1].split()) - 1)]
+
+
+@pytest.mark.parametrize(
+    ("decided", "rows"),
+    [({"rows": {"same": 2}, "crash": ""}, {"same": 2}), (None, {"silent": 1})],
+    ids=["as users fly it", "too late"],
+)
+def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
+    """A fault of few trial cases is flown again as users fly it, however long the limit of a scene
+    is; where that does not end either, it stays a fault."""
+    asked = []
+
+    class Worker:
+        def __init__(self, limit_s):
+            self.stopped = True
+
+        def judge(self, job, limit_s=1.0):
+            asked.append((job.get("compiled", False), limit_s))
+            return decided if job.get("compiled") else {"rows": {"silent": 1}, "crash": ""}
+
+        def close(self):
+            pass
+
+        kill = close
+
+    monkeypatch.setattr(workers, "Worker", Worker)
+    found = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
+    assert [v["rows"] for v in found] == [rows]
+    assert drive.fails(found[0]) == ("silent" in rows)
+    assert asked == [(False, 1.0), (True, workers.LIMIT_S)]

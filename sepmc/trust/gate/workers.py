@@ -14,6 +14,9 @@ from typing import Any
 
 Job = dict[str, Any]
 LIMIT_S = 600.0  # of one scene
+# Faults of a scene that flew as plain Python, in steps found by few trial cases: the pilot that
+# users have decides, and if that takes too long they stand.
+_DOUBTED = {"silent", "door"}
 _LONGER_S = 30.0  # after which a process that should have ended its copy is ended itself
 
 
@@ -40,16 +43,17 @@ class Worker:
             start_new_session=True,  # it ends with the processes that it started
         )
 
-    def judge(self, job: Job) -> dict[str, Any] | None:
-        """The verdict on a job; None if the process died over it or took too long. Its copy may
-        have: see `sepmc.trust.gate.worker`."""
+    def judge(self, job: Job, limit_s: float | None = None) -> dict[str, Any] | None:
+        """The verdict on a job; None if the process died over it or took longer than ``limit_s``,
+        if that is not the worker's own. Its copy may have: see `sepmc.trust.gate.worker`."""
+        limit_s = limit_s or self.limit_s
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         copied = not (job.get("compiled") or job.get("shrink"))
-        timer = threading.Timer(self.limit_s + (_LONGER_S if copied else 0.0), self._stop)
+        timer = threading.Timer(limit_s + (_LONGER_S if copied else 0.0), self._stop)
         timer.start()
         try:
-            print(json.dumps({**job, "limit_s": self.limit_s}), file=self.process.stdin, flush=True)
+            print(json.dumps({**job, "limit_s": limit_s}), file=self.process.stdin, flush=True)
             answer = self.process.stdout.readline()
         except BrokenPipeError:
             answer = ""
@@ -111,12 +115,13 @@ def _work(
             worker = Worker(limit_s)
             running.append(worker)
         verdict = worker.judge(job)
+        dead = verdict is None
+        if verdict and not job.get("compiled") and _DOUBTED & set(verdict.get("rows", ())):
+            again = worker.judge({**job, "compiled": True}, max(limit_s, LIMIT_S))
+            verdict, dead = again or verdict, again is None
         if verdict is None or "late" in verdict or "died" in verdict:
             stopped = worker.stopped if verdict is None else "late" in verdict
             late = f"no verdict within {limit_s:g} s" if stopped else ""
-            if verdict is None:
-                worker.close()
-                worker = None
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
                 "name": name,
@@ -127,6 +132,9 @@ def _work(
                 "said": [],
                 "compiled": job.get("compiled", False),
             }
+        if dead:
+            worker.close()
+            worker = None
         found.put(verdict)
     if worker:
         worker.close()
