@@ -11,7 +11,7 @@ from scipy import stats
 import sepmc
 from sepmc import cli
 from sepmc.analysis.causes import causes
-from sepmc.analysis.drivers import drivers, text
+from sepmc.analysis.drivers import drivers, foremost, text
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.scene.messages import InputError
 from sepmc.trust.gate.plain import flown_plainly
@@ -107,6 +107,35 @@ def test_coverage_of_rank_intervals():
         row = drivers(cases, ["a"], "y", indices=False).loc["a"]
         held += row["rank_low"] <= true <= row["rank_high"]
     assert abs(held / 1000 - 0.95) < 2.0 * np.sqrt(0.95 * 0.05 / 1000) + 0.01
+
+
+def test_a_failure_that_few_cases_have_is_among_what_is_shown():
+    """One that 4 of 4,000 cases have shifts the mean by 6 sigma, and is among the inputs that are
+    shown and drawn, though others explain more of the variance; one that shifts nothing is not."""
+    rng, n = np.random.default_rng(2), 4000
+    x = {f"x{k:02d}": rng.normal(size=n) for k in range(12)}
+    fails, idle = np.zeros(n), np.zeros(n)
+    fails[rng.choice(n, 4, replace=False)] = 1.0
+    idle[rng.choice(n, 4, replace=False)] = 1.0
+    y = sum((1.0 - 0.05 * k) * column for k, column in enumerate(x.values()))
+    y = y + 6.0 * y.std() * fails
+    names = [*x, "fails", "idle"]
+    cases = x | {"fails": fails, "idle": idle, "y": y, "status": np.array(["ok"] * n)}
+    found = drivers(cases, names, "y")
+    assert "fails" not in found.index[:3]
+    for most in (2, 3, 8):
+        shown = foremost(found, most)
+        assert len(shown) == most
+        assert "fails" in shown.index
+        assert "idle" not in shown.index
+        assert shown.index.tolist() == [name for name in found.index if name in shown.index]
+    row = found.loc["fails"]
+    assert_allclose(row["mean_high"] - row["mean_low"], 6.0 * y.std(), rtol=0.3)
+    ends = y[fails == 1.0], y[fails == 0.0]
+    error = np.sqrt(sum(end.var(ddof=1) / len(end) for end in ends))
+    near = row["mean_high"] - row["mean_low"] - stats.t.ppf(0.975, 3) * error
+    assert_allclose(row["shift"], near, rtol=1e-9)
+    assert "fails" in text(found, "y", {})
 
 
 def test_what_cannot_be_told():

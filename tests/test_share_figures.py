@@ -6,8 +6,11 @@ import pytest
 from PIL import Image
 
 from sepmc.analysis.proportions import interval
-from sepmc.report.share_figures import _beyond, _running, convergence_figure
+from sepmc.analysis.requirements import Tally, judge
+from sepmc.report import share_figures
+from sepmc.report.share_figures import _beyond, _running, beyond_figure, convergence_figure
 from sepmc.report.style import PRINTED, SCREEN, dots, sheet
+from sepmc.scene.model import Requirement
 
 
 @pytest.mark.parametrize("upper", [True, False])
@@ -39,6 +42,29 @@ def test_cases_without_an_outcome_are_beyond():
         at, share = ax.get_lines()[0].get_data()
         beyond = (89.0 - at if upper else at) + 10.0
         np.testing.assert_allclose(share, beyond / 100.0)
+
+
+def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
+    """The curve at margin 0 is the share that violates either bound, as the verdict counts it."""
+    drawn = []
+    monkeypatch.setattr(share_figures, "save", lambda figure, path: drawn.append(figure) or path)
+    x = np.arange(200.0)
+    two = Requirement(name="both", metric="x", at_least=10.0, at_most=180.0, probability=0.9)
+    one = Requirement(name="one", metric="x", at_most=180.0, probability=0.9)
+    verdicts = []
+    for item in (two, one):
+        tally = Tally(item)
+        tally.add(np.arange(200), np.ones(200, dtype=bool), x, np.zeros(200, dtype=bool))
+        verdicts.append(judge(tally, {"x": (0.0, 1.0)}, np.nan))
+    beyond_figure({"x": x}, verdicts, tmp_path, {"x": "mm"}, "title")
+    (figure,) = drawn
+    both, side = (ax for ax in figure.axes if ax.get_lines())
+    at, share = both.get_lines()[0].get_data()
+    assert share[at == 0.0] == verdicts[0].violations / 200 == 29 / 200
+    assert both.get_lines()[1].get_xdata()[0] == 0.0
+    assert both.get_xlabel() == "margin of x to the nearer of 10 and 180 mm, below 0 beyond it"
+    at, share = side.get_lines()[0].get_data()
+    assert share[at == 180.0] == verdicts[1].violations / 200 == 19 / 200
 
 
 def test_running_mean_and_sigma():

@@ -10,6 +10,7 @@ indices: with all that an input does together with others.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -26,8 +27,8 @@ _OF_GROUPS = 200  # the same of groups, which take less time
 # from it on first-order indices say what drives an outcome
 _EXPLAINED = 0.7
 COLUMNS = (
-    "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "first", "first_low",
-    "first_high", "total", "total_low", "total_high",
+    "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "shift", "first",
+    "first_low", "first_high", "total", "total_low", "total_high",
 )  # fmt: skip
 
 
@@ -56,7 +57,8 @@ def drivers(
         ``rank`` with a 95 % interval ``rank_low``, ``rank_high`` (Bonett and Wright, Psychometrika
         65, 2000); ``partial``; ``mean_low`` and ``mean_high``, the outcome's means over the tenths
         of the cases in which the input is lowest and highest (over its lowest and highest value, if
-        these are few), in its unit, all of these of the independent cases of a Saltelli design
+        these are few), in its unit, and ``shift``, how far these are apart at least, with 95 %
+        (Welch, Biometrika 34, 1947); all of these of the independent cases of a Saltelli design
         alone; ``first`` with a 95 % interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur
         2012; of an input of few values epsilon squared of its groups, Kelley 1935; Saltelli et al.
         2010); ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``.
@@ -86,15 +88,24 @@ def drivers(
     # whether an input has so few values that cases with the same are groups
     few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])
     tenths = [_tails(row, outcomes, of_few) for row, of_few in zip(known, few, strict=True)]
-    table[["mean_low", "mean_high"]] = tenths
+    table[["mean_low", "mean_high", "shift"]] = tenths
     if sampler == SALTELLI:
         _by_saltelli(table, len(inputs), varied, np.where(there, y, np.nan))
     elif indices:
         _by_rows(table, known, outcomes, few)
     table.attrs["mean"] = float(outcomes.mean())
     # a large index of few cases may be none
-    order = np.lexsort((-table["rank"].abs(), -table["first_low"].clip(lower=0.0).fillna(0.0)))
-    return table.iloc[order]
+    sure = table["first_low"].clip(lower=0.0).fillna(0.0)
+    return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -sure))]
+
+
+def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
+    """The ``most`` inputs of `drivers` that do most, in its order: in turn by their first-order
+    indices and by how far they shift the mean, as a failure that few cases have may shift it
+    farthest and yet explain little of the variance."""
+    by_shift = table["shift"].sort_values(ascending=False, kind="stable").index
+    in_turn = dict.fromkeys(chain.from_iterable(zip(table.index, by_shift, strict=True)))
+    return table[table.index.isin(list(in_turn)[:most])]
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
@@ -115,10 +126,20 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
         table["partial"] = -precision[-1, :-1] / (scale[-1] * scale[:-1])
 
 
-def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float]:
-    """Means of an outcome where an input, ``of_few`` values or many, is lowest, and highest."""
+def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, float]:
+    """Means of an outcome where an input, ``of_few`` values or many, is lowest, and highest, and
+    how far they are apart at least: the near end of Student's interval with the freedoms of the
+    fewer cases, no less than 0."""
+    from scipy.special import ndtr, stdtrit  # noqa: PLC0415  (0.1 s)
+
     low, high = (x.min(), x.max()) if of_few else np.quantile(x, (_TENTH, 1.0 - _TENTH))
-    return float(y[x <= low].mean()), float(y[x >= high].mean())
+    ends = y[x <= low], y[x >= high]
+    first, last, fewer = float(ends[0].mean()), float(ends[1].mean()), min(map(len, ends))
+    if fewer == 1:
+        return first, last, 0.0
+    spread = np.sqrt(sum(end.var(ddof=1) / len(end) for end in ends))
+    reach = stdtrit(fewer - 1, ndtr(TWO_SIDED)) * spread
+    return first, last, max(abs(last - first) - float(reach), 0.0)
 
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
@@ -205,7 +226,7 @@ def text(
             f"{row['partial']:.2f}",
             f"{rounded(row['mean_low'], scale)} to {rounded(row['mean_high'], scale)}",
         ]
-        for name, row in table.head(most).iterrows()
+        for name, row in foremost(table, most).iterrows()
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)

@@ -121,7 +121,7 @@ class Tally:
         return self.violations - below, self.violations + len(near) - below
 
 
-def margins(values: np.ndarray, requirement: Requirement) -> np.ndarray:
+def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
     """How far values (n,) are within the bound; below zero beyond it; NaN of NaN."""
     low, high = requirement.at_least, requirement.at_most
     below = values - low if low is not None else np.where(np.isnan(values), np.nan, math.inf)

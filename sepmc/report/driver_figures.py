@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.drivers import foremost
 from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
@@ -35,7 +36,7 @@ def tornado_figure(
     figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
     for ax, (outcome, table) in zip(axes, found.items(), strict=False):
         # those that the printed table has, the largest swing first
-        middle, ends = table.attrs["mean"], table[["mean_low", "mean_high"]].head(_BARS)
+        middle, ends = table.attrs["mean"], foremost(table, _BARS)[["mean_low", "mean_high"]]
         swing = (ends - middle).abs().max(axis=1)
         top = ends.loc[swing.nlargest(_BARS).index[::-1]]
         places = np.arange(len(top))
@@ -84,8 +85,8 @@ def scatter_figure(
         any requirement (n,); drawn as crosses
     """
     figure, axes = sheet(len(found), _INPUTS, (4.0, 2.7))
-    for row, (outcome, table) in enumerate(found.items()):
-        crossed = violating[outcome]
+    for row, (outcome, every) in enumerate(found.items()):
+        crossed, table = violating[outcome], foremost(every, _INPUTS)
         unit = units.get(outcome, "")
         for k, ax in enumerate(axes[_INPUTS * row : _INPUTS * (row + 1)]):
             if k >= len(table):

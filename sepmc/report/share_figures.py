@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.special import betaincinv, ndtri
 
-from sepmc.analysis.requirements import Verdict
+from sepmc.analysis.requirements import Verdict, margins
 from sepmc.report.style import BLACK, BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 _POINTS = 400  # of a curve
@@ -26,7 +26,8 @@ def beyond_figure(
     suffix: str = ".png",
 ) -> Path:
     """Draw for each requirement on an outcome the share of cases beyond each of its values, on the
-    side of the bound, with Clopper and Pearson's 95 % band at each value, into
+    side of the bound, with Clopper and Pearson's 95 % band at each value; between two bounds the
+    share of cases that have less than each margin to the nearer of them; into
     ``requirements.png``, or with another ``suffix``; returns its path.
 
     Parameters
@@ -38,18 +39,20 @@ def beyond_figure(
     units : of the outcomes
     about : the campaign, for the title
     """
-    sides = [
-        (v, bound, upper)
-        for v in verdicts
-        for bound, upper in ((v.at_most, True), (v.at_least, False))
-        if bound is not None and v.metric in values
-    ]
-    columns = min(2, len(sides))
-    figure, axes = sheet(-(-len(sides) // columns), columns, (6.4, 3.6))
-    for ax, (v, bound, upper) in zip(axes, sides, strict=False):
-        _beyond(ax, values[v.metric], upper)
+    drawn = [v for v in verdicts if v.metric in values and (v.at_least, v.at_most) != (None, None)]
+    columns = min(2, len(drawn))
+    figure, axes = sheet(-(-len(drawn) // columns), columns, (6.4, 3.6))
+    for ax, v in zip(axes, drawn, strict=False):
         unit = units.get(v.metric, "")
         name = in_words(v.metric, unit)
+        label = f"{name} ({unit})" if unit else name
+        bounds = [bound for bound in (v.at_least, v.at_most) if bound is not None]
+        shown, bound, upper = values[v.metric], bounds[0], v.at_least is None
+        if len(bounds) > 1:
+            shown, bound = margins(shown, v), 0.0
+            inside = f"margin of {name} to the nearer of {v.at_least:g} and {v.at_most:g}"
+            label = f"{inside} {unit}".rstrip() + ", below 0 beyond it"
+        _beyond(ax, shown, upper)
         ax.axvline(bound, color=VERMILION, linewidth=1.6, label="bound")
         allowed = 1.0 - v.probability
         ax.axhline(allowed, color=BLACK, linewidth=1.0, linestyle=":", label="share allowed")
@@ -58,12 +61,12 @@ def beyond_figure(
                 v.design_value, allowed, "D", color=BLACK, ms=5, zorder=5,
                 label="design value, with the confidence required",
             )  # fmt: skip
-        missing = int(np.isnan(values[v.metric]).sum())
+        missing = int(np.isnan(shown).sum())
         told = f"; {missing} cases without outcome count as beyond" if missing else ""
         ax.set_title(f"{v.name}: {v.verdict}{told}", fontsize=10)
-        ax.set_xlabel(f"{name} ({unit})" if unit else name)
+        ax.set_xlabel(label)
         ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")
-    for ax in axes[len(sides) :]:
+    for ax in axes[len(drawn) :]:
         ax.remove()
     entitle(figure, f"Requirements of {about}")
     return save(figure, made(folder) / f"requirements{suffix}")
