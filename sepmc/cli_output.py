@@ -269,7 +269,7 @@ def tell_given(
     import pandas as pd
 
     from sepmc.analysis import requirements
-    from sepmc.analysis.given import names_of, where
+    from sepmc.analysis.given import in_words, names_of, where
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.statistics import ok_rows, summary_text
     from sepmc.campaign import store
@@ -278,7 +278,7 @@ def tell_given(
     cases = store.CaseColumns(folder)
     held = where(cases, names_of(loaded.file.dispersions, list(cases)), given)
     if not held.any():
-        raise InputError(f"{' and '.join(given)}: holds in none of {cases.rows} cases")
+        raise InputError(f"{in_words(given)}: holds in none of {cases.rows} cases")
     outcomes, audits, bounds, required = loaded.summarised
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)
@@ -299,7 +299,7 @@ def tell_given(
             told |= {"cases": summary.counts, "failed_cases": summary.failed}
         click.echo(store.json_text(told), nl=False)
         return
-    folded(f"{' and '.join(given)}: {held.sum()} of {cases.rows} cases")
+    folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
     if not ok:
         ends = pd.Series(cases["status"][held]).value_counts()
         said = ", ".join(f"{count} {label}" for label, count in ends.items())
@@ -307,7 +307,7 @@ def tell_given(
         return
     folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
-        folded(requirements.text(verdicts, units, width))
+        folded(requirements.text(verdicts, units, width, of="such cases"))
 
 
 def _matching(table: "pd.DataFrame", shown: str | None) -> "pd.DataFrame":

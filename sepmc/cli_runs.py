@@ -329,7 +329,8 @@ def replay(
     "--given",
     multiple=True,
     metavar="TERM",
-    help="Of the cases only in which this holds, such as joint.bolt.fails=1; writes nothing.",
+    help="Of the cases only in which this holds, such as joint.bolt.fails=1 or spring.*.fails=1 "
+    "(any of them); writes nothing.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print what statistics.json holds instead of tables."

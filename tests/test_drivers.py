@@ -11,6 +11,7 @@ from scipy import stats
 import sepmc
 from sepmc import cli
 from sepmc.analysis.causes import causes
+from sepmc.analysis.causes import text as causes_text
 from sepmc.analysis.drivers import drivers, foremost, text
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.scene.messages import InputError
@@ -205,6 +206,38 @@ def test_discrete_inputs():
     assert found.region == ((1.0, 1.0),)
     assert (found.inside, found.cases) == (found.violations, found.violations)
     assert found.information > 0.99
+
+
+def test_causes_by_themselves_are_no_pairs():
+    """Violations by a failed spring, by a slow motor, or by one that is high at random: each of the
+    two is named alone, and what is told of a region is told of the cases in it."""
+    rng = np.random.default_rng(3)
+    fails, thrust, other = (rng.random(8000) < 0.02).astype(float), *rng.random((2, 8000))
+    violates = (fails > 0.5) | (thrust < 0.05) | (rng.random(8000) < 0.01)
+    cases = {"fails": fails, "thrust": thrust, "other": other}
+    found = causes(cases, list(cases), violates)
+    assert sorted(one.inputs for one in found) == [("fails",), ("thrust",)]
+    told = causes_text("late", found, {"fails": "spring.aft.fails"})
+    assert "spring.aft.fails tells" in told
+    assert f"most where spring.aft.fails = 1: {int(fails.sum())} of the " in " ".join(told.split())
+    by_name = {one.inputs[0]: one for one in found}
+    assert by_name["thrust"].region[0][0] == thrust.min()
+    assert by_name["thrust"].region[0][1] < 0.2
+    assert by_name["fails"].inside == by_name["fails"].cases == fails.sum()
+
+
+def test_the_region_of_a_cause_is_no_chance_cell():
+    """Of cells of a pair, one that is full of violations but small does not stand for the pair:
+    the one that tells most by itself does."""
+    rng = np.random.default_rng(4)
+    a, b = rng.random((2, 6000))
+    violates = (a > 0.5) & (b > 0.5) & (rng.random(6000) < 0.4)
+    rare = np.zeros(6000)
+    rare[np.flatnonzero(violates)[:2]] = 1.0
+    found = causes({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
+    assert found[0].inputs == ("a", "b")
+    assert all(low >= 0.45 for low, _ in found[0].region)
+    assert not any("rare" in one.inputs for one in found)
 
 
 @pytest.mark.parametrize("chance", [0.003, 0.01, 0.1, 0.5])

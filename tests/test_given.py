@@ -26,11 +26,16 @@ NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
         (["b>1", "b<4"], [2, 3]),
         (["b>=4"], [4]),
         (["b>9"], []),
+        (["b>3 or in_a=1"], [1, 2, 4]),
+        (["b>3  or  in_a=1 or b<1", "b!=4"], [0, 1, 2]),
+        (["*a*=1"], [1, 2]),
+        (["[bi]*<1"], [0, 3]),
         ([], [0, 1, 2, 3, 4]),
     ],
 )
 def test_terms(terms, found):
-    """All terms must hold; what is no number meets none but !=."""
+    """All terms must hold, or one of several with or between them, of any name that matches; what
+    is no number meets none but !=."""
     assert np.flatnonzero(where(ROWS, NAMES, terms)).tolist() == found
 
 
@@ -39,6 +44,8 @@ def test_terms(terms, found):
     [
         ("a", "must be NAME=VALUE"),
         ("in_a=one", "'one' must be a number"),
+        ("in_a=1 or b", "several with 'or' between them"),
+        ("joint.*.late=1", "no such input or outcome"),
         ("in_b=1", "no such input or outcome; did you mean"),
     ],
 )
@@ -66,6 +73,8 @@ def test_given_an_input(tmp_path):
     violated = int((some["separation_speed_m_s"] > 0.5).sum())
     assert f"initial.alpha_deg>5: {len(some)} of 60 cases" in found.output
     assert f"{violated} of {len(some)} cases violate it" in found.output
+    assert "in 99.73 % of such cases" in " ".join(found.output.split())
+    assert "of all cases" not in " ".join(found.output.split())
     assert sorted(folder.iterdir()) == before
     found = CliRunner().invoke(main, [*words, "--json"])
     told = json.loads(found.stdout)

@@ -4,7 +4,8 @@ rest.
 An input is cut into parts of equally many cases, a pair into cells. What the part or cell of a case
 tells of whether the case violates is their mutual information; against what chance would tell, n
 cases give a chi-square of 2 n times it (the G-test: Sokal and Rohlf, Biometry, 17). A pair is named
-where each of its inputs tells something that the other does not.
+where each of its inputs tells something that the other does not, and where a cell has a larger
+share of violations than what else lies in the same part of either.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,6 +23,7 @@ from sepmc.scene.model import Requirement
 _PARTS = (2, 8)  # fewest and most parts of an input
 _EACH = 1.0  # violations for each part of an input, or cell of a pair, on average: with fewer the
 # G-test finds too little; by 12 of them and more chance comes out right within a factor of three
+_BOTH = 1.5  # times as often as in the rest of either part, at least, a cell of a pair violates
 _CHANCE = 1e-3  # that anything at all is named of what has no cause
 
 
@@ -32,8 +34,7 @@ class Cause:
     ``inputs`` : one or two names
     ``information`` : share of what there is to know of violations, 0 to 1
     ``chance`` : probability that so much is told by inputs that have nothing to do with it
-    ``region`` : of each input the least and greatest value of the part with the largest share of
-        violations
+    ``region`` : of each input the least and greatest value of the part that by itself tells most
     ``inside``, ``violations`` : violations in that part and all; ``cases`` : cases in that part
     """
 
@@ -70,8 +71,8 @@ def causes(
     def name_if_sure(within: dict[str, _Parts], bits: float, more: float, freedoms: int) -> None:
         chance = min(1.0, tests * _chance(2.0 * n * more, freedoms))
         if chance < _CHANCE:
-            share = bits / known
-            found.append(_cause(within, share, chance, violates))
+            cause = _cause(within, bits / known, chance, violates)
+            found.extend([cause] if cause else [])
 
     for name, part in parts.items():
         name_if_sure({name: part}, told[name], told[name], part.number - 1)
@@ -119,13 +120,17 @@ class _Parts:
 
 def _information(cells: np.ndarray, number: int, violates: np.ndarray) -> float:
     """Mutual information of the cell of a case, and whether it violates, natural units."""
-    counts = np.array(
-        [np.bincount(cells[which], minlength=number) for which in (violates, ~violates)]
-    )
-    shares = counts / len(cells)
+    counts = [np.bincount(cells[which], minlength=number) for which in (violates, ~violates)]
+    return float(_told(np.array(counts)))
+
+
+def _told(counts: np.ndarray) -> np.ndarray:
+    """Mutual information of the two first axes of counts (2, cells, ...), natural units."""
+    shares = counts / counts.sum(axis=(0, 1))
     expected = shares.sum(axis=0) * shares.sum(axis=1, keepdims=True)
-    there = shares > 0.0
-    return float(np.sum(shares[there] * np.log(shares[there] / expected[there])))
+    there = np.where(shares > 0.0, shares, 1.0)
+    over = np.where(shares > 0.0, expected, 1.0)
+    return np.asarray(np.sum(shares * np.log(there / over), axis=(0, 1)))
 
 
 def _chance(statistic: float, freedoms: int) -> float:
@@ -137,29 +142,31 @@ def _chance(statistic: float, freedoms: int) -> float:
 
 def _cause(
     within: Mapping[str, _Parts], share: float, chance: float, violates: np.ndarray
-) -> Cause:
-    """What is told of an input or pair: where the share of violations is largest."""
-    cells, number = np.zeros(len(violates), dtype=np.int64), 1
-    for part in within.values():
-        cells, number = cells * part.number + part.of, number * part.number
-    inside, cases = (
-        np.bincount(cells[violates], minlength=number),
-        np.bincount(cells, minlength=number),
-    )
-    at = int(np.argmax(inside / np.maximum(cases, 1)))
-    here = cells == at
+) -> Cause | None:
+    """What is told of an input or pair, and the part or cell that tells most by itself, of those
+    with a larger share of violations than all; None if there is no cell that it takes both inputs
+    of a pair for."""
+    shape = tuple(part.number for part in within.values())
+    cells = np.ravel_multi_index([part.of for part in within.values()], shape)
+    size, k, n = int(np.prod(shape)), int(np.count_nonzero(violates)), len(violates)
+    inside = np.bincount(cells[violates], minlength=size).reshape(shape)
+    cases = np.bincount(cells, minlength=size).reshape(shape)
+    alone = _told(np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]]))
+    shares = inside / np.maximum(cases, 1)
+    alone[shares <= k / n] = -1.0
+    for axis in range(len(shape)) if len(shape) > 1 else ():  # along each input of a pair
+        rest = cases.sum(axis=axis, keepdims=True) - cases
+        elsewhere = (inside.sum(axis=axis, keepdims=True) - inside) / np.maximum(rest, 1)
+        alone[shares < _BOTH * elsewhere] = -1.0
+    at = np.unravel_index(int(np.argmax(alone)), shape)
+    if alone[at] < 0.0:
+        return None
+    here = cells == np.ravel_multi_index(at, shape)
     region = tuple(
         (float(part.values[here].min()), float(part.values[here].max())) for part in within.values()
     )
-    return Cause(
-        tuple(within),
-        float(np.clip(share, 0.0, 1.0)),
-        chance,
-        region,
-        int(inside[at]),
-        int(np.count_nonzero(violates)),
-        int(cases[at]),
-    )
+    told = float(np.clip(share, 0.0, 1.0))
+    return Cause(tuple(within), told, chance, region, int(inside[at]), k, int(cases[at]))
 
 
 def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:
@@ -206,10 +213,12 @@ def text(
             + (f"= {low:.5g}" if low == high else f"{low:.5g} to {high:.5g}")
             for name, (low, high) in zip(one.inputs, one.region, strict=True)
         )
+        told = " and ".join(keys.get(name, name) for name in one.inputs)
+        together = " together tell" if len(one.inputs) > 1 else " tells"
         lines.append(
             fill(
-                f"{100.0 * one.information:.0f} % explained: {one.inside} of the {one.violations} "
-                f"are among the {one.cases} cases with {where}",
+                f"{told}{together} {100.0 * one.information:.0f} % of it, most where {where}: "
+                f"{one.inside} of the {one.violations} are among these {one.cases} cases",
                 width,
                 initial_indent="  ",
                 subsequent_indent="      ",

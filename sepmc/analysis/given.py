@@ -1,5 +1,6 @@
 """Cases of a run in which inputs have certain values: those in which a joint fails, say."""
 
+import fnmatch
 import re
 from collections.abc import Mapping, Sequence
 
@@ -10,6 +11,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.messages import InputError, nearest
 
 _TERM = re.compile(r"\s*([^<>=!\s]+)\s*(<=|>=|!=|=|<|>)\s*(\S+)\s*")
+_OR = re.compile(r"\s+or\s+")
 _TESTS = {
     "=": np.equal,
     "!=": np.not_equal,
@@ -32,8 +34,9 @@ def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[
 def where(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], asked: Sequence[str]
 ) -> np.ndarray:
-    """Which cases (n,) meet all of the terms ``asked``, such as ``joint.pins.fails=1`` or
-    ``initial.alpha_deg>5``.
+    """Which cases (n,) meet all of what is ``asked``: terms such as ``joint.pins.fails=1`` or
+    ``initial.alpha_deg>5``, or several with ``or`` between them, of which one is enough; so is one
+    of the names that match a pattern, as in ``spring.*.fails=1``.
 
     Parameters
     ----------
@@ -48,17 +51,34 @@ def where(
     """
     found = np.ones(len(rows["case"]), dtype=bool)
     for text in asked:
-        match = _TERM.fullmatch(text)
-        if not match:
-            raise InputError(f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=")
-        name, test, value = match.groups()
-        if name not in columns:
-            raise InputError(f"given = {text}: no such input or outcome; {nearest(name, columns)}")
-        try:
-            number = float(value)
-        except ValueError:
-            number = np.nan
-        if np.isnan(number):
-            raise InputError(f"given = {text}: {value!r} must be a number")
-        found &= _TESTS[test](column(rows, columns[name]), number)
+        found &= np.any([_meets(rows, columns, term, text) for term in _OR.split(text)], axis=0)
     return found
+
+
+def _meets(
+    rows: Mapping[str, np.ndarray], columns: Mapping[str, str], term: str, text: str
+) -> np.ndarray:
+    """Which cases (n,) meet one term of a ``text``."""
+    match = _TERM.fullmatch(term)
+    if not match:
+        raise InputError(
+            f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
+            "several with 'or' between them"
+        )
+    name, test, value = match.groups()
+    known = sorted({columns[each] for each in fnmatch.filter(columns, name)})
+    if not known:
+        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, columns)}")
+    try:
+        number = float(value)
+    except ValueError:
+        number = np.nan
+    if np.isnan(number):
+        raise InputError(f"given = {text}: {value!r} must be a number")
+    return np.any([_TESTS[test](column(rows, each), number) for each in known], axis=0)
+
+
+def in_words(asked: Sequence[str]) -> str:
+    """What is asked, as it is told."""
+    several = len(asked) > 1
+    return " and ".join(f"({each})" if several and _OR.search(each) else each for each in asked)

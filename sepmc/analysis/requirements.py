@@ -301,14 +301,20 @@ def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
 
 
-def text(verdicts: Sequence[Verdict], units: Mapping[str, str], width: int = WIDTH) -> str:
-    """Verdicts as an engineer reads them in a terminal; nothing if nothing is required."""
-    told = (_told(v, units.get(v.metric, ""), width) for v in verdicts)
+def text(
+    verdicts: Sequence[Verdict],
+    units: Mapping[str, str],
+    width: int = WIDTH,
+    of: str = "all cases",
+) -> str:
+    """Verdicts as an engineer reads them in a terminal, ``of`` the cases that there are; nothing if
+    nothing is required."""
+    told = (_told(v, units.get(v.metric, ""), width, of) for v in verdicts)
     return "\n".join(["requirements", *told])
 
 
-def sentence(item: Requirement | Verdict, unit: str) -> str:
-    """A requirement in words."""
+def sentence(item: Requirement | Verdict, unit: str, of: str = "all cases") -> str:
+    """A requirement in words, ``of`` the cases that it is held to."""
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
         for sign, number in ((">=", item.at_least), ("<=", item.at_most))
@@ -316,16 +322,16 @@ def sentence(item: Requirement | Verdict, unit: str) -> str:
     )
     return (
         f"{item.name}: {item.metric} {bound or 'does not occur'} in {_percent(item.probability)} "
-        f"of all cases, with {_percent(item.confidence)} confidence"
+        f"of {of}, with {_percent(item.confidence)} confidence"
     )
 
 
-def _told(v: Verdict, unit: str, width: int) -> str:
+def _told(v: Verdict, unit: str, width: int, of: str) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
     on_status = v.at_least is None and v.at_most is None
     unknown = "ended in another way" if on_status else "have no such outcome"
     lines = [
-        sentence(v, unit),
+        sentence(v, unit, of),
         f"{v.violations} of {v.cases} cases violate it, "
         + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
         + (f"; {v.missing} of them {unknown}" if v.missing else ""),
@@ -333,7 +339,7 @@ def _told(v: Verdict, unit: str, width: int) -> str:
     if v.verdict == NONE:
         lines.insert(1, v.why)
     else:
-        lines[-1] += f"; of all cases {_violating(v)} do ({confidence})"
+        lines[-1] += f"; of {of} {_violating(v)} do ({confidence})"
     if v.verdict == NOT_SHOWN:
         lines.append(f"{v.more} more cases, none of which violates it, would show it")
     if v.worst is not None:
@@ -341,7 +347,7 @@ def _told(v: Verdict, unit: str, width: int) -> str:
         if v.design_value is not None and v.verdict != NONE:
             sign = ">=" if v.at_least is not None else "<="
             said += (
-                f"; {required} of all cases are {sign} {_number(v.design_value)}{_spaced(unit)}, "
+                f"; {required} of {of} are {sign} {_number(v.design_value)}{_spaced(unit)}, "
                 f"with {confidence}"
             )
         lines.append(said)
