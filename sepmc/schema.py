@@ -45,7 +45,7 @@ _SENTENCES = {
     "drawn to fail, a run.end_time_s too short, or too little separation force; left out of the "
     "statistics",
     Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number "
-    "not what it may be: narrow the dispersion",
+    "not what it may be: narrow the dispersion, or cut its normal law by truncate_sigma",
     Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 "
     "km for us1976)",
     Status.SINGULAR_JOINT: "the constraint force equations have no solution: is a rod of no "

@@ -5,6 +5,7 @@ import warnings
 
 import pytest
 from click.testing import CliRunner
+from scipy.stats import norm
 
 import sepmc
 from sepmc import cli
@@ -179,3 +180,23 @@ def test_check_flies_the_nominal_case():
     unflown = CliRunner().invoke(cli.main, ["check", "table2", "--no-flight"])
     assert (unflown.exit_code, unflown.stderr) == (0, "")
     assert "nominal " not in unflown.stdout
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        ({"normal": [0.1, 0.04]}, 10_000 * norm.sf(2.5)),
+        ({"normal": 0.3, "relative": True}, 10_000 * norm.sf(1.0 / 0.3)),
+        ({"normal": 0.2, "relative": True}, 0.0),  # 0.003 cases
+        ({"normal": 0.3, "relative": True, "truncate_sigma": 3.0}, 0.0),
+    ],
+)
+def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
+    """How many cases are drawn where their parameter may not be is told before any flies."""
+    key = BY_MASS if "relative" in law else "dispersion.motor.retro.burn_s"
+    burn = {"motor.retro.burn_s": 0.1}
+    found = [one for one in of_file(loaded("table2", {key: law} | burn)) if "truncate_sigma" in one]
+    assert len(found) == bool(expected)
+    for one in found:
+        assert f"about {expected:.2g} of 10000 cases" in one
+        assert key.removeprefix("dispersion.") in one

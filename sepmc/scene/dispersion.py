@@ -13,6 +13,8 @@ from sepmc.scene.parameters import Parameter, UnknownPath, find, value
 
 LAWS = ("uniform", "normal", "triangular", "discrete", "constant")
 
+_FARTHEST = 40.0  # sigma: beyond, a normal law has no values
+
 
 @dataclass(frozen=True)
 class Dispersion:
@@ -68,6 +70,22 @@ class Dispersion:
             and math.isinf(self.numbers[2])
             and self.parameter.field is not None
         )
+
+    def beyond(self) -> tuple[float, float]:
+        """What share of values a law with tails gives that its parameter may not have, and how many
+        sigma off its mean the nearest of them lies."""
+        mean, sigma = self.numbers[:2]
+        share, nearest = 0.0, math.inf
+        for side in (-sigma, sigma):
+            low, high = 0.0, _FARTHEST
+            if self.allowed(np.array([mean + high * side]))[0]:
+                continue
+            while high - low > _FARTHEST * 1e-12:
+                middle = 0.5 * (low + high)
+                inside = self.allowed(np.array([mean + middle * side]))[0]
+                low, high = (middle, high) if inside else (low, middle)
+            share, nearest = share + 0.5 * math.erfc(high / math.sqrt(2.0)), min(nearest, high)
+        return share, nearest
 
     def allowed(self, values: np.ndarray) -> np.ndarray:
         """Which of the values (n,), in the unit of the key, the parameter may have."""

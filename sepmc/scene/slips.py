@@ -13,6 +13,7 @@ from sepmc.scene.parameters import value
 _FAR = 8.0  # times the extent of all other points of the vehicle: a unit was mistaken
 _BESIDE = 2.0  # of the vehicle's length: how far off its axis things are at most
 _ROUNDED = 0.011  # that weights may be from 1, as thirds to two digits are
+_EXPECTED = 0.5  # cases that may be drawn where their parameter may not be
 _WIDE = 1.0  # half a law's range over its nominal
 _FASTEST, _HIGHEST, _LOWEST = 13_000.0, 2e6, -500.0  # m/s, m, m
 _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
@@ -32,6 +33,7 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_outside(scene),
         *_wide_laws(scene, dispersions),
         *_weights(dispersions),
+        *_tails(dispersions, scene.run.cases),
         *_start(scene),
         *_overlaps(scene),
         *_springs(scene),
@@ -113,6 +115,19 @@ def _weights(dispersions: Sequence[Dispersion]) -> Iterator[str]:
             yield (
                 f"dispersion of {law.sentence}: the weights add up to {whole:.4g}, so that the "
                 f"probabilities are {shares}; is that meant?"
+            )
+
+
+def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
+    """Normal laws that are not cut, of which some of the cases have what may not be."""
+    for law in dispersions:
+        share, nearest = law.beyond() if law.has_tails else (0.0, math.inf)
+        if share * cases >= _EXPECTED:
+            low, high = law.reach
+            yield (
+                f"dispersion of {law.sentence}: about {share * cases:.2g} of {cases} cases have a "
+                f"value, {nearest:.3g} sigma or more off {0.5 * (low + high):g}, that the key may "
+                "not have, and are not flown (invalid-input): cut the law by truncate_sigma"
             )
 
 
