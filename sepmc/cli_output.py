@@ -567,13 +567,14 @@ def _varies(low: float, high: float) -> bool:
     return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
 
 
-def _interest(outcome: str, events: tuple[str, ...]) -> int:
+def _interest(outcome: str, events: tuple[str, ...]) -> float:
     """Rank of an outcome among the figures: what separations are judged by comes first; rates at
-    ``events``, by how their names begin, count as those at release, clearances as separations."""
+    ``events``, by how their names begin, count as those at release, clearances as separations, and
+    come before these, as they were asked for."""
     if outcome.startswith(events):
         for there, as_if in (("_omega_", "tip_off"), ("_clearance_mm", "separation_distance")):
             if there in outcome:
-                return _INTERESTING.index(as_if)
+                return _INTERESTING.index(as_if) - 0.5
     return next(
         (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
     )

@@ -129,13 +129,17 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
 
 
 def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: bool) -> None:
-    """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure."""
+    """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure; what
+    ``drivers.csv`` has of outcomes that are not ``named`` stays."""
     summary = summary_of(folder, loaded)
     driven = find_drivers(folder, loaded, summary, summary.statistics(), named)
     for text in [text for texts in driven.texts(screen_width()) for text in texts]:
         folded(text)
     if driven.drivers:
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
+        if named and (folder / "drivers.csv").exists():
+            before = pd.read_csv(folder / "drivers.csv")
+            table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
         store.write_text(folder / "drivers.csv", table.to_csv(index=False))
         click.echo(folder / "drivers.csv")
     store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))

@@ -320,6 +320,13 @@ def test_through_a_run_folder(tmp_path):
     assert not (tmp_path / "run" / "drivers.png").exists()
     assert call("drivers", tmp_path / "run").exit_code == 0
     assert (tmp_path / "run" / "drivers.png").stat().st_size > 20_000
+    told = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    one, other = told["outcome"].unique()[:2]
+    assert call("drivers", tmp_path / "run", other, "--no-plots").exit_code == 0
+    again = pd.read_csv(tmp_path / "run" / "drivers.csv")
+    assert again["outcome"].unique()[-1] == other  # what was told of others stays
+    pd.testing.assert_frame_equal(again[again["outcome"] == one], told[told["outcome"] == one])
+    assert len(again) == len(told)
     wrong = call("drivers", tmp_path / "run", "separation_sped_m_s")
     assert wrong.exit_code == 2
     assert "did you mean 'separation_speed_m_s'" in wrong.stderr
