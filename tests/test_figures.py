@@ -313,6 +313,24 @@ def test_names_wider_than_their_phase_are_slanted(tmp_path, drawn):
     assert {text.get_rotation() for text in drawn["rates.png"].axes[0].texts} == {35.0}
 
 
+def test_joints_share_the_panels_of_their_separation(tmp_path, drawn):
+    """However many joints there are, one panel of speed and one of distance; each joint has a line
+    of its own colour and style."""
+    history, joints = run(), [f"strut_{k}" for k in range(8)]
+    for k, joint in enumerate(joints):
+        for name in ("separation_speed_m_s", "separation_distance_mm"):
+            history[f"{joint}_{name}"] = (1.0 + k) * history[name]
+    history = history.drop(columns=["separation_speed_m_s", "separation_distance_mm"])
+    run_figures(history, tmp_path, ["upper"], joints, only=["separation"])
+    speed, distance = drawn["separation.png"].axes
+    assert speed.get_ylabel() == "axial separation speed (m/s)"
+    assert distance.get_ylabel() == "axial separation distance (mm)"
+    assert [texts(drawn["separation.png"])[k] for k in (0, 7)] == ["strut 0", "strut 7"]
+    lines = [one for one in speed.lines if one.get_label().startswith("strut")]
+    assert len({(one.get_color(), one.get_linestyle()) for one in lines}) == 8
+    assert_allclose(lines[3].get_ydata(), history["strut_3_separation_speed_m_s"])
+
+
 def test_rates_and_angles(tmp_path, drawn):
     history = run()
     run_figures(history, tmp_path, ["upper", "lower"], ["pins"])

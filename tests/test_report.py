@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 import sepmc
 from sepmc import cli
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
+from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import _nozzle, _thrust, drawing
 from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
@@ -150,6 +151,23 @@ def test_every_campaign_can_be_drawn(tmp_path):
         text = path.read_text(encoding="utf-8")
         for part in campaign.scene.body:
             assert part in text
+
+
+@pytest.mark.parametrize("name", ["table2", "spring-pushers", "residual-thrust", "missile-rail"])
+def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch):
+    """They lie within their axes, beside each other and beside what they name."""
+    figures = []
+    monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
+    campaign = sepmc.load(name)
+    drawing(campaign.scene, campaign.file.dispersions, name, tmp_path / "vehicle.png")
+    renderer = figures[0].canvas.get_renderer()
+    for ax in figures[0].axes:
+        within = ax.get_window_extent()
+        boxes = [text.get_window_extent(renderer) for text in ax.texts if text.get_text()]
+        for k, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[:k])
+            assert within.contains(box.x0, box.y0)
+            assert within.contains(box.x1, box.y1)
 
 
 def test_thrust_is_drawn_as_it_acts():

@@ -11,12 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
+from matplotlib.transforms import Bbox
 
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, save
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
-_ARROW, _APART = 0.09, 0.08  # of the vehicle's length: arrows, names that would not collide
+_ARROW, _APART = 0.09, 0.05  # of the vehicle's length: arrows, places that are taken for one
+_MARK = 6.0  # pixels about a place that a name had better not cover
 Point = tuple[float, float, float]
 
 
@@ -32,25 +34,62 @@ class _View:
         return point[self.across], point[self.up]
 
 
+# where a name may stand beside its place: points across and up, and which of its sides is there
+_BESIDE = [
+    (across * far, up * far, side, end)
+    for far in (5, 14, 24, 36)
+    for up, end in ((1, "bottom"), (-1, "top"), (0, "center"))
+    for across, side in ((1, "left"), (-1, "right"), (0, "center"))
+    if across or up
+]
+
+
 class _Labels:
-    """Names beside places of a view; of those that would lie on each other, the first and how many
+    """Names beside places of a view; of those whose places are the same, the first and how many
     there are more."""
 
     def __init__(self, ax: Axes, apart: float):
         self.ax, self.apart = ax, apart
-        self.names: dict[tuple[int, int, int], tuple[tuple[float, float], list[str], str]] = {}
+        self.names: dict[tuple[int, int, str], tuple[tuple[float, float], list[str], str]] = {}
+        self.marks: list[tuple[float, float]] = []
 
-    def add(self, at: tuple[float, float], name: str, colour: str, below: int) -> None:
-        """A name, so many points below its place."""
-        cell = (round(at[0] / self.apart), round(at[1] / self.apart), below)
+    def add(self, at: tuple[float, float], name: str, colour: str) -> None:
+        """A name of a place."""
+        cell = (round(at[0] / self.apart), round(at[1] / self.apart), colour)
         self.names.setdefault(cell, (at, [], colour))[1].append(name)
+        self.marks.append(at)
 
     def write(self) -> None:
-        for (_, _, below), (at, names, colour) in self.names.items():
-            text = names[0] + (f" +{len(names) - 1}" if len(names) > 1 else "")
-            self.ax.annotate(
-                text, at, (5, 5 - below), textcoords="offset points", fontsize=7.5, color=colour
-            )
+        """Write each name where it covers least of those before it and of places, and lies within
+        the axes; the axes have been laid out."""
+        canvas = self.ax.figure.canvas
+        assert isinstance(canvas, FigureCanvasAgg)
+        renderer, within = canvas.get_renderer(), self.ax.get_window_extent()
+        taken = [
+            Bbox.from_bounds(x - _MARK, y - _MARK, 2 * _MARK, 2 * _MARK)
+            for x, y in self.ax.transData.transform(self.marks)
+        ]
+        for at, names, colour in self.names.values():
+            text = self.ax.annotate(
+                names[0] + (f" +{len(names) - 1}" if len(names) > 1 else ""), at, (0, 0),
+                textcoords="offset points", fontsize=7.5, color=colour, zorder=6,
+            )  # fmt: skip
+            text.set_in_layout(False)  # it lies within
+            found = []
+            for across, up, side, end in _BESIDE:
+                text.set(position=(across, up), ha=side, va=end)
+                box = text.get_window_extent(renderer)
+                inside = Bbox.intersection(box, within)
+                outside = _area(box) - (_area(inside) if inside else 0.0)
+                covered = [Bbox.intersection(box, other) for other in taken]
+                found.append(outside + sum(_area(each) for each in covered if each))
+            across, up, side, end = _BESIDE[int(np.argmin(found))]
+            text.set(position=(across, up), ha=side, va=end)
+            taken.append(text.get_window_extent(renderer))
+
+
+def _area(box: Bbox) -> float:
+    return float(box.width * box.height)
 
 
 _SIDE = _View(0, 1, ("station (m)", "y, up (m)"))
@@ -77,6 +116,7 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         d.parameter.path: (d.reach[0] * d.parameter.factor, d.reach[1] * d.parameter.factor)
         for d in dispersions
     }
+    written = []
     for place, view in views:
         ax = figure.add_subplot(place)
         labels = _Labels(ax, _APART * size)
@@ -84,7 +124,7 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         _masses(labels, scene, view, reach)
         _joints(labels, scene, view)
         _forces(labels, scene, view, _ARROW * size)
-        labels.write()
+        written.append(labels)
         ax.set(xlabel=view.labels[0], ylabel=view.labels[1])
         ax.set_aspect("equal", adjustable="datalim")
         ax.margins(0.08)
@@ -93,6 +133,9 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         ax.spines[["top", "right"]].set_visible(False)
         ax.tick_params(labelsize=9)
     entitle(figure, title)
+    figure.draw_without_rendering()  # it is laid out: names know how much room they have
+    for labels in written:
+        labels.write()
     return save(figure, path)
 
 
@@ -146,7 +189,7 @@ def _masses(
         labels.ax.plot(*at, marker="o", ms=9, mfc="white", mec=edge, mew=1.6, zorder=4)
         labels.ax.plot(*at, marker="+", ms=9, color=edge, mew=1.6, zorder=5)
         mass = f"{body.mass:,.0f}" if body.mass >= 1e3 else f"{body.mass:.4g}"
-        labels.add(at, f"{name}, {mass} kg", edge, 0)
+        labels.add(at, name if view is _END else f"{name}, {mass} kg", edge)
         ends = [
             reach.get(f"body.{name}.cg.{axis}", (x, x))
             for axis, x in zip("xyz", body.cg, strict=True)
@@ -162,7 +205,7 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
     for name, joint in scene.joint.items():
         at = view.at(joint.point)
         ax.plot(*at, marker="s", ms=6, color=BLACK, zorder=4)
-        labels.add(at, name, BLACK, 16)
+        labels.add(at, name, BLACK)
         if joint.second_point is not None:
             end = view.at(joint.second_point)
             ax.plot(*zip(at, end, strict=True), color=BLACK, linewidth=1.4)
@@ -195,7 +238,7 @@ def _arrow(
     arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
     ax.annotate("", end, start, arrowprops=arrow, zorder=4)
     ax.plot(*zip(start, end, strict=True), alpha=0.0)  # what the limits take into account
-    labels.add(end, name, colour, 0)
+    labels.add(end, name, colour)
 
 
 def _nozzle(motor: Motor) -> Point:

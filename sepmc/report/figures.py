@@ -14,7 +14,18 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
-from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.report.style import (
+    BLACK,
+    BLUE,
+    EDGES,
+    GREEN,
+    VERMILION,
+    entitle,
+    in_words,
+    made,
+    save,
+    sheet,
+)
 
 BANDS = (
     ("min", "max", "#dce9f5", "min to max"),
@@ -43,6 +54,7 @@ _GAP = "_clearance_mm"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
+BY_JOINT = tuple((colour, style) for style in ("-", "--", ":") for colour in EDGES)
 SAMPLES = 5  # single cases drawn into the bands
 # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
 # blown up to fill the axes
@@ -288,9 +300,12 @@ def run_figures(
         "Axial acceleration of the centre of mass, gravity included",
         [of_bodies("axial_acceleration_m_s2", "axial acceleration (m/s²)")],
     )
+    by_quantity: dict[str, list[tuple[str, str]]] = {}
+    for name, joint, words, unit in _curves(history):
+        by_quantity.setdefault(f"{words} ({unit})", []).append((name, in_words(joint).strip()))
     curves = [
-        Panel(f"{in_words(joint)}{words} ({unit})", [(name, "")], ((BLUE, "-"),))
-        for name, joint, words, unit in _curves(history)
+        Panel(label, lines, BY_JOINT if len(lines) > 1 else ((BLUE, "-"),))
+        for label, lines in by_quantity.items()
     ]
     page("separation", "Separation", curves)
     page(
