@@ -11,7 +11,7 @@ import sepmc
 from sepmc.analysis.given import where
 from sepmc.analysis.statistics import statistics
 from sepmc.cli import main
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, nearest
 
 ROWS = {"case": np.arange(5), "in_a": np.array([0.0, 1.0, 1.0, 0.0, np.nan]), "b": np.arange(5.0)}
 NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
@@ -86,3 +86,15 @@ def test_given_an_input(tmp_path):
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
+
+
+def test_words_that_a_message_lists():
+    """All of few; of many those that have a part of the word, or the first of them."""
+    few, many = ["mass", "cg"], [f"{part}_{k}" for part in ("spring", "joint") for k in range(20)]
+    assert nearest("thrust", few) == "known here: mass, cg"
+    assert nearest("mas", few) == "did you mean 'mass'?"
+    told = nearest("the.joint.fails", many)
+    assert told.startswith("known here: joint_0, joint_1")
+    assert told.endswith("joint_19 and 20 more")
+    assert "spring" not in told
+    assert nearest("xyz", many).endswith("joint_3 and 16 more")

@@ -1,6 +1,7 @@
 """Errors and warnings that speak to an engineer: where, what was given, what is allowed."""
 
 import difflib
+import re
 
 
 class InputError(ValueError):
@@ -22,6 +23,9 @@ class SceneWarning(UserWarning):
 
 class RunWarning(UserWarning):
     """A note on a run that deserves a look, for who flies it from Python and listens to nothing."""
+
+
+_LISTED = 24  # words that a message lists
 
 
 def nobody(_: str) -> None:
@@ -50,8 +54,15 @@ def shorten(value: object, limit: int = 60) -> str:
 
 
 def nearest(word: str, known) -> str:
-    """A phrase that names the nearest known word or, if none is near, all of them."""
-    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    """A phrase that names the nearest known word or, if none is near, all of them; of many those
+    that have a part of the word, or else the first."""
+    known = list(known)
+    match = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if match and match[0] != word:
         return f"did you mean {match[0]!r}?"
-    return "known here: " + (", ".join(known) or "nothing")
+    if len(known) <= _LISTED:
+        return "known here: " + (", ".join(known) or "nothing")
+    parts = [part for part in re.split(r"[^a-z0-9]+", word.lower()) if len(part) > 2]
+    alike = [each for each in known if any(part in each.lower() for part in parts)]
+    shown = (alike or known)[:_LISTED]
+    return f"known here: {', '.join(shown)} and {len(known) - len(shown)} more"
