@@ -213,7 +213,15 @@ def tell_comparison(
         {d.parameter.column: (d.law, d.numbers, d.weights) for d in run.file.dispersions}
         for run in runs
     ]
-    redrawn = [name for name in inputs if laws_of[0].get(name) != laws_of[1].get(name)]
+    draws = [
+        (store.read_manifest(folder).get("seed"), run.scene.run.sampler)
+        for folder, run in zip(folders, runs, strict=True)
+    ]
+    redrawn = [
+        name
+        for name in inputs
+        if draws[0] != draws[1] or laws_of[0].get(name) != laws_of[1].get(name)
+    ]
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling], screen_width()))

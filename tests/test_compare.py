@@ -134,6 +134,11 @@ def test_command(runs, tmp_path):
     kept = pd.read_csv(tmp_path / "and" / "compare.csv", index_col="outcome")
     assert kept.loc["separation_speed_m_s", "pairs"] == 25
     assert kept.loc["separation_speed_m_s", "difference"] < -0.05
+    with flown_plainly():  # another seed: few differ in an input of two values, and yet no pairs
+        sepmc.load(tmp_path / "rarely").run(cases=25, seed=4, out=tmp_path / "other")
+    call("compare", tmp_path / "rarely", tmp_path / "other", "--out", tmp_path / "seeds")
+    kept = pd.read_csv(tmp_path / "seeds" / "compare.csv", index_col="outcome")
+    assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")
     assert "what differs in the files\n  nothing\n" in same.stdout
     assert call("compare", runs / "light", tmp_path).exit_code == 2
