@@ -91,10 +91,11 @@ def find_drivers(
         label for label, count in summary.counts.items() if count and label != Status.OK.label
     ]
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
-    apart = {item.name: causes.of_requirement(item, rows, list(keys)) for item in items}
+    required = loaded.file.requirements
+    apart = {item.name: causes.of_requirement(item, rows, list(keys), required) for item in items}
     violated = {}
     for item in items:
-        violates, there = causes.violating(item, rows)
+        violates, there = causes.violating(item, rows, required)
         if count := int((violates & there).sum()):
             unknown = rows.rows - int(there.sum())
             left = f" ({unknown} others have no such outcome)" if unknown else ""
@@ -162,7 +163,7 @@ def draw_drivers(
     by_metric: dict[str, np.ndarray] = {}
     every = np.zeros(cases.rows, dtype=bool)
     for item in loaded.file.requirements:
-        violates = np.logical_and(*causes.violating(item, cases))
+        violates = np.logical_and(*causes.violating(item, cases, loaded.file.requirements))
         by_metric[item.metric] = by_metric.get(item.metric, False) | violates
         every |= violates
     violating = {name: by_metric.get(name, every)[ok] for name in driven.drivers}

@@ -19,6 +19,7 @@ from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
+from sepmc.trust.gate.plain import flown_plainly
 
 CLEAR = Requirement(name="clear", metric="gap_mm", at_least=5.0, probability=0.99, confidence=0.9)
 
@@ -267,3 +268,101 @@ def test_in_python(file):
     assert list(found.index) == ["apart", "level"]
     none = sepmc.load("table2", {"run.history_step_s": 0.0}).run(cases=2).requirements()
     assert (len(none), "verdict" in none) == (0, True)
+
+
+ALL = Requirement(name="clean", metric="violation", probability=0.9, confidence=0.9)
+FAST = Requirement(name="fast", metric="speed_m_s", at_least=1.0, probability=0.9)
+PARTS = Requirement(name="parts", metric="never-released")
+
+
+def together(gap, speed, statuses, errors, required=(ALL, CLEAR, FAST, PARTS)):
+    """The verdict on all requirements together, from rows; the same as cases pass by."""
+    count = len(gap)
+    labels = np.array(statuses, dtype=object)
+    table = {"case": np.arange(count), "status": labels, "gap_mm": gap, "speed_m_s": speed}
+    parts = ["gap_mm", "speed_m_s"], [], {}, list(required)
+    rows, stream = Rows(table, *parts), Stream(*parts)
+    codes = {status.label: int(status) for status in Status}
+    columns = np.array([gap, speed])
+    for first in range(0, count, 7):
+        some = slice(first, first + 7)
+        numbers = np.array([codes[x] for x in labels[some]])
+        stream.add(table["case"][some], numbers, columns[:, some])
+    found = [
+        next(v for v in summary.verdicts(errors, summary.audit()) if v.metric == "violation")
+        for summary in (rows, stream)
+    ]
+    assert found[0] == found[1]
+    return found[0], table
+
+
+def test_all_requirements_together():
+    """A case that violates several counts once; one of which nothing is known counts as it does for
+    each; what is in doubt for one may leave no verdict on all."""
+    gap, speed = np.full(200, 9.0), np.full(200, 3.0)
+    gap[[5, 6]], speed[[6, 7]] = 4.0, 0.5
+    statuses = ["ok"] * 200
+    statuses[8] = "never-released"
+    statuses[9] = "jammed"
+    errors = {"gap_mm": (1e-9, 1.0), "speed_m_s": (1e-9, 1.0)}
+    found, table = together(gap, speed, statuses, errors)
+    # 5, 6, 7 and 8 violate something; of 9 nothing is known
+    assert (found.violations, found.missing, found.worst_case, found.worst) == (5, 1, 5, None)
+    assert (found.verdict, found.error, found.nearest) == (PASS, None, None)
+    low, high = requirements.interval(4, 200)[0], requirements.interval(5, 200)[1]
+    assert (found.share_low, found.share_high) == (low, high)
+    violates, known = requirements.violating(ALL, table, [ALL, CLEAR, FAST, PARTS])
+    assert np.flatnonzero(violates & known).tolist() == [5, 6, 7, 8]
+    assert np.flatnonzero(~known).tolist() == [9]
+    text = " ".join(requirements.text([found], {}).split())
+    assert "clean: no other requirement is violated in 90 % of all cases" in text
+    assert "1 of them did not come to their end, or lack an outcome" in text
+    for doubtful, said in ((5, PASS), (30, NONE)):  # of 200 cases 14 may violate
+        near = speed.copy()
+        near[100 : 100 + doubtful] = 1.0 + 1e-6
+        wrong = errors | {"speed_m_s": (1e-5, 1.0)}
+        assert together(gap, near, statuses, wrong)[0].verdict == said
+    unknown = together(gap, speed, statuses, {"gap_mm": (1e-9, 1.0)})[0]
+    assert (unknown.verdict, "is not known" in unknown.why) == (NONE, True)
+
+
+@pytest.mark.parametrize(
+    ("required", "said"),
+    [
+        ([{"name": "a", "metric": "violation"}], "needs other requirements"),
+        (
+            [{"name": "a", "metric": "violation", "at_most": 0.0},
+             {"name": "b", "metric": "never-released"}],
+            "has no bound",
+        ),
+    ],
+)  # fmt: skip
+def test_violation_of_nothing(required, said):
+    with pytest.raises(SceneError, match=said):
+        sepmc.load("table2", {"requirement": required})
+
+
+def test_all_together_through_a_run(tmp_path):
+    """Verdict, worst case, causes and report of a run."""
+    required = [
+        {"name": "clean", "metric": "violation", "probability": 0.5},
+        {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.55, "probability": 0.5},
+        {"name": "low", "metric": "upper_pitch_deg", "at_most": 0.5, "probability": 0.5},
+    ]
+    folder = tmp_path / "run"
+    with flown_plainly():
+        result = sepmc.load("table2", {"requirement": required}).run(cases=150, seed=7, out=folder)
+    rows = result.to_pandas()
+    either = (rows["separation_speed_m_s"] < 0.55) | (rows["upper_pitch_deg"] > 0.5)
+    row = result.requirements().loc["clean"]
+    assert row["violations"] == either.sum() > (rows["separation_speed_m_s"] < 0.55).sum()
+    assert row["worst_case"] == rows["case"][either].min()
+    cause = result.causes("clean")[0]
+    assert cause.violations == either.sum()
+    told = CliRunner().invoke(cli.main, ["drivers", str(folder)])
+    assert told.exit_code == 0, told.output
+    assert f"clean, {either.sum()} of 150 cases" in told.output
+    told = CliRunner().invoke(cli.main, ["report", str(folder), "--no-replay"])
+    assert told.exit_code == 0, told.output
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "clean: no other requirement is violated" in page

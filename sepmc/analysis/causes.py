@@ -91,10 +91,14 @@ def causes(
 
 
 def of_requirement(
-    requirement: Requirement, cases: Mapping[str, np.ndarray], inputs: Sequence[str]
+    requirement: Requirement,
+    cases: Mapping[str, np.ndarray],
+    inputs: Sequence[str],
+    others: Sequence[Requirement] = (),
 ) -> list[Cause]:
-    """Causes of the violations of a requirement among the cases of which it is known."""
-    violates, known = violating(requirement, cases)
+    """Causes of the violations of a requirement among the cases of which it is known; ``others`` as
+    for `violating`."""
+    violates, known = violating(requirement, cases, others)
     return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
 
 

@@ -2,9 +2,10 @@
 
 A case violates a requirement if its outcome is beyond the bound. A case that did not come to its
 end, or does not have the outcome, has shown neither: it counts as a violation where the requirement
-is to be shown, and not where it is to be refuted. Method: Hanson and Beard,
-NASA/TP-2010-216447: n cases show a requirement if they have no more violations than a just
-insufficient system would have with a probability of 1 - confidence (`sepmc.analysis.proportions`).
+is to be shown, and not where it is to be refuted. A requirement on `VIOLATION` is violated by a
+case that violates any other. Method: Hanson and Beard, NASA/TP-2010-216447: n cases show a
+requirement if they have no more violations than a just insufficient system would have with a
+probability of 1 - confidence (`sepmc.analysis.proportions`).
 """
 
 import math
@@ -26,7 +27,7 @@ from sepmc.analysis.proportions import (
     needed,
 )
 from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
-from sepmc.scene.model import Requirement
+from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
 _KEPT = "\N{NO-BREAK SPACE}"
@@ -46,6 +47,7 @@ class Tally:
 
     def __init__(self, requirement: Requirement):
         self.requirement = requirement
+        self.others: list[Tally] = []  # whose violations are its own
         self.cases = self.violations = self.missing = 0
         self.worst = (math.nan, -1)  # value and case
         self.first = self.first_unknown = -1  # case that violates, by its outcome or for want of it
@@ -54,8 +56,9 @@ class Tally:
 
     def add(
         self, numbers: np.ndarray, ok: np.ndarray, values: np.ndarray | None, met: np.ndarray
-    ) -> None:
-        """Take cases.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take cases; returns which of them (n,) are known to violate, and of which it is not
+        known.
 
         Parameters
         ----------
@@ -70,14 +73,13 @@ class Tally:
         """
         self.cases += len(numbers)
         if values is None:
-            self._count(numbers, ~ok & met, ~ok & ~met)
-            return
+            return self._count(numbers, ~ok & met, ~ok & ~met)
         margin = np.where(ok, margins(values, self.requirement), np.nan)
         there = ~np.isnan(margin)
-        self._count(numbers, margin < 0.0, ~there)
+        counted = self._count(numbers, margin < 0.0, ~there)
         margin, values, numbers = margin[there], values[there], numbers[there]
         if not len(margin):
-            return
+            return counted
         at = int(np.argmin(margin))
         if margin[at] < self._least:
             self._least, self.worst = float(margin[at]), (float(values[at]), int(numbers[at]))
@@ -85,15 +87,28 @@ class Tally:
         if len(near) > _NEAR:
             near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
         self._near = near
+        return counted
 
-    def _count(self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray) -> None:
-        """Count cases (n,) that are known to violate, and those of which nothing is known."""
+    def add_any(
+        self, numbers: np.ndarray, counted: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> None:
+        """Take cases, by what `add` of the ``others`` returned."""
+        self.cases += len(numbers)
+        known, unknown = (np.any([each[k] for each in counted], axis=0) for k in (0, 1))
+        self._count(numbers, known, unknown & ~known)
+
+    def _count(
+        self, numbers: np.ndarray, known: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Count cases (n,) that are known to violate, and those of which nothing is known; returns
+        both."""
         self.missing += int(np.count_nonzero(unknown))
         self.violations += int(np.count_nonzero(known | unknown))
         if self.first < 0 and known.any():
             self.first = int(numbers[known][0])
         if self.first_unknown < 0 and unknown.any():
             self.first_unknown = int(numbers[unknown][0])
+        return known, unknown
 
     @property
     def extreme(self) -> tuple[float, int]:
@@ -121,6 +136,34 @@ class Tally:
         return self.violations - below, self.violations + len(near) - below
 
 
+def tallies(requirements: Sequence[Requirement]) -> list[Tally]:
+    """A tally of each requirement, in their order."""
+    found = [Tally(item) for item in requirements]
+    for tally in found:
+        if tally.requirement.metric == VIOLATION:
+            tally.others = [other for other in found if other.requirement.metric != VIOLATION]
+    return found
+
+
+def tally_all(
+    all_tallies: Sequence[Tally],
+    numbers: np.ndarray,
+    ok: np.ndarray,
+    values: Callable[[str], np.ndarray | None],
+    met: Callable[[str], np.ndarray],
+) -> None:
+    """Take cases into all tallies: ``values`` gives an outcome (n,) by its name, None of a status,
+    ``met`` which cases (n,) have a status; the others as for `Tally.add`."""
+    counted = [
+        tally.add(numbers, ok, values(tally.requirement.metric), met(tally.requirement.metric))
+        for tally in all_tallies
+        if not tally.others
+    ]
+    for tally in all_tallies:
+        if tally.others:
+            tally.add_any(numbers, counted)
+
+
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
     """How far values (n,) are within the bound; below zero beyond it; NaN of NaN."""
     low, high = requirement.at_least, requirement.at_most
@@ -129,8 +172,15 @@ def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndar
     return np.minimum(below, above)
 
 
-def violating(requirement: Requirement, cases: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Which cases of a table (n_cases,) violate a requirement, and of which of them it is known."""
+def violating(
+    requirement: Requirement, cases: Mapping[str, Any], others: Sequence[Requirement] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which cases of a table (n_cases,) violate a requirement, and of which of them it is known;
+    ``others`` are those that a requirement on `VIOLATION` is about."""
+    if requirement.metric == VIOLATION:
+        found = [violating(one, cases) for one in others if one.metric != VIOLATION]
+        violates = np.any([one & there for one, there in found], axis=0)
+        return violates, violates | np.all([there for _, there in found], axis=0)
     labels = np.asarray(cases["status"], dtype=object)
     if requirement.metric in cases:
         margin = margins(column(cases, requirement.metric), requirement)
@@ -221,8 +271,8 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
     may = allowed(n, item.probability, item.confidence) if n else -1
-    error = _error_at(item, errors)
-    verdict, why = _verdict(tally, error, none)
+    parts = [(one, _error_at(one.requirement, errors)) for one in tally.others or [tally]]
+    verdict, why = _verdict(tally, parts, none)
     known = k - tally.missing
     worst, worst_case = tally.extreme
     return Verdict(
@@ -247,7 +297,7 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
         _known(worst),
         worst_case if worst_case >= 0 else None,
         _known(tally.nearest),
-        _known(error),
+        _known(parts[0][1]) if not tally.others else None,
     )
 
 
@@ -264,7 +314,8 @@ def _error_at(item: Requirement, errors: Errors) -> float:
     return share * max(*bounds, scale)
 
 
-def _verdict(tally: Tally, error: float, none: str) -> tuple[str, str]:
+def _verdict(tally: Tally, parts: Sequence[tuple[Tally, float]], none: str) -> tuple[str, str]:
+    """The verdict, and why there is none, if ``parts``, what it is about, have such errors."""
     item, n = tally.requirement, tally.cases
     if not n:
         return NONE, "no case was flown"
@@ -272,13 +323,21 @@ def _verdict(tally: Tally, error: float, none: str) -> tuple[str, str]:
         return NONE, none
     if tally.missing == n:
         return NONE, "no case came to its end with this outcome"
-    if math.isnan(error):
+    if any(math.isnan(error) for _, error in parts):
         return NONE, "the numerical error of this outcome is not known"
-    doubt = tally.in_doubt(error)
-    found = {_shown(k, tally.missing, n, item) for k in doubt} if doubt is not None else set()
+    found, fewer, more = set(), 0, 0
+    for part, error in parts:
+        doubt = part.in_doubt(error)
+        if doubt is None:
+            break
+        fewer, more = fewer + part.violations - doubt[0], more + doubt[1] - part.violations
+    else:
+        ends = max(tally.violations - fewer, 0), min(tally.violations + more, n)
+        found = {_shown(k, min(tally.missing, k), n, item) for k in ends}
     if len(found) != 1:
+        size = f" of {parts[0][1]:.1e}" if not tally.others else ""
         return NONE, (
-            f"cases nearer to the bound than the numerical error of {error:.1e} decide; a finer "
+            f"cases nearer to the bound than the numerical error{size} decide; a finer "
             "solver.accuracy may tell, but for times and places of extremes"
         )
     return found.pop(), ""
@@ -320,8 +379,11 @@ def sentence(item: Requirement | Verdict, unit: str, of: str = "all cases") -> s
         for sign, number in ((">=", item.at_least), ("<=", item.at_most))
         if number is not None
     )
+    what = f"{item.metric} {bound or 'does not occur'}"
+    if item.metric == VIOLATION:
+        what = "no other requirement is violated"
     return (
-        f"{item.name}: {item.metric} {bound or 'does not occur'} in {_percent(item.probability)} "
+        f"{item.name}: {what} in {_percent(item.probability)} "
         f"of {of}, with {_percent(item.confidence)} confidence"
     )
 
@@ -330,6 +392,8 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
     on_status = v.at_least is None and v.at_most is None
     unknown = "ended in another way" if on_status else "have no such outcome"
+    if v.metric == VIOLATION:
+        unknown = "did not come to their end, or lack an outcome"
     lines = [
         sentence(v, unit, of),
         f"{v.violations} of {v.cases} cases violate it, "

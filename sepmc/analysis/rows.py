@@ -9,7 +9,16 @@ import pandas as pd
 
 from sepmc.analysis import statistics as of
 from sepmc.analysis.proportions import ranked
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, doubt, judge
+from sepmc.analysis.requirements import (
+    Errors,
+    Tally,
+    Verdict,
+    design_value,
+    doubt,
+    judge,
+    tallies,
+    tally_all,
+)
 from sepmc.analysis.stream import NAMED, Stream
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
@@ -70,18 +79,28 @@ class Rows:
     ) -> list[Verdict]:
         """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
         such numerical ``errors``."""
-        why = doubt(audit, sampler)
-        return [self._verdict(item, errors, why) for item in self.requirements]
+        why, every, labels = doubt(audit, sampler), tallies(self.requirements), self.cases["status"]
 
-    def _verdict(self, item: Requirement, errors: Errors, why: str) -> Verdict:
-        tally, labels = Tally(item), np.asarray(self.cases["status"])
-        values = of.column(self.cases, item.metric) if item.metric in self.outcomes else None
-        tally.add(np.asarray(self.cases["case"]), self._ok, values, labels == item.metric)
-        design = np.nan
-        if values is not None:
-            known = values[self._ok & ~np.isnan(values)]
-            design = design_value(tally, len(known), partial(ranked, known))
-        return judge(tally, errors, design, why)
+        def values(name: str) -> np.ndarray | None:
+            return of.column(self.cases, name) if name in self.outcomes else None
+
+        tally_all(
+            every,
+            np.asarray(self.cases["case"]),
+            self._ok,
+            values,
+            lambda name: np.asarray(labels) == name,
+        )
+        return [
+            judge(tally, errors, self._design(tally, values(tally.requirement.metric)), why)
+            for tally in every
+        ]
+
+    def _design(self, tally: Tally, values: np.ndarray | None) -> float:
+        if values is None:
+            return np.nan
+        known = values[self._ok & ~np.isnan(values)]
+        return design_value(tally, len(known), partial(ranked, known))
 
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""

@@ -11,7 +11,16 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.moments import Moments
-from sepmc.analysis.requirements import Errors, Tally, Verdict, design_value, doubt, judge
+from sepmc.analysis.requirements import (
+    Errors,
+    Tally,
+    Verdict,
+    design_value,
+    doubt,
+    judge,
+    tallies,
+    tally_all,
+)
 from sepmc.analysis.sketch import Sketch
 from sepmc.analysis.statistics import (
     PERCENTILES,
@@ -47,7 +56,7 @@ class Stream:
         bounds: Mapping[str, float],
         requirements: Sequence[Requirement] = (),
     ):
-        self.tallies = [Tally(item) for item in requirements]
+        self.tallies = tallies(requirements)
         self.moments = {name: Moments() for name in outcomes}
         self.sketches = {name: Sketch() for name in outcomes}
         self.audits = {name: Worst(name, bounds) for name in audits}
@@ -99,8 +108,14 @@ class Stream:
             for code in (np.flatnonzero(counts[1:]) + 1).tolist():
                 named = self.failed.setdefault(Status(code).label, [])
                 named += numbers[codes == code][: NAMED - len(named)].tolist()
-        for tally in self.tallies:
-            self._count(tally, numbers, codes, columns)
+        places = {name: k for k, name in enumerate(self.moments)}
+        tally_all(
+            self.tallies,
+            numbers,
+            codes == Status.OK,
+            lambda name: columns[places[name]] if name in places else None,
+            lambda name: np.isin(codes, [int(status) for status in Status if status.label == name]),
+        )
         numbers = numbers[ok]
         for (name, moments), column in zip(self.moments.items(), columns, strict=False):
             x, cases = column[ok], numbers
@@ -111,15 +126,6 @@ class Stream:
             self.sketches[name].add(x)
         for worst, column in zip(self.audits.values(), columns[len(self.moments) :], strict=True):
             worst.add(column[ok], numbers)
-
-    def _count(
-        self, tally: Tally, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray
-    ) -> None:
-        """Count what violates a requirement."""
-        metric, names = tally.requirement.metric, list(self.moments)
-        values = columns[names.index(metric)] if metric in names else None
-        labels = [int(status) for status in Status if status.label == metric]
-        tally.add(numbers, codes == Status.OK, values, np.isin(codes, labels))
 
     @property
     def counts(self) -> dict[str, int]:

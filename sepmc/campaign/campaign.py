@@ -164,7 +164,7 @@ class Result:
             said = nearest(name, [*known, *statuses])
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
-        return causes.of_requirement(item, rows, self._inputs)
+        return causes.of_requirement(item, rows, self._inputs, list(known.values()))
 
     @property
     def _inputs(self) -> list[str]:

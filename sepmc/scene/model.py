@@ -390,11 +390,14 @@ class Expected(_Table, frozen=True, kw_only=True):
     max: float | None = None
 
 
+VIOLATION = "violation"  # of any other requirement
+
+
 class Requirement(_Table, frozen=True, kw_only=True):
     """What must hold in a share of all cases, and with what confidence that is to be shown."""
 
     name: Name
-    metric: str  # an outcome, or a status that must not occur
+    metric: str  # an outcome, a status that must not occur, or VIOLATION
     at_least: float | None = None  # in the unit that the outcome's name ends with
     at_most: float | None = None
     probability: Annotated[float, _SHARE] = 0.9973

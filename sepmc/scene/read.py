@@ -20,7 +20,16 @@ from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.input_table import InputTable, Reader
 from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
-from sepmc.scene.model import SALTELLI, XYZ, Correlation, Law, Reference, Requirement, Scene
+from sepmc.scene.model import (
+    SALTELLI,
+    VIOLATION,
+    XYZ,
+    Correlation,
+    Law,
+    Reference,
+    Requirement,
+    Scene,
+)
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.swings import check_swings
@@ -194,7 +203,7 @@ def parse_campaign(
     if reference is not None:
         _check_reference(reference, scene, problems)
     for requirement in requirements:
-        _check_requirement(requirement, scene, problems)
+        _check_requirement(requirement, requirements, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
     no_effect = tuple(_of_no_effect(scene, settings or {}, dispersions, laws))
@@ -235,8 +244,11 @@ def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> 
             problems.add(f"reference.outcome.{name}", "no such outcome; " + nearest(name, known))
 
 
-def _check_requirement(requirement: Requirement, scene: Scene, problems: Problems) -> None:
-    """A requirement bounds an outcome that this scene has, or names a status."""
+def _check_requirement(
+    requirement: Requirement, all_of: Sequence[Requirement], scene: Scene, problems: Problems
+) -> None:
+    """A requirement bounds an outcome that this scene has, or names a status, or the violation of
+    ``all_of`` the others."""
     place, low, high = (
         f"requirement.{requirement.name}",
         requirement.at_least,
@@ -244,13 +256,19 @@ def _check_requirement(requirement: Requirement, scene: Scene, problems: Problem
     )
     statuses = [status.label for status in Status if status is not Status.OK]
     known = [column.name for column in outcome_columns(contents(scene))]
-    if requirement.metric in statuses:
+    metrics = [*known, *statuses, VIOLATION]
+    if requirement.metric == VIOLATION:
+        if low is not None or high is not None:
+            problems.add(place, f"{VIOLATION!r} of the other requirements has no bound")
+        if all(other.metric == VIOLATION for other in all_of):
+            problems.add(place, f"{VIOLATION!r} needs other requirements that may be violated")
+    elif requirement.metric in statuses:
         if low is not None or high is not None:
             problems.add(place, f"{requirement.metric!r} is a status, which has no bound")
     elif requirement.metric not in known:
         problems.add(
             f"{place}.metric",
-            "no such outcome or status; " + nearest(requirement.metric, [*known, *statuses]),
+            "no such outcome or status; " + nearest(requirement.metric, metrics),
             requirement.metric,
         )
     elif low is None and high is None:
