@@ -174,9 +174,3 @@ class Composite:
     def force_error(self, joint_name: str = "link") -> float:
         """Relative error of the force of a joint on the second body."""
         return relative(self.found.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)
-
-    def moment_error(self, joint_name: str = "link") -> float:
-        """Relative error of the moment of a joint on the second body."""
-        return relative(
-            self.found.columns(f"{joint_name}_moment_on_{self.second}_*_N_m"), self.moment
-        )
