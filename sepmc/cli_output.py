@@ -553,6 +553,7 @@ def _different(names: list[str], table: "pd.DataFrame") -> list[str]:
 
 _INTERESTING = (
     "clearance_mm",
+    "transverse_rate",
     "tip_off",
     "separation_distance",
     "separation_speed",
@@ -572,7 +573,11 @@ def _interest(outcome: str, events: tuple[str, ...]) -> float:
     ``events``, by how their names begin, count as those at release, clearances as separations, and
     come before these, as they were asked for."""
     if outcome.startswith(events):
-        for there, as_if in (("_omega_", "tip_off"), ("_clearance_mm", "separation_distance")):
+        for there, as_if in (
+            ("_transverse_rate_", "transverse_rate"),
+            ("_omega_", "tip_off"),
+            ("_clearance_mm", "separation_distance"),
+        ):
             if there in outcome:
                 return _INTERESTING.index(as_if) - 0.5
     return next(

@@ -2,6 +2,7 @@
 explains it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
@@ -240,7 +241,7 @@ def _fill(rows, prefix: str, name: str) -> list[Column]:
 @dataclass(frozen=True)
 class Contents:
     """What a scene has columns for: moving bodies, joints and their bodies, and outputs asked for,
-    by joint, clearance or event."""
+    by joint, clearance, event or body."""
 
     bodies: list[str]
     joints: dict[str, tuple[str, str]]
@@ -250,6 +251,7 @@ class Contents:
     tip_off: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
     pins: dict[str, int] = field(default_factory=dict)  # of all joints that have a guide
+    transverse: tuple[str, ...] = ()
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -294,7 +296,34 @@ def outcome_columns(contents: Contents) -> list[Column]:
                     )
     for event in contents.events:
         columns += _at_event(contents, event)
-    return columns
+    meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
+    return columns + [
+        Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)
+        for stem, _, body, when in _across(contents)
+    ]
+
+
+def _across(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
+    """Where rates of bodies are told whose transverse rates are asked for: how the names of both
+    begin, the body, and when that is."""
+    for body in contents.transverse:
+        yield f"{body}_", f"{body}_omega_", body, ""
+        for joint in contents.tip_off:
+            if body in contents.joints[joint]:
+                start = f"{joint}_tip_off_{body}_"
+                yield start, start, body, f", when {joint} became free"
+        for event in contents.events:
+            start = f"{event}_{body}_"
+            yield start, f"{start}omega_", body, f", at {event}"
+
+
+def across(contents: Contents) -> list[tuple[int, int]]:
+    """Of every transverse rate, in their order, the numbers of the outcomes that are its yaw and
+    its pitch rate."""
+    names = {column.name: k for k, column in enumerate(outcome_columns(contents))}
+    return [
+        (names[f"{start}y_deg_s"], names[f"{start}z_deg_s"]) for _, start, _, _ in _across(contents)
+    ]
 
 
 def _at_event(contents: Contents, event: str) -> list[Column]:

@@ -18,6 +18,7 @@ EVERY = Contents(
     clearances=("CLEARANCE",),
     tip_off=("JOINT",),
     events=("EVENT",),
+    transverse=("BODY",),
 )
 
 

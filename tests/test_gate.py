@@ -152,7 +152,7 @@ def test_later_kinds_occur_and_are_read():
         "guide",
         "guide friction",
     } <= found
-    assert {"output loads", "output guide", "output tip_off"} <= found
+    assert {f"output {kind}" for kind in ("loads", "guide", "tip_off", "transverse")} <= found
 
 
 def test_later_kinds_leave_the_rest_of_a_seed():

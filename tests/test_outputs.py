@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import sepmc
 from sepmc.campaign import pilot
+from sepmc.scene.messages import SceneError
 
 SLIDER, FREE = {"pins": "slider"}, {}
 LOPSIDED = {
@@ -165,6 +166,40 @@ def test_tip_off(pair):
             assert_allclose(found, at[f"{body}_omega_{axis}_deg_s"], rtol=1e-12)
             # the end of the flight is another
             assert abs(found - outcomes[f"{body}_omega_{axis}_deg_s"]) > 1e-3
+
+
+def test_transverse_rates(pair):
+    """Yaw and pitch rate together, of the body that is asked for, at the end, at a release and at
+    an event; none of the other body."""
+    settings = TUMBLE | {
+        "phase": GUIDED,
+        "motor": [RETRO],
+        "event": [{"name": "soon", "when": {"time_s": 0.1}}],
+        "output": {"tip_off": ["pins"], "transverse": ["aft"]},
+        "run.end_time_s": 1.0,
+    }
+    outcomes = flown(pair(settings))[1]
+    told = {
+        "aft_": "aft_omega_",
+        "pins_tip_off_aft_": "pins_tip_off_aft_",
+        "soon_aft_": "soon_aft_omega_",
+    }
+    names = [f"{start}transverse_rate_deg_s" for start in told]
+    assert [name for name in outcomes if "transverse" in name] == names
+    for name, rate in zip(names, told.values(), strict=True):
+        y, z = (outcomes[f"{rate}{axis}_deg_s"] for axis in "yz")
+        assert min(abs(y), abs(z)) > 1e-3
+        assert_allclose(outcomes[name], np.hypot(y, z), rtol=1e-14)
+    assert len({outcomes[name] for name in names}) == 3
+
+
+@pytest.mark.parametrize(
+    ("bodies", "said"),
+    [(["afft"], "did you mean 'aft'"), (["aft", "aft"], "names a body twice")],
+)
+def test_transverse_rates_of_no_body(pair, bodies, said):
+    with pytest.raises(SceneError, match=said):
+        pair({"output.transverse": bodies})
 
 
 def test_tip_off_from_the_ground(pair):

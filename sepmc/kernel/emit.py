@@ -208,6 +208,7 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "constraint rows": any(stage.rows for stage in shape.stages),
         "events on the state": any(stage.events for stage in shape.stages),
         "rates at release": bool(scene.output.tip_off),
+        "transverse rates": bool(scene.output.transverse),
         "events that are told of": bool(scene.event),
         "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
         "wind or air over height": has_tables_over_height(shape),

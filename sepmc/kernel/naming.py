@@ -109,6 +109,7 @@ class Names:
                     key: self._joints(getattr(scene.output, key))
                     for key in ("loads", "tip_off", "guide")
                 },
+                transverse=tuple(map(self._body, scene.output.transverse)),
             ),
         )
 

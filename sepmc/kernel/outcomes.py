@@ -14,8 +14,9 @@ from sepmc.kernel.recorder import where
 from sepmc.kernel.tables import call_look_up, has_wind_profile
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
+from sepmc.scene.contents import contents
 from sepmc.scene.model import GROUND
-from sepmc.schema import Status
+from sepmc.schema import Status, across
 
 # drift of a quaternion in a step, or share of energy lost, beyond which a case is not vouched for
 _UNRESOLVED = 1e-6
@@ -169,6 +170,9 @@ def emit_results(text: Text, c: Context) -> None:
             f"outcomes[{o} + k, i] = w[OF_EVENTS + k * LANES + l]"
         )
         o += c.slabs.counts["OF_EVENTS"]
+    for y, z in across(contents(shape.scene)):
+        text(f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])")
+        o += 1
     text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
     pivot, redundant = (
         "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0",

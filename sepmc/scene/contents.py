@@ -18,4 +18,5 @@ def contents(scene: Scene) -> Contents:
         scene.output.tip_off,
         tuple(event.name for event in scene.event),
         pins,
+        scene.output.transverse,
     )

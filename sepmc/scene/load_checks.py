@@ -176,7 +176,11 @@ def check_air(scene: Scene, problems: Problems) -> None:
 
 
 def check_outputs(scene: Scene, problems: Problems) -> None:
-    """Outputs must name joints and outlines that exist."""
+    """Outputs must name joints, bodies and outlines that exist."""
+    for body in scene.output.transverse:
+        check_known("output.transverse", body, scene.body, "body", problems)
+    if len(set(scene.output.transverse)) < len(scene.output.transverse):
+        problems.add("output.transverse", "names a body twice", list(scene.output.transverse))
     for key in ("loads", "tip_off", "guide"):
         asked = getattr(scene.output, key)
         for joint in asked:

@@ -298,11 +298,12 @@ class Clearance(_Table, frozen=True, kw_only=True):
 
 
 class Output(_Table, frozen=True, kw_only=True):
-    """What else to compute: names of joints."""
+    """What else to compute: names of joints, and of bodies."""
 
     loads: tuple[str, ...] = ()
     tip_off: tuple[str, ...] = ()
     guide: tuple[str, ...] = ()
+    transverse: tuple[str, ...] = ()  # bodies
 
 
 class Initial(_Table, frozen=True, kw_only=True):

@@ -422,7 +422,7 @@ def _late_features(tree: Tree) -> set[str]:
         "clearance": tree.get("clearance"),
         **{
             f"output {key}": tree.get("output", {}).get(key)
-            for key in ("loads", "tip_off", "guide")
+            for key in ("loads", "tip_off", "guide", "transverse")
         },
     }
     return {name for name, there in present.items() if there}

@@ -58,6 +58,7 @@ LATE = {
     "event": 0.25,  # instants that are told of, ends of springs among them
 }
 _LATE_SHARE = 0.3
+_TRANSVERSE = 0.15  # of the scenes tell transverse rates
 _ORDER = (
     *(
         "environment",
@@ -103,6 +104,10 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     add_outputs(draft)
     draft.dice = draft.names.dice = Dice(seed, 2)  # a scene is else as it is without them
     add_instants(draft)
+    across = Dice(seed, 3)
+    if across.chance(_TRANSVERSE):
+        bodies = across.some(list(draft.tree["body"]), 1)
+        draft.tree["output"] = draft.tree.get("output", {}) | {"transverse": bodies}
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

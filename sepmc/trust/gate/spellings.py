@@ -107,7 +107,8 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
         }
         clearance |= {"after": joints[clearance["after"]]} if "after" in clearance else {}
     new["output"] = {
-        key: [joints[name] for name in names] for key, names in new.get("output", {}).items()
+        key: [(bodies if key == "transverse" else joints)[name] for name in names]
+        for key, names in new.get("output", {}).items()
     }
     return new
 
@@ -235,6 +236,7 @@ _OF_JOINT = (
     ),
     *("moment_impulse_", "time_in_guide_s", "pin", "jam_friction"),
 )
+_TIP_OFF = ("x_deg_s", "y_deg_s", "z_deg_s", "transverse_rate_deg_s")
 _OF_CLEARANCE = (
     "clearance_mm",
     "clearance_time_s",
@@ -249,7 +251,10 @@ def _at_event(tree: Tree) -> Iterator[tuple[str, str]]:
     """What is told at an event, by the old names and by the new ones."""
     yield "time_s", "time_s"
     for body in tree["body"]:
-        for end in ("roll_deg", "yaw_deg", "pitch_deg", *(f"omega_{x}_deg_s" for x in "xyz")):
+        for end in (
+            *("roll_deg", "yaw_deg", "pitch_deg", "transverse_rate_deg_s"),
+            *(f"omega_{x}_deg_s" for x in "xyz"),
+        ):
             yield f"{body}_{end}", f"{body}_1_{end}"
     joints = list(tree.get("joint", {}))
     for joint in joints:
@@ -280,7 +285,7 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
     for joint in sorted(joints, key=len, reverse=True):
         for body in tree["body"]:
             start = f"{joint}_tip_off_{body}_"
-            if column.startswith(start) and len(column) - len(start) == len("x_deg_s"):
+            if column.startswith(start) and column[len(start) :] in _TIP_OFF:
                 return f"n{joint}_tip_off_{body}_1_{column[len(start) :]}"
         if column.startswith(f"{joint}_") and column[len(joint) + 1 :].startswith(_OF_JOINT):
             return f"n{column}"

@@ -80,7 +80,7 @@ UNTIL = {
     "angle": None, "force": None, "moment": None,
     "body": None, "altitude": None, "any": (), "all": (),
 }  # fmt: skip
-OUTPUT = {"loads": (), "tip_off": (), "guide": ()}
+OUTPUT = {"loads": (), "tip_off": (), "guide": (), "transverse": ()}
 INITIAL = {
     "altitude": REQUIRED, "speed": REQUIRED, "omega": ZERO, "alpha": 0.0, "pitch": 0.0,
     "yaw": 0.0, "roll": 0.0, "path_yaw": 0.0,

@@ -29,6 +29,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
         tuple(table["name"] for table in scene["clearance"]),
         tuple(output["tip_off"]),
         tuple(table["name"] for table in scene["event"]),
+        transverse=tuple(output["transverse"]),
     )
     return [column.name for column in outcome_columns(contents)]
 
@@ -151,4 +152,18 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
     free |= {name: time for name, (time, _) in flight.released.items()}
     came = {name: found[f"{name}_time_s"] for name, found in flight.told.items()}
     distances = flight.clearances.report(free) | flight.clearances.at(came, free)
-    return out | flight.watch.report() | distances
+    return out | flight.watch.report() | distances | _across(flight, out)
+
+
+def _across(flight: "IndependentFlight", out: dict[str, float]) -> dict[str, float]:
+    """Transverse rates, wherever the rates of a body are told."""
+    output, events = flight.scene["output"], [table["name"] for table in flight.scene["event"]]
+    found = {}
+    for body in output["transverse"]:
+        starts = {f"{body}_": "omega_"} | {f"{event}_{body}_": "omega_" for event in events}
+        starts |= {f"{joint}_tip_off_{body}_": "" for joint in output["tip_off"]}
+        for start, of_rate in starts.items():
+            y, z = (out.get(f"{start}{of_rate}{axis}_deg_s") for axis in "yz")
+            if y is not None and z is not None:
+                found[f"{start}transverse_rate_deg_s"] = float(np.hypot(y, z))
+    return found
