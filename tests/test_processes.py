@@ -1,0 +1,44 @@
+"""Processes that work is shared among, interrupted."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SCRIPT = """
+import time
+from sepmc.processes import processes
+
+if __name__ == "__main__":
+    try:
+        with processes(2) as pool:
+            pool.submit(time.sleep, 60.0)
+            print("ready", flush=True)
+            time.sleep(60.0)
+    except KeyboardInterrupt:
+        print("interrupted")
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of process groups")
+def test_an_interruption_while_they_start(tmp_path):
+    """Ctrl-C reaches the whole group: who asked says so once, and those that have just been started
+    say nothing, whenever it comes."""
+    path = tmp_path / "script.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    for k in range(12):
+        asked = subprocess.Popen(
+            [sys.executable, str(path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        assert asked.stdout.readline() == "ready\n"
+        time.sleep(0.03 * k)
+        os.killpg(asked.pid, signal.SIGINT)
+        said, failed = asked.communicate(timeout=30.0)
+        assert (said, failed) == ("interrupted\n", "")
