@@ -1,6 +1,7 @@
 """What the command line tells of a run beyond its statistics: what drives it, and the report."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +17,7 @@ from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summar
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
     about_run,
@@ -34,7 +36,7 @@ from sepmc.report.drawing import drawing
 from sepmc.report.driver_figures import scatter_figure, tornado_figure
 from sepmc.report.figures import run_figures
 from sepmc.scene.messages import nearest, nobody
-from sepmc.scene.model import Requirement
+from sepmc.scene.model import SALTELLI, VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
 
 _DRIVEN = 4  # outcomes whose drivers are told unless some are named
@@ -98,7 +100,8 @@ def find_drivers(
         violates, there = causes.violating(item, rows, required)
         if count := int((violates & there).sum()):
             unknown = rows.rows - int(there.sum())
-            left = f" ({unknown} others have no such outcome)" if unknown else ""
+            lack = "are not known to" if item.metric == VIOLATION else "have no such outcome"
+            left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
     return Driven(found, apart, violated, keys)
 
@@ -138,9 +141,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         folded(text)
     if driven.drivers:
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
-        if named and (folder / "drivers.csv").exists():
-            before = pd.read_csv(folder / "drivers.csv")
-            table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
+        before = _told_before(folder, list(table.columns)) if named else table[:0]
+        table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
         store.write_text(folder / "drivers.csv", table.to_csv(index=False))
         click.echo(folder / "drivers.csv")
     store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
@@ -148,6 +150,17 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     if plots:
         for path in draw_drivers(driven, folder, loaded, folder):
             click.echo(path)
+
+
+def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
+    """What ``drivers.csv`` has, if it is of the cases that the run has now."""
+    path, of_cases = folder / "drivers.csv", folder / "manifest.json"
+    if path.exists() and path.stat().st_mtime > of_cases.stat().st_mtime:
+        with suppress(pd.errors.ParserError, pd.errors.EmptyDataError):
+            found = pd.read_csv(path)
+            if list(found.columns) == columns:
+                return found
+    return pd.DataFrame(columns=pd.Index(columns))
 
 
 def draw_drivers(
@@ -214,14 +227,13 @@ def tell_comparison(
         {d.parameter.column: (d.law, d.numbers, d.weights) for d in run.file.dispersions}
         for run in runs
     ]
-    draws = [
-        (store.read_manifest(folder).get("seed"), run.scene.run.sampler)
-        for folder, run in zip(folders, runs, strict=True)
-    ]
+    draws = [_drawn(store.read_manifest(f), run) for f, run in zip(folders, runs, strict=True)]
+    given = {d.parameter.column for run in runs for d in run.file.dispersions if d.column}
     redrawn = [
         name
         for name in inputs
-        if draws[0] != draws[1] or laws_of[0].get(name) != laws_of[1].get(name)
+        if (draws[0] != draws[1] and name not in given)
+        or laws_of[0].get(name) != laws_of[1].get(name)
     ]
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
@@ -241,6 +253,14 @@ def tell_comparison(
         units = {c.name: c.unit for c in runs[0].outcome_columns}
         names = str(folders[0]), str(folders[1])
         click.echo(f"wrote {overlay_figure(values, out, units, names)}")
+
+
+def _drawn(manifest: dict[str, Any], run: Campaign) -> tuple[Any, ...]:
+    """What the draws of a case follow from, but for the laws."""
+    sampler, drawn = run.scene.run.sampler, [d for d in run.file.dispersions if not d.column]
+    together = tuple(d.parameter.path for d in drawn) if sampler in ("sobol", SALTELLI) else ()
+    size = run.scene.run.cases if sampler in OF_ITS_SIZE else 0
+    return manifest.get("seed"), sampler, together, size
 
 
 def _common(one: list[str], two: list[str]) -> list[str]:
@@ -331,7 +351,7 @@ def _worst(
     loaded: Campaign, verdicts: list[Any], seed: int, into: Path, say: Callable[[str], None]
 ) -> list[page.Replay]:
     """The worst cases of the requirements, flown again and drawn into a folder."""
-    told = [v for v in verdicts if v.worst_case is not None]
+    told = [v for v in verdicts if v.worst_case is not None and v.metric != VIOLATION]
     told.sort(key=lambda v: not v.violations)  # what is violated goes first
     worst = {v.worst_case: v for v in reversed(told)}
     found, solver = [], loaded.scene.solver

@@ -330,7 +330,7 @@ def replay(
     multiple=True,
     metavar="TERM",
     help="Of the cases only in which this holds, such as joint.bolt.fails=1 or spring.*.fails=1 "
-    "(any of them); writes nothing.",
+    "(any of them), or several with ' or ' between them; given twice, both hold. Writes nothing.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print what statistics.json holds instead of tables."
@@ -445,9 +445,10 @@ def plot(folder: Path, every: bool, ending: str) -> None:
 def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
     """Which inputs drive each OUTCOME of RUN, or the four that matter most: first-order indices
     (of a Saltelli campaign total ones too), rank and partial rank correlation, and the means where
-    the input is lowest and highest. Then which inputs, and pairs of inputs, set apart the cases
-    that violate a requirement or did not come to their end. Writes drivers.csv, causes.csv and
-    drivers.png into RUN.
+    the input is lowest and highest; inputs of the surest index first, among them those that shift
+    the mean farthest. Then which inputs, and pairs of inputs, set apart the cases that violate a
+    requirement or did not come to their end. Writes drivers.csv (what it has of other outcomes
+    stays), causes.csv, drivers.png and scatter.png into RUN.
 
     \b
     Example:

@@ -1,33 +1,34 @@
 """Work shared out among processes of their own, which end with this one."""
 
 import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, get_context, resource_tracker
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Processes that start meanwhile ignore interruptions from their first instant on."""
-    if threading.current_thread() is not threading.main_thread():  # which alone may say so
+    """Processes that start meanwhile never hear of an interruption; this one does afterwards."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # as it starts it lets signals through
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """So many processes to hand work to. They are killed if this one is interrupted or fails, and
-    say nothing of an interruption: this one does."""
+    """So many processes to hand work to; with 0 of them, one that starts if it is asked. They are
+    killed if this one is interrupted or fails, and say nothing of an interruption: this one does.
+    """
     others = set(active_children())
     with ProcessPoolExecutor(
-        count,
+        max(count, 1),
         mp_context=get_context("spawn"),  # not forked: threads of compiled code may run
         initializer=signal.signal,
         initargs=(signal.SIGINT, signal.SIG_IGN),
@@ -35,7 +36,7 @@ def processes(count: int) -> Iterator[ProcessPoolExecutor]:
         try:
             with _uninterrupted():
                 for _ in range(count):
-                    pool.submit(int)  # each starts one
+                    pool.submit(int)  # each starts one, as none is idle yet
             yield pool
         except BaseException:
             for process in set(active_children()) - others:

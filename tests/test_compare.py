@@ -139,6 +139,14 @@ def test_command(runs, tmp_path):
     call("compare", tmp_path / "rarely", tmp_path / "other", "--out", tmp_path / "seeds")
     kept = pd.read_csv(tmp_path / "seeds" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
+    with flown_plainly():  # of this sampler each number of cases is another draw
+        for count in (20, 40):
+            settings = {"run.sampler": "lhs", key: thrusts | {"weights": [0.9, 0.1]}}
+            several = sepmc.load(runs / "light", settings)
+            several.run(cases=count, seed=3, out=tmp_path / f"lhs{count}")
+    call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
+    kept = pd.read_csv(tmp_path / "sizes" / "compare.csv", index_col="outcome")
+    assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")
     assert "what differs in the files\n  nothing\n" in same.stdout
     assert call("compare", runs / "light", tmp_path).exit_code == 2

@@ -17,7 +17,8 @@ if __name__ == "__main__":
         with processes(2) as pool:
             pool.submit(time.sleep, 60.0)
             print("ready", flush=True)
-            time.sleep(60.0)
+            while True:  # an interruption just before a long sleep would wait for its end
+                time.sleep(0.05)
     except KeyboardInterrupt:
         print("interrupted")
 """

@@ -322,8 +322,14 @@ def test_all_requirements_together():
         near[100 : 100 + doubtful] = 1.0 + 1e-6
         wrong = errors | {"speed_m_s": (1e-5, 1.0)}
         assert together(gap, near, statuses, wrong)[0].verdict == said
+    faster = Requirement(name="faster", metric="speed_m_s", at_least=1.0, probability=0.5)
+    twice = (ALL, CLEAR, FAST, faster)  # what is in doubt for both is so once
+    near = speed.copy()
+    near[100:108] = 1.0 + 1e-6
+    wrong = errors | {"speed_m_s": (1e-5, 1.0)}
+    assert together(gap, near, statuses, wrong, twice)[0].verdict == PASS
     unknown = together(gap, speed, statuses, {"gap_mm": (1e-9, 1.0)})[0]
-    assert (unknown.verdict, "is not known" in unknown.why) == (NONE, True)
+    assert (unknown.verdict, "speed_m_s is not known" in unknown.why) == (NONE, True)
 
 
 @pytest.mark.parametrize(

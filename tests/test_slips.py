@@ -186,6 +186,9 @@ def test_check_flies_the_nominal_case():
     ("law", "expected"),
     [
         ({"normal": [0.1, 0.04]}, 10_000 * norm.sf(2.5)),
+        ({"normal": [0.1, 0.1]}, 10_000 * norm.sf(1.0)),
+        ({"normal": [-0.2, 0.1]}, 10_000 * norm.cdf(2.0)),
+        ({"normal": [0.0, 0.1]}, 5_000.0),
         ({"normal": 0.3, "relative": True}, 10_000 * norm.sf(1.0 / 0.3)),
         ({"normal": 0.2, "relative": True}, 0.0),  # 0.003 cases
         ({"normal": 0.3, "relative": True, "truncate_sigma": 3.0}, 0.0),
@@ -198,5 +201,6 @@ def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
     found = [one for one in of_file(loaded("table2", {key: law} | burn)) if "truncate_sigma" in one]
     assert len(found) == bool(expected)
     for one in found:
-        assert f"about {expected:.2g} of 10000 cases" in one
+        shown = f"{expected:.0f}" if expected >= 100.0 else f"{expected:.2g}"
+        assert f"about {shown} of 10000 cases" in one
         assert key.removeprefix("dispersion.") in one

@@ -4,8 +4,8 @@ rest.
 An input is cut into parts of equally many cases, a pair into cells. What the part or cell of a case
 tells of whether the case violates is their mutual information; against what chance would tell, n
 cases give a chi-square of 2 n times it (the G-test: Sokal and Rohlf, Biometry, 17). A pair is named
-where each of its inputs tells something that the other does not, and where a cell has a larger
-share of violations than what else lies in the same part of either.
+where each of its inputs tells something that the other does not, and where the odds of a violation
+are larger by half in a cell than in what else lies in the same part of either.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from sepmc.scene.model import Requirement
 _PARTS = (2, 8)  # fewest and most parts of an input
 _EACH = 1.0  # violations for each part of an input, or cell of a pair, on average: with fewer the
 # G-test finds too little; by 12 of them and more chance comes out right within a factor of three
-_BOTH = 1.5  # times as often as in the rest of either part, at least, a cell of a pair violates
+_BOTH = 1.5  # times the odds in the rest of either part, at least, are those in a cell of a pair
 _CHANCE = 1e-3  # that anything at all is named of what has no cause
 
 
@@ -156,12 +156,10 @@ def _cause(
     inside = np.bincount(cells[violates], minlength=size).reshape(shape)
     cases = np.bincount(cells, minlength=size).reshape(shape)
     alone = _told(np.array([[inside, k - inside], [cases - inside, n - k - (cases - inside)]]))
-    shares = inside / np.maximum(cases, 1)
-    alone[shares <= k / n] = -1.0
+    alone[inside <= cases * (k / n)] = -1.0
     for axis in range(len(shape)) if len(shape) > 1 else ():  # along each input of a pair
-        rest = cases.sum(axis=axis, keepdims=True) - cases
-        elsewhere = (inside.sum(axis=axis, keepdims=True) - inside) / np.maximum(rest, 1)
-        alone[shares < _BOTH * elsewhere] = -1.0
+        rest, of_rest = (x.sum(axis=axis, keepdims=True) - x for x in (cases, inside))
+        alone[_odds(inside, cases) < _BOTH * _odds(of_rest, rest)] = -1.0
     at = np.unravel_index(int(np.argmax(alone)), shape)
     if alone[at] < 0.0:
         return None
@@ -171,6 +169,11 @@ def _cause(
     )
     told = float(np.clip(share, 0.0, 1.0))
     return Cause(tuple(within), told, chance, region, int(inside[at]), k, int(cases[at]))
+
+
+def _odds(inside: np.ndarray, cases: np.ndarray) -> np.ndarray:
+    """Odds of a violation, with half a case on either side (Haldane, Ann. Hum. Genet. 20, 1956)."""
+    return np.asarray((inside + 0.5) / (cases - inside + 0.5))
 
 
 def table(found: Mapping[str, Sequence[Cause]]) -> pd.DataFrame:

@@ -49,15 +49,16 @@ def are_pairs(
     changed: Collection[str] = (),
 ) -> np.ndarray:
     """Which cases (n,) of the numbers that both tables hold have equal inputs, but for those that
-    were changed: whose laws were, or that differ in every case, as correlation makes them. Where
-    all were changed there are no pairs, unless both tables hold the same cases.
+    were changed: that were drawn anew, or that differ in every case, as correlation makes them.
+    Where all were changed there are no pairs, unless both tables hold the same cases.
 
     Parameters
     ----------
     one, two : mapping of name to column
         ``case`` and inputs; cases are numbered from 0 without a gap.
     inputs : names of the inputs that both have
-    changed : those of them whose laws differ, though they may agree in some cases
+    changed : those of them that were drawn anew, as their laws differ, or the seed: they may agree
+        in some cases all the same
     """
     count = min(len(one["case"]), len(two["case"]))
     equal = {name: column(one, name)[:count] == column(two, name)[:count] for name in inputs}
@@ -81,7 +82,7 @@ def compare(
     one, two : mapping of name to column
         ``case``, ``status``, inputs, outcomes.
     inputs, outcomes : names that both have
-    changed : inputs whose laws differ between the two; see `are_pairs`
+    changed : inputs that were drawn anew; see `are_pairs`
 
     Returns
     -------

@@ -10,7 +10,6 @@ indices: with all that an input does together with others.
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -100,12 +99,12 @@ def drivers(
 
 
 def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
-    """The ``most`` inputs of `drivers` that do most, in its order: in turn by their first-order
-    indices and by how far they shift the mean, as a failure that few cases have may shift it
-    farthest and yet explain little of the variance."""
-    by_shift = table["shift"].sort_values(ascending=False, kind="stable").index
-    in_turn = dict.fromkeys(chain.from_iterable(zip(table.index, by_shift, strict=True)))
-    return table[table.index.isin(list(in_turn)[:most])]
+    """The ``most`` inputs of `drivers` that do most, in its order: the first of it, but a place in
+    four for those of the others that surely shift the mean farthest, as a failure of few cases may
+    that explains little of the variance."""
+    kept = most - max(1, most // 4)
+    others = table.iloc[kept:]["shift"].sort_values(ascending=False, kind="stable").index
+    return table[table.index.isin([*table.index[:kept], *others[: most - kept]])]
 
 
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
@@ -129,7 +128,7 @@ def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
 def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, float]:
     """Means of an outcome where an input, ``of_few`` values or many, is lowest, and highest, and
     how far they are apart at least: the near end of Student's interval with the freedoms of the
-    fewer cases, no less than 0."""
+    fewer cases, no less than 0. Cases of one of few values vary as all do, at least."""
     from scipy.special import ndtr, stdtrit  # noqa: PLC0415  (0.1 s)
 
     low, high = (x.min(), x.max()) if of_few else np.quantile(x, (_TENTH, 1.0 - _TENTH))
@@ -137,7 +136,9 @@ def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, fl
     first, last, fewer = float(ends[0].mean()), float(ends[1].mean()), min(map(len, ends))
     if fewer == 1:
         return first, last, 0.0
-    spread = np.sqrt(sum(end.var(ddof=1) / len(end) for end in ends))
+    # few cases can be alike by chance
+    least = y.var(ddof=1) if of_few else 0.0
+    spread = np.sqrt(sum(max(end.var(ddof=1), least) / len(end) for end in ends))
     reach = stdtrit(fewer - 1, ndtr(TWO_SIDED)) * spread
     return first, last, max(abs(last - first) - float(reach), 0.0)
 
@@ -230,13 +231,13 @@ def text(
     ]
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
-    left = len(table) - most
+    left = len(table) - len(rows)
     return "\n".join(
         [
             f"what drives {outcome}, the surest first-order index first",
             *(f"  {line}".rstrip() for line in lines),
         ]
-        + ([f"  and {left} inputs that do less"] if left > 0 else [])
+        + ([f"  and {left} more inputs"] if left > 0 else [])
         + _left_over(table)
     )
 

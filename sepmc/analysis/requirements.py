@@ -179,6 +179,8 @@ def violating(
     ``others`` are those that a requirement on `VIOLATION` is about."""
     if requirement.metric == VIOLATION:
         found = [violating(one, cases) for one in others if one.metric != VIOLATION]
+        ended = ok_rows(cases)  # of others it is known what they are, but not what they would be
+        found = [(one, there & (ended | one)) for one, there in found]
         violates = np.any([one & there for one, there in found], axis=0)
         return violates, violates | np.all([there for _, there in found], axis=0)
     labels = np.asarray(cases["status"], dtype=object)
@@ -203,8 +205,9 @@ class Verdict:
     ``design_value`` : what the required share of all cases does not pass, with the confidence: an
     order statistic; None if the cases are too few, or there are two bounds
     ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, a
-    status, or in no case there, None, and the first case that violates
-    ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there
+    status, a violation of others, or in no case there, None, and the first case that violates
+    ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there; None
+    where others are violated
     """
 
     name: str
@@ -271,7 +274,12 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
     may = allowed(n, item.probability, item.confidence) if n else -1
-    parts = [(one, _error_at(one.requirement, errors)) for one in tally.others or [tally]]
+    # what two say of one bound is in doubt once
+    about = {
+        (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
+        for one in tally.others or [tally]
+    }
+    parts = [(one, _error_at(one.requirement, errors)) for one in about.values()]
     verdict, why = _verdict(tally, parts, none)
     known = k - tally.missing
     worst, worst_case = tally.extreme
@@ -322,9 +330,11 @@ def _verdict(tally: Tally, parts: Sequence[tuple[Tally, float]], none: str) -> t
     if none:
         return NONE, none
     if tally.missing == n:
-        return NONE, "no case came to its end with this outcome"
-    if any(math.isnan(error) for _, error in parts):
-        return NONE, "the numerical error of this outcome is not known"
+        what = "all of these outcomes" if tally.others else "this outcome"
+        return NONE, f"no case came to its end with {what}"
+    unknown = [part.requirement.metric for part, error in parts if math.isnan(error)]
+    if unknown:
+        return NONE, f"the numerical error of {', '.join(unknown)} is not known"
     found, fewer, more = set(), 0, 0
     for part, error in parts:
         doubt = part.in_doubt(error)

@@ -128,7 +128,7 @@ def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[
     units = {c.name: c.unit for c in campaign.outcome_columns}
     for item in campaign.file.requirements:
         value = outcomes.get(item.metric)
-        if value is None:  # a status
+        if value is None:  # a status, or a violation of others
             continue
         if math.isnan(value):
             yield f"requirement.{item.name}: the nominal case has no {item.metric}"

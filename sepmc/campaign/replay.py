@@ -108,7 +108,7 @@ def worst(
     summary: Rows | Stream, campaign: Definition, errors: dict, asked: str
 ) -> tuple[int, str]:
     """The worst case of a requirement, which is named, or by its metric, and what it is; of an
-    outcome that is yes or no, or of a status, the first of those that violate it."""
+    outcome that is yes or no, of a status or of a violation, the first that violates it."""
     known = [name for item in campaign.file.requirements for name in (item.name, item.metric)]
     audited, sampler = summary.audit(), campaign.scene.run.sampler
     for verdict in summary.verdicts(errors, audited, sampler):

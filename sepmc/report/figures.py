@@ -54,7 +54,7 @@ _GAP = "_clearance_mm"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
-BY_JOINT = tuple((colour, style) for style in ("-", "--", ":") for colour in EDGES)
+BY_JOINT = tuple((colour, style) for style in ("-", "--", ":", "-.") for colour in EDGES)
 SAMPLES = 5  # single cases drawn into the bands
 # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
 # blown up to fill the axes

@@ -75,17 +75,22 @@ class Dispersion:
         """What share of values a law with tails gives that its parameter may not have, and how many
         sigma off its mean the nearest of them lies."""
         mean, sigma = self.numbers[:2]
+
+        def fits(z: float) -> bool:
+            return bool(self.allowed(np.array([mean + z * sigma]))[0])
+
         share, nearest = 0.0, math.inf
-        for side in (-sigma, sigma):
-            low, high = 0.0, _FARTHEST
-            if self.allowed(np.array([mean + high * side]))[0]:
+        for side in (-_FARTHEST, _FARTHEST):
+            low, high, within = 0.0, side, fits(0.0)
+            if fits(side) != within:  # a bound lies between
+                while abs(high - low) > _FARTHEST * 1e-12:
+                    middle = 0.5 * (low + high)
+                    low, high = (middle, high) if fits(middle) == within else (low, middle)
+            elif within:
                 continue
-            while high - low > _FARTHEST * 1e-12:
-                middle = 0.5 * (low + high)
-                inside = self.allowed(np.array([mean + middle * side]))[0]
-                low, high = (middle, high) if inside else (low, middle)
-            share, nearest = share + 0.5 * math.erfc(high / math.sqrt(2.0)), min(nearest, high)
-        return share, nearest
+            tail = 0.5 * math.erfc(abs(high) / math.sqrt(2.0))
+            share, nearest = share + (tail if within else 0.5 - tail), min(nearest, abs(high))
+        return share, nearest if fits(0.0) else 0.0
 
     def allowed(self, values: np.ndarray) -> np.ndarray:
         """Which of the values (n,), in the unit of the key, the parameter may have."""

@@ -123,11 +123,12 @@ def _tails(dispersions: Sequence[Dispersion], cases: int) -> Iterator[str]:
     for law in dispersions:
         share, nearest = law.beyond() if law.has_tails else (0.0, math.inf)
         if share * cases >= _EXPECTED:
-            low, high = law.reach
+            count = share * cases
             yield (
-                f"dispersion of {law.sentence}: about {share * cases:.2g} of {cases} cases have a "
-                f"value, {nearest:.3g} sigma or more off {0.5 * (low + high):g}, that the key may "
-                "not have, and are not flown (invalid-input): cut the law by truncate_sigma"
+                f"dispersion of {law.sentence}: about {count:{'.0f' if count >= 100.0 else '.2g'}} "
+                f"of {cases} cases have a value, {nearest:.3g} sigma or more off the mean, that "
+                "the key may not have, and are not flown (invalid-input): cut the law by "
+                "truncate_sigma"
             )
 
 

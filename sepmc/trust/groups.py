@@ -41,7 +41,8 @@ def side_by_side(
 
     if len(names) == 1:
         apart, here = [], set(names)
-    with processes(max(1, (os.cpu_count() or 1) - len(here))) as pool:
+    cores = max(1, (os.cpu_count() or 1) - len(here))
+    with processes(min(cores, len(apart))) as pool:
         # the longest stand last in the lists
         flights = {pool.submit(fly, [name]): name for name in reversed(apart)}
         for name in here:

@@ -112,6 +112,10 @@ def _without_body(tree: Tree, body: str) -> Tree:
                 for item in smaller[key]
                 if item.get("body") != body and body not in item.get("bodies", [])
             ]
+    if "transverse" in smaller.get("output", {}):
+        smaller["output"]["transverse"] = [
+            name for name in smaller["output"]["transverse"] if name != body
+        ]
     gone = [
         name
         for name, joint in smaller.get("joint", {}).items()
