@@ -9,6 +9,7 @@ solids come with a proof: their nearest points, and a slab between them.
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 Array = np.ndarray
 THROUGH = 0.1  # share of a shell's radius within which a point outside has gone through its wall
@@ -280,6 +281,53 @@ def _axes_apart(a: tuple, b: tuple) -> Array:
 
 
 Motion = Callable[[Array], tuple[Array, Array]]
+
+
+def relative_motion(history, a: str, b: str) -> Motion:
+    """Attitude (n, 3, 3) and place (n, 3) of body b seen from a at times (n,), between the rows of
+    a history.
+
+    Places by cubics through position and velocity; attitudes of each body turn evenly from row to
+    row but for a cubic in time.
+    """
+    time = history["time_s"].to_numpy()
+    keep = np.append(np.diff(time) > 0.0, True)
+    rows = history[keep]
+    time = time[keep]
+    apart, speed = (
+        np.subtract(
+            *(rows[[f"{name}_{what}{axis}_{unit}" for axis in "xyz"]].to_numpy() for name in (b, a))
+        )
+        for what, unit in (("", "m"), ("v", "m_s"))
+    )
+    turns, rates = [], []
+    for name in (a, b):
+        turns.append(
+            Rotation.from_euler(
+                "ZYX",
+                np.radians(rows[[f"{name}_{k}_deg" for k in ("pitch", "yaw", "roll")]].to_numpy()),
+            )
+        )
+        rates.append(np.radians(rows[[f"{name}_omega_{k}_deg_s" for k in "xyz"]].to_numpy()))
+
+    def at(times: Array) -> tuple[Array, Array]:
+        i = np.clip(np.searchsorted(time, times, side="right") - 1, 0, len(time) - 2)
+        h = time[i + 1] - time[i]
+        u = ((times - time[i]) / h)[:, None]
+        h = h[:, None]
+        f0, f1 = (1.0 + 2.0 * u) * (1.0 - u) ** 2, u**2 * (3.0 - 2.0 * u)
+        g0, g1 = u * (1.0 - u) ** 2 * h, -(u**2) * (1.0 - u) * h
+        place = f0 * apart[i] + f1 * apart[i + 1] + g0 * speed[i] + g1 * speed[i + 1]
+        found = []
+        for turn, rate in zip(turns, rates, strict=True):
+            vector = (turn[i].inv() * turn[i + 1]).as_rotvec()
+            # the rates of the rotation vector are those of the body, to third order in it
+            start, end = rate[i], rate[i + 1] + 0.5 * np.cross(vector, rate[i + 1])
+            found.append(turn[i] * Rotation.from_rotvec(f1 * vector + g0 * start + g1 * end))
+        seen = found[0].inv()
+        return (seen * found[1]).as_matrix(), seen.apply(place)
+
+    return at
 
 
 def least_clearance(
