@@ -79,7 +79,8 @@ class Rows:
     ) -> list[Verdict]:
         """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
         such numerical ``errors``."""
-        why, every, labels = doubt(audit, sampler), tallies(self.requirements), self.cases["status"]
+        why, every = doubt(audit, sampler), tallies(self.requirements)
+        labels = np.asarray(self.cases["status"])
 
         def values(name: str) -> np.ndarray | None:
             return of.column(self.cases, name) if name in self.outcomes else None
@@ -89,7 +90,7 @@ class Rows:
             np.asarray(self.cases["case"]),
             self._ok,
             values,
-            lambda name: np.asarray(labels) == name,
+            lambda name: labels == name,
         )
         return [
             judge(tally, errors, self._design(tally, values(tally.requirement.metric)), why)
