@@ -273,9 +273,10 @@ def compile_(
     "--limit",
     "limit_s",
     type=click.FloatRange(min=0, min_open=True),
-    default=600.0,
+    default=60.0,
     show_default=True,
-    help="With --random: seconds after which a scene is left without a verdict.",
+    help="With --random: seconds after which a scene is left without a verdict (600 at least, if "
+    "it is compiled).",
 )
 @BRIEF
 @QUIET

@@ -305,4 +305,4 @@ def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
     found = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
     assert [v["rows"] for v in found] == [rows]
     assert drive.fails(found[0]) == ("silent" in rows)
-    assert asked == [(False, 1.0), (True, workers.LIMIT_S)]
+    assert asked == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]

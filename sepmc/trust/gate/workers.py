@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from typing import Any
 
 Job = dict[str, Any]
-LIMIT_S = 600.0  # of one scene
+LIMIT_S = 60.0  # of one scene flown as plain Python
+COMPILED_LIMIT_S = 600.0  # of one whose kernel is compiled
 # Faults of a scene that flew as plain Python, in steps found by few trial cases: the pilot that
 # users have decides, and if that takes too long they stand.
 _DOUBTED = {"silent", "door"}
@@ -80,7 +81,7 @@ def judge_all(
     jobs: list[Job], processes: int = 2, limit_s: float = LIMIT_S
 ) -> Iterator[dict[str, Any]]:
     """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than
-    ``limit_s`` gets none."""
+    ``limit_s`` (its job's own, if that has one) gets none."""
     left: queue.SimpleQueue[Job] = queue.SimpleQueue()
     found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     running: list[Worker] = []
@@ -114,14 +115,15 @@ def _work(
         if worker is None:
             worker = Worker(limit_s)
             running.append(worker)
-        verdict = worker.judge(job)
+        limit = job.get("limit_s", limit_s)
+        verdict = worker.judge(job, limit)
         dead = verdict is None
         if verdict and not job.get("compiled") and _DOUBTED & set(verdict.get("rows", ())):
-            again = worker.judge({**job, "compiled": True}, max(limit_s, LIMIT_S))
+            again = worker.judge({**job, "compiled": True}, max(limit, COMPILED_LIMIT_S))
             verdict, dead = again or verdict, again is None
         if verdict is None or "late" in verdict or "died" in verdict:
             stopped = worker.stopped if verdict is None else "late" in verdict
-            late = f"no verdict within {limit_s:g} s" if stopped else ""
+            late = f"no verdict within {limit:g} s" if stopped else ""
             name = job.get("name") or f"seed {job['seed']}"
             verdict = {
                 "name": name,
