@@ -147,7 +147,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
 
     assert told() == ""
     early = told("run.end_time_s=0.15")
-    assert "the nominal case has no pushed_upper_omega_z_deg_s" in early
+    assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
     assert "gap_clearance_mm is least as the nominal flight ends" in early
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong

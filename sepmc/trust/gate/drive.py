@@ -11,7 +11,7 @@ import tomli_w
 from sepmc.engine.door import now_and_then
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree
-from sepmc.trust.gate.workers import COMPILED_LIMIT_S, LIMIT_S, Job, Worker, judge_all
+from sepmc.trust.gate.workers import LIMIT_S, Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
 _EVERY_S = 10.0  # between words on how far it is
@@ -37,7 +37,7 @@ def gate(
     say : told a line for every scene that fails, and now and then how far it is
     cases : rows of a scene that are flown and compared
     limit_s : a scene that takes longer as plain Python gets no verdict, and is told; compiled, at
-        least `COMPILED_LIMIT_S`
+        least `workers.COMPILED_LIMIT_S`
 
     Returns
     -------
@@ -48,13 +48,7 @@ def gate(
         for number in range(seed, seed + count)
     ]
     jobs += [
-        {
-            "seed": n,
-            "cases": cases,
-            "compiled": True,
-            "name": f"seed {n}, compiled",
-            "limit_s": max(limit_s, COMPILED_LIMIT_S),
-        }
+        {"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"}
         for n in range(seed, seed + min(compiled, count))
     ]
     found: list[Found] = []

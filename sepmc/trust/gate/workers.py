@@ -81,7 +81,7 @@ def judge_all(
     jobs: list[Job], processes: int = 2, limit_s: float = LIMIT_S
 ) -> Iterator[dict[str, Any]]:
     """Verdicts on all jobs as they come, by so many processes; a scene that takes longer than
-    ``limit_s`` (its job's own, if that has one) gets none."""
+    ``limit_s``, or compiled also than `COMPILED_LIMIT_S`, gets none."""
     left: queue.SimpleQueue[Job] = queue.SimpleQueue()
     found: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     running: list[Worker] = []
@@ -115,11 +115,12 @@ def _work(
         if worker is None:
             worker = Worker(limit_s)
             running.append(worker)
-        limit = job.get("limit_s", limit_s)
+        longer = max(limit_s, COMPILED_LIMIT_S)
+        limit = longer if job.get("compiled") else limit_s
         verdict = worker.judge(job, limit)
         dead = verdict is None
         if verdict and not job.get("compiled") and _DOUBTED & set(verdict.get("rows", ())):
-            again = worker.judge({**job, "compiled": True}, max(limit, COMPILED_LIMIT_S))
+            again = worker.judge({**job, "compiled": True}, longer)
             verdict, dead = again or verdict, again is None
         if verdict is None or "late" in verdict or "died" in verdict:
             stopped = worker.stopped if verdict is None else "late" in verdict
