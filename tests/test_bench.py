@@ -58,9 +58,8 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     monkeypatch.setattr(scaling, "SIZES", (20, 40))
     # compiles for a minute; it has a test of its own
     monkeypatch.setattr(flops, "count", lambda *_: None)
-    # a kernel each: what every feature costs is measured of the reduced one
-    variants, measured = features._variants, 4 if formulation == "reduced" else 2
-    monkeypatch.setattr(features, "_variants", lambda *given: variants(*given)[:measured])
+    variants = features._variants  # a kernel each
+    monkeypatch.setattr(features, "_variants", lambda *given: variants(*given)[:2])
     if formulation == "full":
         took = [
             {"stage": s, "kind": "stage", "s": 1.0, "best_s": 1.0, "repeats": 1} for s in STAGES

@@ -33,7 +33,7 @@ from sepmc.trust.independent import fly
 LOADS = ("N", "N m", "N s", "N m s")  # what joints carry
 # cases flown, five blocks of lanes; those that are flown independently, each some seconds
 COUNT, FEW = 40, 4
-COMPILED = ("ring", "stack")  # of the small scenes; the third one flies as plain Python
+COMPILED, PLAIN = "stack", ("hanging", "ring")  # small scenes
 QUIET = {"run.history_step_s": 0.0}
 SHIPPED = (
     "table1",
@@ -168,15 +168,16 @@ def with_all_loads(campaign):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPILED)
+def test_a_small_scene_agrees_compiled():
+    """Joints, loads and ends of phases, see `small_scenes`: 1e-9."""
+    assert agree(with_all_loads(scene(COMPILED))) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLAIN)
 def test_small_scenes_agree(name):
-    """Every joint, load and end of a phase, see `small_scenes`: 1e-9."""
-    assert agree(with_all_loads(scene(name))) == 0
-
-
-def test_a_small_scene_agrees():
-    """The other of them as plain Python, at many steps."""
-    campaign = with_all_loads(scene("hanging"))
+    """The others of them as plain Python, at many steps."""
+    campaign = with_all_loads(scene(name))
     drawn = draws(campaign, 2)
     statuses, expected = by_independent_flights(campaign, 2)
     with interpreted():
@@ -191,10 +192,9 @@ def test_a_small_scene_agrees():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPILED)
-def test_small_scenes_are_flown_whole(name):
+def test_a_small_scene_is_flown_whole():
     """Through `run`: what the kernel left is there too, and the audit is small."""
-    campaign = with_all_loads(scene(name)).with_settings(QUIET)  # by the kernel that agrees
+    campaign = with_all_loads(scene(COMPILED)).with_settings(QUIET)  # by the kernel that agrees
     table = campaign.run(cases=COUNT, seed=campaign.scene.run.seed).to_pandas()
     assert set(table["status"]) <= {"ok", "never-released"}
     assert np.count_nonzero(table["status"] == "ok") > COUNT // 2
@@ -313,11 +313,10 @@ def test_same_bits_in_any_lane(quiet, flight):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMPILED)
-def test_same_bits_where_lanes_are_through_at_different_times(name):
-    """Scenes with switches, strokes and late joints within their phases, alone, in reverse and
+def test_same_bits_where_lanes_are_through_at_different_times():
+    """A scene with switches, strokes and late joints within its phases, alone, in reverse and
     shuffled."""
-    campaign = with_all_loads(scene(name))
+    campaign = with_all_loads(scene(COMPILED))
     flight, drawn = pilot.plan_flight(campaign), draws(campaign, 5 * LANES)
     assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
     base = special(campaign, flight, drawn)

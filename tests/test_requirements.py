@@ -147,12 +147,22 @@ def test_a_status_that_must_not_occur():
 
 
 def test_two_bounds():
-    """Between 5 and 8: below and beyond violate; there is no design value."""
+    """Between 5 and 8: below and beyond violate; the design value is a margin."""
     item = Requirement(name="in", metric="gap_mm", at_least=5.0, at_most=8.0, probability=0.5)
     found = verdict([5.0, 8.0, 4.0, 9.5, 6.0, 7.0, 7.0, 7.0, 7.0, 7.0], item)
     assert (found.violations, found.worst, found.worst_case) == (2, 9.5, 3)
-    assert found.design_value is None
     assert found.nearest == 0.0
+    assert found.design_value == 0.0  # two of ten may lie outside, the third margin
+    item = Requirement(name="in", metric="gap_mm", at_least=5.0, at_most=8.0, probability=0.9)
+    for outer, margin, said in (
+        (9.25, -1.25, "are at most 1.250 mm beyond a bound"),
+        (7.25, 0.75, "are at least 0.7500 mm within both bounds"),
+    ):
+        found = verdict([outer] * 20 + [6.5] * 80, item)
+        assert found.design_value == margin
+        assert f"90 % of all cases {said}, with 90 %" in requirements.text(
+            [found], {"gap_mm": "mm"}, 200
+        )
 
 
 def test_design_value():

@@ -10,7 +10,7 @@ from sepmc.campaign.accuracy import scene_scales
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
-CASES, COMPARED = 60, 20
+CASES, COMPARED = 60, 10
 PINS = {"pins": 1, "engaged_m": 0.2, "slip_speed_m_s": 0.05}
 BENT = {
     "body.aft.cg_m": [3.0, 0.5, 0.0],

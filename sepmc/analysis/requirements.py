@@ -164,6 +164,11 @@ def tally_all(
             tally.add_any(numbers, counted)
 
 
+def has_two_bounds(requirement: "Requirement | Verdict") -> bool:
+    """Whether a requirement has a bound on either side."""
+    return requirement.at_least is not None and requirement.at_most is not None
+
+
 def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndarray:
     """How far values (n,) are within the bound; below zero beyond it; NaN of NaN."""
     low, high = requirement.at_least, requirement.at_most
@@ -203,7 +208,8 @@ class Verdict:
     no and from all cases of which it is not known; ``share_at_least``, ``share_at_most``: each with
     the confidence of the requirement
     ``design_value`` : what the required share of all cases does not pass, with the confidence: an
-    order statistic; None if the cases are too few, or there are two bounds
+    order statistic; between two bounds, of the margin to the nearer one, below zero beyond it; None
+    if the cases are too few
     ``worst``, ``worst_case`` : the outcome that is worst, and its case; where it is yes or no, a
     status, a violation of others, or in no case there, None, and the first case that violates
     ``nearest`` : least distance of a case from the bound; ``error`` : numerical error there; None
@@ -239,13 +245,13 @@ class Verdict:
 
 
 def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.ndarray]) -> float:
-    """The design value among so many outcomes, ``ranked`` by rising places; NaN if there is
-    none."""
+    """The design value among so many outcomes, of two bounds `margins`, ``ranked`` by rising
+    places; NaN if there is none."""
     item = tally.requirement
-    if (item.at_least is None) == (item.at_most is None):  # on a status, or between two bounds
+    if item.at_least is item.at_most is None:  # on a status
         return math.nan
     place = design_place(
-        count, item.probability, item.confidence, item.at_most is not None, tally.missing
+        count, item.probability, item.confidence, item.at_least is None, tally.missing
     )
     return math.nan if place is None else float(ranked(np.array([place]))[0])
 
@@ -419,11 +425,7 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
     if v.worst is not None:
         said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
         if v.design_value is not None and v.verdict != NONE:
-            sign = ">=" if v.at_least is not None else "<="
-            said += (
-                f"; {required} of {of} are {sign} {_number(v.design_value)}{_spaced(unit)}, "
-                f"with {confidence}"
-            )
+            said += f"; {required} of {of} are {_designed(v, unit)}, with {confidence}"
         lines.append(said)
     head, indent = f"  {v.verdict.upper():10s}  ", " " * 14
     return "\n".join(
@@ -435,6 +437,17 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
         ).replace(_KEPT, " ")
         for i, line in enumerate(lines)
     )
+
+
+def _designed(v: Verdict, unit: str) -> str:
+    """The design value in words."""
+    value = v.design_value or 0.0
+    if has_two_bounds(v):
+        size = f"{_number(abs(value))}{_spaced(unit)}"
+        if value >= 0.0:
+            return f"at least {size} within both bounds"
+        return f"at most {size} beyond a bound"
+    return f"{'>=' if v.at_least is not None else '<='} {_number(value)}{_spaced(unit)}"
 
 
 def _violating(v: Verdict) -> str:

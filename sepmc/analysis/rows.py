@@ -15,7 +15,9 @@ from sepmc.analysis.requirements import (
     Verdict,
     design_value,
     doubt,
+    has_two_bounds,
     judge,
+    margins,
     tallies,
     tally_all,
 )
@@ -101,6 +103,8 @@ class Rows:
         if values is None:
             return np.nan
         known = values[self._ok & ~np.isnan(values)]
+        if has_two_bounds(tally.requirement):
+            known = margins(known, tally.requirement)
         return design_value(tally, len(known), partial(ranked, known))
 
     def histogram(self, name: str) -> of.Histogram | None:

@@ -17,7 +17,9 @@ from sepmc.analysis.requirements import (
     Verdict,
     design_value,
     doubt,
+    has_two_bounds,
     judge,
+    margins,
     tallies,
     tally_all,
 )
@@ -59,6 +61,7 @@ class Stream:
         self.tallies = tallies(requirements)
         self.moments = {name: Moments() for name in outcomes}
         self.sketches = {name: Sketch() for name in outcomes}
+        self.margins = {item.name: Sketch() for item in requirements if has_two_bounds(item)}
         self.audits = {name: Worst(name, bounds) for name in audits}
         self._held = np.empty((len(outcomes) + len(audits), GRAIN))
         self._numbers, self._codes, self._filled = (
@@ -124,6 +127,9 @@ class Stream:
                 x, cases = x[~lost], cases[~lost]
             moments.add(x, cases)
             self.sketches[name].add(x)
+            for item in (tally.requirement for tally in self.tallies):
+                if item.metric == name and item.name in self.margins:
+                    self.margins[item.name].add(margins(x, item))
         for worst, column in zip(self.audits.values(), columns[len(self.moments) :], strict=True):
             worst.add(column[ok], numbers)
 
@@ -169,7 +175,8 @@ class Stream:
         name = tally.requirement.metric
         if name not in self.moments:
             return float("nan")
-        return design_value(tally, self.moments[name].n, self.sketches[name].ranked)
+        known = self.margins.get(tally.requirement.name, self.sketches[name])
+        return design_value(tally, self.moments[name].n, known.ranked)
 
     def histogram(self, name: str) -> Histogram | None:
         """Histogram of an outcome, or None if it has no value or an infinite one."""

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, Polygon
-from matplotlib.transforms import Bbox
 
 from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, save
 from sepmc.scene.dispersion import Dispersion
@@ -64,32 +63,32 @@ class _Labels:
         the axes; the axes have been laid out."""
         canvas = self.ax.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)
-        renderer, within = canvas.get_renderer(), self.ax.get_window_extent()
-        taken = [
-            Bbox.from_bounds(x - _MARK, y - _MARK, 2 * _MARK, 2 * _MARK)
-            for x, y in self.ax.transData.transform(self.marks)
-        ]
+        renderer, within = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])
+        marks = self.ax.transData.transform(self.marks).reshape(-1, 2)
+        taken = np.hstack([marks - _MARK, marks + _MARK])
         for at, names, colour in self.names.values():
             text = self.ax.annotate(
                 names[0] + (f" +{len(names) - 1}" if len(names) > 1 else ""), at, (0, 0),
                 textcoords="offset points", fontsize=7.5, color=colour, zorder=6,
             )  # fmt: skip
             text.set_in_layout(False)  # it lies within
-            found = []
+            boxes = []
             for across, up, side, end in _BESIDE:
                 text.set(position=(across, up), ha=side, va=end)
-                box = text.get_window_extent(renderer)
-                inside = Bbox.intersection(box, within)
-                outside = _area(box) - (_area(inside) if inside else 0.0)
-                covered = [Bbox.intersection(box, other) for other in taken]
-                found.append(outside + sum(_area(each) for each in covered if each))
-            across, up, side, end = _BESIDE[int(np.argmin(found))]
+                boxes.append(text.get_window_extent(renderer).extents)
+            found = np.array(boxes)
+            outside = _common(found, found).diagonal() - _common(found, within)[:, 0]
+            least = int(np.argmin(outside + _common(found, taken).sum(axis=1)))
+            across, up, side, end = _BESIDE[least]
             text.set(position=(across, up), ha=side, va=end)
-            taken.append(text.get_window_extent(renderer))
+            taken = np.vstack([taken, found[least]])
 
 
-def _area(box: Bbox) -> float:
-    return float(box.width * box.height)
+def _common(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Areas (n, m) that boxes (n, 4) have in common with others (m, 4), of two corners each."""
+    low = np.maximum(boxes[:, None, :2], others[:, :2])
+    high = np.minimum(boxes[:, None, 2:], others[:, 2:])
+    return np.prod(np.maximum(high - low, 0.0), axis=2)
 
 
 _SIDE = _View(0, 1, ("station (m)", "y, up (m)"))

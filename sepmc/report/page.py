@@ -11,7 +11,15 @@ from typing import Any
 import jinja2
 import pandas as pd
 
-from sepmc.analysis.requirements import FAIL, NOT_SHOWN, PASS, Verdict, sentence, share_text
+from sepmc.analysis.requirements import (
+    FAIL,
+    NOT_SHOWN,
+    PASS,
+    Verdict,
+    has_two_bounds,
+    sentence,
+    share_text,
+)
 from sepmc.analysis.statistics import groups, rounded
 
 _STYLES = {PASS: "pass", FAIL: "fail"}
@@ -143,7 +151,8 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
         "worst": f"case {v.worst_case}"
         if v.worst is None and v.worst_case is not None
         else shown(v.worst, f" ({v.worst_case})"),
-        "design": shown(v.design_value),
+        "design": ("margin " if has_two_bounds(v) and v.design_value is not None else "")
+        + shown(v.design_value),
     }
 
 

@@ -27,8 +27,8 @@ def beyond_figure(
 ) -> Path:
     """Draw for each requirement on an outcome the share of cases beyond each of its values, on the
     side of the bound, with Clopper and Pearson's 95 % band at each value; between two bounds the
-    share of cases that have less than each margin to the nearer of them; into
-    ``requirements.png``, or with another ``suffix``; returns its path.
+    share of cases that have less than each margin to the nearer of them (so is the design value);
+    into ``requirements.png``, or with another ``suffix``; returns its path.
 
     Parameters
     ----------

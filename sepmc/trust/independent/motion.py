@@ -73,6 +73,12 @@ class Motion:
     def wrenches(self, t: float, s: State) -> dict[str, tuple[Array, Array]]:
         """Force and moment of every joint on its second body now, ground axes."""
         _, added, rows, _ = self.at(t, s)
+        return self.wrenches_of(s, added, rows)
+
+    def wrenches_of(
+        self, s: State, added: Array, rows: Rows | None
+    ) -> dict[str, tuple[Array, Array]]:
+        """The same of what `at` tells."""
         found = dict.fromkeys(self.joints, (np.zeros(3), np.zeros(3)))
         if rows is not None:
             multipliers = rows.multipliers(added)
@@ -83,10 +89,13 @@ class Motion:
             }
         return found
 
-    def held_along(self, name: str, t: float, s: State) -> tuple[float, Array, Array]:
+    def held_along(
+        self, name: str, t: float, s: State, rubbing: dict[str, float]
+    ) -> tuple[float, Array, Array]:
         """Force that drives a joint apart, N: less the one that would hold it along x, if its pins
-        did not rub. Force and moment on its second body if that one did hold it."""
-        joint, (_, _, _, rubbing) = self.joints[name], self.at(t, s)
+        did not rub, but others as they do. Force and moment on its second body if that one did
+        hold it."""
+        joint = self.joints[name]
         force, moment = self.loads.on_bodies(t, s)
         for other, size in rubbing.items():
             if other != name:

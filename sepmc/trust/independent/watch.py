@@ -28,6 +28,15 @@ _FLAT, _APART = 1e-11, 1e-6
 _ROUND_OFF = 1e-14
 
 
+class _Instant:
+    """A motion at a time: wrenches of its joints, friction of its guides."""
+
+    def __init__(self, motion: Motion, t: float, s: State):
+        self.t, self.s = t, s
+        _, added, rows, self.friction = motion.at(t, s)
+        self.wrenches = motion.wrenches_of(s, added, rows)
+
+
 class Watch:
     """Peaks and integrals of a flight, step by step. ``peaks``: value and time, by what it is
     of."""
@@ -56,25 +65,18 @@ class Watch:
                 ]
         return found
 
-    def values(self, t: float, s: State, wanted: list[Any]) -> Array:
-        """All quantities at a state, each such that its peak is its greatest value."""
-        motion, found = self.motion, []
-        wrenches = motion.wrenches(t, s)
-        pins = {
-            name: contacts(motion.joints[name], s, *wrenches[name])
-            for name in self.guides
-            if (name, "jam") in wanted
-        }
-        for name, what in wanted:
-            if what in ("force", "moment"):
-                found.append(float(np.linalg.norm(wrenches[name][0 if what == "force" else 1])))
-            elif what == "jam":
-                drive, *wrench = motion.held_along(name, t, s)
-                carried = total(contacts(motion.joints[name], s, *wrench))
-                found.append(-drive / carried if carried > 0.0 else -math.inf)
-            else:
-                found.append(float(np.sqrt(np.sum(pins[name][:, what] ** 2, axis=-1)).max()))
-        return np.array(found)
+    def value(self, what: Any, now: "_Instant") -> float:
+        """A quantity at an instant, such that its peak is its greatest value."""
+        name, which = what
+        joint = self.motion.joints[name]
+        if which in ("force", "moment"):
+            return float(np.linalg.norm(now.wrenches[name][0 if which == "force" else 1]))
+        if which == "jam":
+            drive, *wrench = self.motion.held_along(name, now.t, now.s, now.friction)
+            carried = total(contacts(joint, now.s, *wrench))
+            return -drive / carried if carried > 0.0 else -math.inf
+        loads = contacts(joint, now.s, *now.wrenches[name])[:, which]
+        return float(np.sqrt(np.sum(loads**2, axis=-1)).max())
 
     def step(self, dense: Callable[[float], Array], start: float, end: float) -> None:
         """Watch a step from its interpolation."""
@@ -85,17 +87,21 @@ class Watch:
             return
 
         @cache
-        def all_at(t: float) -> Array:
-            return self.values(t, self.motion.vehicle.state(t, dense(t)), wanted)
+        def instant(t: float) -> _Instant:
+            return _Instant(self.motion, t, self.motion.vehicle.state(t, dense(t)))
+
+        @cache
+        def value(what: Any, t: float) -> float:
+            return self.value(what, instant(t))
 
         times = np.linspace(start, end, _SAMPLES + 1)
-        table = np.array([all_at(float(t)) for t in times])
+        table = np.array([[value(what, float(t)) for what in wanted] for t in times])
         noise = self.noise = _ROUND_OFF * (
             float(np.abs(table[np.isfinite(table)]).max(initial=0.0))
             + float(self.motion.vehicle.mass.sum())
         )
         for i, what in enumerate(wanted):
-            one = partial(_item, all_at, i)
+            one = partial(value, what)
             kinks = self._extremes(what, one, times, table[:, i])
             if what in self.integrals:
                 self.integrals[what] += sum(
@@ -187,10 +193,6 @@ class Watch:
                 )[0]
             out[f"{name}_jam_friction"] = -self.peaks.get((name, "jam"), (math.nan, math.nan))[0]
         return out
-
-
-def _item(values: Callable[[float], Array], i: int, t: float) -> float:
-    return float(values(t)[i])
 
 
 def _integral(
