@@ -62,7 +62,7 @@ def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
     at, share = both.get_lines()[0].get_data()
     assert share[at == 0.0] == verdicts[0].violations / 200 == 29 / 200
     assert both.get_lines()[1].get_xdata()[0] == 0.0
-    assert both.get_xlabel() == "margin of x to the nearer of 10 and 180 mm, below 0 beyond it"
+    assert both.get_xlabel() == "margin of x (mm)\nto the nearer of 10 and 180, below 0 beyond it"
     at, share = side.get_lines()[0].get_data()
     assert share[at == 180.0] == verdicts[1].violations / 200 == 19 / 200
 

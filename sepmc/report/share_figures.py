@@ -50,8 +50,8 @@ def beyond_figure(
         shown, bound, upper = values[v.metric], bounds[0], v.at_least is None
         if len(bounds) > 1:
             shown, bound = margins(shown, v), 0.0
-            inside = f"margin of {name} to the nearer of {v.at_least:g} and {v.at_most:g}"
-            label = f"{inside} {unit}".rstrip() + ", below 0 beyond it"
+            within = f"to the nearer of {v.at_least:g} and {v.at_most:g}, below 0 beyond it"
+            label = f"margin of {label}\n{within}"
         _beyond(ax, shown, upper)
         ax.axvline(bound, color=VERMILION, linewidth=1.6, label="bound")
         allowed = 1.0 - v.probability
