@@ -269,14 +269,15 @@ def tell_given(
     import pandas as pd
 
     from sepmc.analysis import requirements
-    from sepmc.analysis.given import in_words, names_of, where
+    from sepmc.analysis.given import in_words, names_of, outcomes_of, where
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.statistics import ok_rows, summary_text
     from sepmc.campaign import store
     from sepmc.scene.messages import InputError
 
     cases = store.CaseColumns(folder)
-    held = where(cases, names_of(loaded.file.dispersions, list(cases)), given)
+    names = names_of(loaded.file.dispersions, list(cases))
+    held = where(cases, names, given)
     if not held.any():
         raise InputError(f"{in_words(given)}: holds in none of {cases.rows} cases")
     outcomes, audits, bounds, required = loaded.summarised
@@ -284,19 +285,15 @@ def tell_given(
     summary = Rows(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
     ok = int(ok_rows(cases)[held].sum())
-    if ok:
-        accuracy = store.read_manifest(folder).get("accuracy") or {}
-        table, audited = summary.statistics(), summary.audit()
-        verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
+    accuracy = store.read_manifest(folder).get("accuracy") or {}
+    table, audited = summary.statistics(), summary.audit()
+    verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     if as_json:
         told: dict[str, Any] = {"given": list(given)}
-        if ok:
-            of = [verdict.to_dict() for verdict in verdicts]
-            told |= store.statistics_as_json(
-                _matching(table, shown), summary.counts, units, audited, summary.failed, of
-            )
-        else:
-            told |= {"cases": summary.counts, "failed_cases": summary.failed}
+        of = [verdict.to_dict() for verdict in verdicts]
+        told |= store.statistics_as_json(
+            _matching(table, shown), summary.counts, units, audited, summary.failed, of
+        )
         click.echo(store.json_text(told), nl=False)
         return
     folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
@@ -304,10 +301,15 @@ def tell_given(
         ends = pd.Series(cases["status"][held]).value_counts()
         said = ", ".join(f"{count} {label}" for label, count in ends.items())
         folded(f"none of them came to its end as asked, so there are no statistics: {said}")
-        return
-    folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
+    else:
+        folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
         folded(requirements.text(verdicts, units, width, of="such cases"))
+    if by := outcomes_of(names, given):
+        folded(
+            f"chosen by what they did ({', '.join(by)}), not by inputs: what is required of these "
+            "cases may follow from the choice"
+        )
 
 
 def _matching(table: "pd.DataFrame", shown: str | None) -> "pd.DataFrame":

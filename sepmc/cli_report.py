@@ -12,8 +12,16 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import causes, compare, drivers, laws
+from sepmc.analysis.requirements import FAIL
 from sepmc.analysis.rows import Rows
-from sepmc.analysis.statistics import WIDTH, audit_text, column, ok_rows, summary_text
+from sepmc.analysis.statistics import (
+    WIDTH,
+    audit_text,
+    column,
+    ok_rows,
+    share_lines,
+    summary_text,
+)
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
@@ -43,7 +51,8 @@ _DRIVEN = 4  # outcomes whose drivers are told unless some are named
 _REPLAYED_PAGES = ("rates", "angles", "separation", "clearances")
 _AS_DRAWN = 1e-5  # of size: what a figure shows of an error
 _TOLD = 12  # outcomes in the report's table
-_REPLAYED = 2  # worst cases that the report shows over time
+# worst cases that the report shows over time; at most, if more requirements fail
+_REPLAYED, _AT_MOST = 2, 4
 _REPLAY_ROWS = 400
 
 
@@ -328,6 +337,7 @@ def _found(
             for label, count in summary.counts.items()
             if count and label != Status.OK.label
         ],
+        shares=share_lines(table),
         statistics=table,
         telling=telling_outcomes(loaded, table)[:_TOLD],
         units=units,
@@ -352,13 +362,16 @@ def _worst(
 ) -> list[page.Replay]:
     """The worst cases of the requirements, flown again and drawn into a folder."""
     told = [v for v in verdicts if v.worst_case is not None and v.metric != VIOLATION]
-    told.sort(key=lambda v: not v.violations)  # what is violated goes first
+    # what fails goes first, then what is violated, of each the cases that have the outcome
+    told.sort(key=lambda v: (v.verdict != FAIL, not v.violations, v.worst is None))
     worst = {v.worst_case: v for v in reversed(told)}
     found, solver = [], loaded.scene.solver
     if solver.step is None and solver.accuracy < _AS_DRAWN:
         loaded = loaded.with_settings({"solver.accuracy": _AS_DRAWN})
-    for number, v in list(reversed(worst.items()))[:_REPLAYED]:
-        say(f"flies case {number} again, the worst of {v.name}")
+    fail = sum(v.verdict == FAIL for v in worst.values())
+    for number, v in list(reversed(worst.items()))[: min(max(_REPLAYED, fail), _AT_MOST)]:
+        which = "the first that violates" if v.worst is None else "the worst of"
+        say(f"flies case {number} again, {which} {v.name}")
         every_s = loaded.scene.run.end_time / _REPLAY_ROWS
         history = loaded.simulate(loaded.case(number, seed), every_s, nobody)
         unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")

@@ -296,21 +296,25 @@ def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     assert (short.numbers.count, short.notes[-1].endswith("NOT MET")) == (20, True)
 
 
-def test_half_intervals():
-    """Half of an interval is that of the mean, of order statistics, or of Clopper and Pearson."""
+def test_intervals_that_until_looks_at():
+    """Of the mean, of order statistics, and of Clopper and Pearson, of which the longer side is to
+    be short enough."""
     x = np.random.default_rng(3).normal(2.0, 0.1, 400)
     rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
     summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
-    assert read_until("speed_m_s:1", names).known(summary) == (
-        row["mean"],
-        pytest.approx(1.959964 * row["mean_se"]),
+    half = 1.959964 * row["mean_se"]
+    assert read_until("speed_m_s:1", names).known(summary) == pytest.approx(
+        (row["mean"], row["mean"] - half, row["mean"] + half)
     )
     found = read_until("speed_m_s.p95:1%", names)
     assert (found.tolerance, found.relative) == (0.01, True)
-    assert found.known(summary) == (row["p95"], (row["p95_high"] - row["p95_low"]) / 2.0)
-    low, high = interval(0, 400)
-    assert read_until("never-released:0.1", names).known(summary) == (0.0, (high - low) / 2.0)
+    assert found.known(summary) == (row["p95"], row["p95_low"], row["p95_high"])
+    ends = interval(0, 400)
+    for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
+        found = read_until(f"never-released:{tolerance}", names)
+        assert found.known(summary) == (0.0, *ends)
+        assert found.is_met(*found.known(summary)) == enough
 
 
 @pytest.mark.parametrize(

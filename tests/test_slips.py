@@ -16,7 +16,7 @@ from sepmc.trust.gate.plain import flown_plainly
 
 BACK = [-1.0, 0.0, 0.0]
 UNIT, OVERLAP, BACKWARD = "is it in another unit?", "overlap at the start", "the other way round?"
-WIDE, RIGHT = "is a share meant, relative = true?", "right?"
+WIDE, RIGHT = "0.05 with relative = true", "right?"
 BY_MASS = "dispersion.body.upper.mass_kg"
 PLANTED = [
     # millimetres taken for metres

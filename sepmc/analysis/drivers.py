@@ -61,7 +61,8 @@ def drivers(
         alone; ``first`` with a 95 % interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur
         2012; of an input of few values epsilon squared of its groups, Kelley 1935; Saltelli et al.
         2010); ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``.
-        ``attrs["mean"]`` is the outcome's mean.
+        ``attrs["mean"]`` is the outcome's mean, ``attrs["cases"]`` how many cases have it, and how
+        many are ok.
 
     Raises
     ------
@@ -93,6 +94,7 @@ def drivers(
     elif indices:
         _by_rows(table, known, outcomes, few)
     table.attrs["mean"] = float(outcomes.mean())
+    table.attrs["cases"] = int(np.count_nonzero(there)), int(np.count_nonzero(ok_rows(cases)))
     # a large index of few cases may be none
     sure = table["first_low"].clip(lower=0.0).fillna(0.0)
     return table.iloc[np.lexsort((-table["rank"].abs(), -table["shift"], -sure))]
@@ -232,9 +234,11 @@ def text(
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
     lines = aligned([[row[k] for k in kept] for row in [head, *rows]], width - 2)
     left = len(table) - len(rows)
+    having, ok = table.attrs["cases"]
+    some = f"; of the {having} of {ok} ok cases that have it" if having < ok else ""
     return "\n".join(
         [
-            f"what drives {outcome}, the surest first-order index first",
+            f"what drives {outcome}, the surest first-order index first{some}",
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} more inputs"] if left > 0 else [])

@@ -55,10 +55,23 @@ def where(
     return found
 
 
+def outcomes_of(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
+    """Columns by which cases are chosen that are no inputs."""
+    terms = [_read(columns, term, text) for text in asked for term in _OR.split(text)]
+    found = dict.fromkeys(name for known, _, _ in terms for name in known)
+    return [name for name in found if not name.startswith("in_") and name != "case"]
+
+
 def _meets(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], term: str, text: str
 ) -> np.ndarray:
     """Which cases (n,) meet one term of a ``text``."""
+    known, test, number = _read(columns, term, text)
+    return np.any([_TESTS[test](column(rows, each), number) for each in known], axis=0)
+
+
+def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], str, float]:
+    """Columns, test and number of one term of a ``text``."""
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
@@ -75,7 +88,7 @@ def _meets(
         number = np.nan
     if np.isnan(number):
         raise InputError(f"given = {text}: {value!r} must be a number")
-    return np.any([_TESTS[test](column(rows, each), number) for each in known], axis=0)
+    return known, test, number
 
 
 def in_words(asked: Sequence[str]) -> str:

@@ -24,9 +24,9 @@ class _Summary(Protocol):
 
 @dataclass(frozen=True)
 class Until:
-    """Half of the 95 % interval of a statistic that is asked for: of the ``statistic`` (mean,
-    sigma, share or a percentile) of a ``metric``, an outcome or a status, in its unit, or as a
-    share of the statistic's size if ``relative``."""
+    """How far the ends of the 95 % interval of a statistic may be from it: of the ``statistic``
+    (mean, sigma, share or a percentile) of a ``metric``, an outcome or a status, in its unit, or as
+    a share of the statistic's size if ``relative``."""
 
     metric: str
     statistic: str
@@ -38,8 +38,9 @@ class Until:
         """What is asked for, in words."""
         return f"{self.statistic} of {self.metric}"
 
-    def known(self, summary: _Summary) -> tuple[float, float]:
-        """The statistic, and half of its 95 % interval: infinite where there are too few cases."""
+    def known(self, summary: _Summary) -> tuple[float, float, float]:
+        """The statistic, and both ends of its 95 % interval: infinite where there are too few
+        cases."""
         counts, table = summary.counts, summary.statistics()
         if self.metric not in table.index:
             return _share(counts.get(self.metric, 0), sum(counts.values()))
@@ -48,21 +49,20 @@ class Until:
             return _share(round(row["n"] * row["mean"]) if row["n"] else 0, round(row["n"]))
         value = row[self.statistic]
         if self.statistic in PERCENTILES:
-            half = (row[f"{self.statistic}_high"] - row[f"{self.statistic}_low"]) / 2.0
+            low, high = row[f"{self.statistic}_low"], row[f"{self.statistic}_high"]
         else:
             half = TWO_SIDED * row[f"{self.statistic}_se"]
-        return value, math.inf if np.isnan(half) else half
+            low, high = value - half, value + half
+        return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 
-    def is_met(self, value: float, half: float) -> bool:
+    def is_met(self, value: float, low: float, high: float) -> bool:
         """Whether a statistic that is ``known`` so is known well enough."""
-        return half <= self.tolerance * (abs(value) if self.relative else 1.0)
+        within = self.tolerance * (abs(value) if self.relative else 1.0)
+        return max(high - value, value - low) <= within
 
 
-def _share(k: int, n: int) -> tuple[float, float]:
-    if not n:
-        return math.nan, math.inf
-    low, high = interval(k, n)
-    return k / n, (high - low) / 2.0
+def _share(k: int, n: int) -> tuple[float, float, float]:
+    return (k / n, *interval(k, n)) if n else (math.nan, -math.inf, math.inf)
 
 
 def read_until(text: str, outcomes: Collection[str]) -> Until:

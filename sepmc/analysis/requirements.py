@@ -406,15 +406,11 @@ def sentence(item: Requirement | Verdict, unit: str, of: str = "all cases") -> s
 
 def _told(v: Verdict, unit: str, width: int, of: str) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
-    on_status = v.at_least is None and v.at_most is None
-    unknown = "ended in another way" if on_status else "have no such outcome"
-    if v.metric == VIOLATION:
-        unknown = "did not come to their end, or lack an outcome"
     lines = [
         sentence(v, unit, of),
         f"{v.violations} of {v.cases} cases violate it, "
         + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
-        + (f"; {v.missing} of them {unknown}" if v.missing else ""),
+        + (f"; {missing_text(v)}" if v.missing else ""),
     ]
     if v.verdict == NONE:
         lines.insert(1, v.why)
@@ -437,6 +433,17 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
         ).replace(_KEPT, " ")
         for i, line in enumerate(lines)
     )
+
+
+def missing_text(v: Verdict) -> str:
+    """Of how many cases that count as violations nothing is known, and why."""
+    if v.metric == VIOLATION:
+        unknown = "did not come to their end, or lack an outcome"
+    elif v.at_least is v.at_most is None:
+        unknown = "ended in another way"
+    else:
+        unknown = "have no such outcome"
+    return f"{v.missing} of them {unknown}"
 
 
 def _designed(v: Verdict, unit: str) -> str:

@@ -401,10 +401,9 @@ def summary_text(
         standard errors to two.
     """
     parts = [_counts_line(counts, width)]
-    asked = stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
-    shares, stats = stats[asked], stats[~asked]
-    if len(shares):
-        parts.append(_shares_text(shares))
+    if shares := share_lines(stats):
+        parts.append("\n".join(f"  {line}" for line in shares))
+    stats = stats[~_are_shares(stats)]
     if len(stats):
         parts.append(_layout(list(stats.index), groups(stats, units), width))
     if stats["n"].between(1, _TAIL_CASES - 1).any():
@@ -438,17 +437,20 @@ def _counts_line(counts: Mapping[str, int], width: int) -> str:
     return fill(f"{total} cases, {ok} ok" + (f"; left out: {others}" if others else ""), width)
 
 
-def _shares_text(shares: pd.DataFrame) -> str:
-    """Outcomes that are yes or no: in how many cases, and in what share of all."""
-    lines = []
+def _are_shares(stats: pd.DataFrame) -> np.ndarray:
+    return stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
+
+
+def share_lines(stats: pd.DataFrame) -> list[str]:
+    """Of a table of `statistics`, the outcomes that are yes or no: in how many cases, and in what
+    share of all."""
+    lines, shares = [], stats[_are_shares(stats)]
     for name, n, mean in zip(shares.index, shares["n"], shares["mean"], strict=True):
         k = round(n * mean) if n else 0
         low, high = interval(k, int(n)) if n else (0.0, 1.0)
         share = f"< {at_most(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
-        lines.append(
-            f"  {name}: {k} of {n} ok cases; of all such {share} ({100.0 * CONFIDENCE:g} %)"
-        )
-    return "\n".join(lines)
+        lines.append(f"{name}: {k} of {n} ok cases; of all such {share} ({100.0 * CONFIDENCE:g} %)")
+    return lines
 
 
 def groups(

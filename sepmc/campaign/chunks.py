@@ -24,6 +24,7 @@ from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.remarks import least_at_the_end, sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
+from sepmc.engine.door import waited_for_compilers
 from sepmc.schema import Column, Status
 
 _FIRST = 256  # cases flown first, to see how long they take
@@ -121,9 +122,10 @@ class Chunks:
                 if now - begun > _PART_S:
                     pieces, begun = self._hand_over(pieces), now
                 until = min(end, first + self._call)
+                compiled = self.timing["compile"]
                 piece = self._fly(first, until)
                 pieces.append(piece)
-                seconds = time.perf_counter() - now
+                seconds = time.perf_counter() - now - (self.timing["compile"] - compiled)
                 self._call = max(
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
@@ -141,7 +143,7 @@ class Chunks:
         t0 = clock()
         drawn = campaign.draw(first, end - first, self.draws.seed, self.draws.total)
         self.implausible += campaign.implausible_inertias(drawn)
-        t1 = clock()
+        t1, waited = clock(), waited_for_compilers()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
         if block.again:
             self.spare, self.unsettled = (
@@ -153,8 +155,10 @@ class Chunks:
         outcomes = zip(campaign.outcome_columns, block.outcomes.T, strict=False)
         by_name = {column.name: x for column, x in outcomes}
         self.least_at_the_end += least_at_the_end(by_name, campaign.scene.run.end_time)
+        waited = waited_for_compilers() - waited  # for a kernel that few cases need
         self.timing["sample"] += t1 - t0
-        self.timing["kernel"] += clock() - t1
+        self.timing["compile"] += waited
+        self.timing["kernel"] += clock() - t1 - waited
         return Piece(first, drawn, block)
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
@@ -290,12 +294,13 @@ class Chunks:
     def is_known(self, until: Until) -> bool:
         """Whether the cases so far are enough to know a statistic; these are then all that are
         wanted."""
-        value, half = until.known(self.kept().summary)
-        enough = until.is_met(value, half)
+        value, low, high = until.known(self.kept().summary)
+        enough = until.is_met(value, low, high)
         asked = f"{100 * until.tolerance:g} %" if until.relative else f"{until.tolerance:g}"
         self._known = (
             f"after {self.flown} of {self.draws.numbers.count} cases the {until.name} is "
-            f"{value:.6g} +- {half:.2g} (95 %); asked +- {asked}{'' if enough else ': NOT MET'}"
+            f"{value:.6g}, between {low:.6g} and {high:.6g} (95 %); asked: no more than {asked} "
+            f"from it{'' if enough else ': NOT MET'}"
         )
         self._stopped = [] if enough else [self._known]
         if enough:

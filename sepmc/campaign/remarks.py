@@ -14,7 +14,7 @@ from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import SALTELLI, Scene
+from sepmc.scene.model import GROUND, SALTELLI, Scene
 from sepmc.scene.slips import slips
 
 _NAMED = 3  # outcomes that a sentence names
@@ -23,6 +23,7 @@ _SAME = 1.0 - 1e-9  # of an end: a time that is no earlier is the end
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
 # of the vehicle's size: bodies that end further into each other than that did not separate
 _TOGETHER = 1e-3
+_TOWARD = 0.5  # cosine: a motor that pushes its body toward another
 
 
 def of_file(campaign: Definition) -> list[str]:
@@ -224,10 +225,28 @@ def together(scene: Scene, outcomes: dict[str, float], case: str) -> list[str]:
                 f"joint {name}: {case} ends with {second} {-distance:.3g} m on the side of "
                 f"{first} from which it should separate "
                 f"(separation distance {distance:.3g} m): is an axis of the joint or of a spring "
-                "the other way round, or "
-                f"joint.{name}.apart?"
+                f"the other way round, or joint.{name}.apart?{_pushed(scene, first, second)}"
             )
     return found
+
+
+def _pushed(scene: Scene, first: str, second: str) -> str:
+    """Which motors push one body toward another."""
+    if GROUND in (first, second):
+        return ""
+    apart = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
+    toward, size = {first: apart, second: -apart}, float(np.linalg.norm(apart))
+    found = []
+    for motor in scene.motor:
+        across = math.sin(motor.cant)
+        thrust = (
+            math.cos(motor.cant),
+            -math.sin(motor.clock) * across,
+            math.cos(motor.clock) * across,
+        )
+        if motor.body in toward and float(toward[motor.body] @ thrust) > _TOWARD * size:
+            found.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
+    return f" Toward the other body pushes {', '.join(found)}." if found else ""
 
 
 def _turns(scene: Scene, name: str) -> bool:

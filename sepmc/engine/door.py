@@ -22,6 +22,7 @@ from sepmc.schema import Status
 
 _NO_LIMIT = 2**40  # to the number of steps
 _EVERY_S = 5.0  # between two words on how far the compiling is
+_waited: list[float] = []  # for compilers, s
 
 
 @dataclass
@@ -292,5 +293,14 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             elif announce:  # the last word, however soon after another
                 announce(f"compiled {done} of {total}")
 
-        cache.compile_apart(names, progress)
+        begun = time.monotonic()
+        try:
+            cache.compile_apart(names, progress)
+        finally:
+            _waited.append(time.monotonic() - begun)
     return cache.load(names)
+
+
+def waited_for_compilers() -> float:
+    """How long this process has waited for compilers so far, s."""
+    return sum(_waited)

@@ -17,6 +17,7 @@ from sepmc.analysis.requirements import (
     PASS,
     Verdict,
     has_two_bounds,
+    missing_text,
     sentence,
     share_text,
 )
@@ -39,7 +40,8 @@ class Report:
 
     ``name``, ``title`` : of the campaign; ``facts``: one line on cases, seed and date
     ``notes`` : warnings of the run
-    ``verdicts`` ; ``counts``: a line on statuses; ``failures``: a line on each but ok
+    ``verdicts`` ; ``counts``: a line on statuses; ``failures``: a line on each but ok; ``shares``:
+        a line on each outcome that is yes or no
     ``statistics`` : table of `sepmc.analysis.statistics.statistics`; ``telling``: the outcomes that
         come first; ``units``: by outcome; ``every``: the table as text
     ``drivers``, ``causes`` : texts on each outcome, and on what is violated
@@ -55,6 +57,7 @@ class Report:
     verdicts: Sequence[Verdict]
     counts: str
     failures: Sequence[str]
+    shares: Sequence[str]
     statistics: pd.DataFrame
     telling: Sequence[str]
     units: Mapping[str, str]
@@ -144,8 +147,8 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
         "why": f"{v.more} more cases without a violation would show it"
         if v.verdict == NOT_SHOWN
         else v.why,
-        "violations": v.violations,
-        "cases": v.cases,
+        "violations": f"{v.violations} of {v.cases}",
+        "missing": missing_text(v) if v.missing else "",
         "allowed": v.allowed if v.allowed >= 0 else "too few cases",
         "share": f"{share_text(v.share_low, math.floor)} to {share_text(v.share_high, math.ceil)}",
         "worst": f"case {v.worst_case}"

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -105,5 +106,9 @@ def save(figure: Figure, path: Path) -> Path:
     if path.suffix == ".pdf":
         said = {"CreationDate": None, "Producer": None, "Creator": None}
     with matplotlib.rc_context({"svg.hashsalt": "sepmc", "svg.fonttype": "none"}):
-        figure.savefig(path, dpi=_dots, metadata=said)
+        # half the time of the usual level, for files a third larger
+        fast: dict[str, Any] = {}
+        if path.suffix == ".png":
+            fast["pil_kwargs"] = {"compress_level": 3}
+        figure.savefig(path, dpi=_dots, metadata=said, **fast)
     return path

@@ -184,7 +184,8 @@ def parse_campaign(
         problems.raise_if_any(source)
     dispersions = resolve(scene, laws, problems, table)
     if table is not None:
-        _check_input_table(table, dispersions, problems)
+        if not problems:  # a column that cannot be read is no dispersion
+            _check_input_table(table, dispersions, problems)
         run = msgspec.structs.replace(scene.run, cases=int(table.numbers[-1]) + 1)
         scene = msgspec.structs.replace(scene, run=run)
     for dispersion in dispersions:
@@ -256,7 +257,7 @@ def _check_requirement(
     )
     statuses = [status.label for status in Status if status is not Status.OK]
     known = [column.name for column in outcome_columns(contents(scene))]
-    metrics = [*known, *statuses, VIOLATION]
+    metrics = [*statuses, VIOLATION, *known]
     if requirement.metric == VIOLATION:
         if low is not None or high is not None:
             problems.add(place, f"{VIOLATION!r} of the other requirements has no bound")

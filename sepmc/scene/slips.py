@@ -102,7 +102,7 @@ def _wide_laws(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]
         if nominal and math.isfinite(nominal) and high - low > 2.0 * _WIDE * abs(nominal):
             yield (
                 f"dispersion of {law.sentence}: reaches {low:.4g} to {high:.4g} about a nominal of "
-                f"{nominal:.4g}; is a share meant, relative = true?"
+                f"{nominal:.4g}; a share of 5 % is 0.05 with relative = true"
             )
 
 
@@ -192,9 +192,9 @@ def _rims(part: Part) -> Iterator[tuple[float, float, float]]:
 
 
 def _springs(scene: Scene) -> Iterator[str]:
-    """Springs that push their second body toward the first."""
+    """Springs that push their second body toward the first, or pull it there."""
     for spring in scene.spring:
-        if spring.axis is None or GROUND in spring.bodies or spring.force <= 0.0:
+        if spring.axis is None or GROUND in spring.bodies or spring.force == 0.0:
             continue
         joints = (j for j in scene.joint.values() if set(j.bodies) == set(spring.bodies))
         if any(joint.apart is not None for joint in joints):  # the file says where they part to
@@ -203,9 +203,12 @@ def _springs(scene: Scene) -> Iterator[str]:
         apart = (second - first) * (-1.0, 1.0, 1.0)  # stations count aft, x points forward
         axis = np.array(spring.axis)
         size = float(np.linalg.norm(apart) * np.linalg.norm(axis))
-        if size and float(apart @ axis) < _AGAINST * size:
+        if size and np.sign(spring.force) * float(apart @ axis) < _AGAINST * size:
+            what, does = f"axis = {_list(spring.axis)}", "pushes"
+            if spring.force < 0.0:
+                what, does = f"force = {spring.force:g} N", "pulls"
             yield (
-                f"spring.{spring.name}.axis = {_list(spring.axis)} pushes {spring.bodies[1]} "
+                f"spring.{spring.name}.{what} {does} {spring.bodies[1]} "
                 f"toward {spring.bodies[0]}: is it the other way round?"
             )
 
