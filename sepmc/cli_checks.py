@@ -300,7 +300,7 @@ def verify(
     \b
     Examples:
       sepmc verify --brief
-      sepmc verify --random 100 --seed 7
+      sepmc verify --random 30 --seed 7
     """
     with plain_errors(quiet):
         if count is not None:

@@ -1,11 +1,11 @@
-"""campaigns/README.md lists every column of a case table as the schema has it.
+"""campaigns/README.md lists every column of a case table, and every status, as the schema has it.
 
 ``python tests/test_columns.py`` writes the list anew.
 """
 
 from pathlib import Path
 
-from sepmc.schema import Contents, audit_columns, outcome_columns
+from sepmc.schema import Contents, Status, audit_columns, outcome_columns
 
 README = Path(__file__).parents[1] / "campaigns" / "README.md"
 FIRST, LAST = "| column | unit | meaning |", "<!-- end of the columns -->"
@@ -28,6 +28,8 @@ def listed():
     for column in [*outcome_columns(EVERY), *audit_columns()]:
         name = column.name.replace("pin1", "pinN")
         lines.append(f"| `{name}` | {column.unit} | {column.meaning.replace('pin 1', 'pin N')} |")
+    lines += ["", "| status | meaning |", "|---|---|"]
+    lines += [f"| `{status.label}` | {status.sentence} |" for status in Status]
     return "\n".join(lines) + "\n"
 
 
@@ -39,7 +41,7 @@ def written(text):
 
 
 def test_every_column_is_listed():
-    """The page has the list that the schema gives."""
+    """The page has the lists that the schema gives."""
     assert written(README.read_text(encoding="utf-8"))[1] == listed()
 
 

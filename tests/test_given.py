@@ -12,6 +12,7 @@ from sepmc.analysis.given import where
 from sepmc.analysis.statistics import statistics
 from sepmc.cli import main
 from sepmc.scene.messages import InputError, nearest
+from sepmc.trust.gate.plain import flown_plainly
 
 ROWS = {"case": np.arange(5), "in_a": np.array([0.0, 1.0, 1.0, 0.0, np.nan]), "b": np.arange(5.0)}
 NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}
@@ -83,9 +84,27 @@ def test_given_an_input(tmp_path):
     assert told["requirements"][0]["violations"] == violated
     assert list(told["outcomes"]) == ["upper_pitch_deg"]
     assert told["outcomes"]["upper_pitch_deg"]["mean"] == expected.loc["upper_pitch_deg", "mean"]
+    found = CliRunner().invoke(main, ["stats", str(folder), "--given", "upper_pitch_deg>0"])
+    assert "chosen by what they did (upper_pitch_deg)" in found.output
+    assert "chosen by what they did" not in CliRunner().invoke(main, words).output
     nobody = CliRunner().invoke(main, ["stats", str(folder), "--given", "case<0", "--json"])
     assert nobody.exit_code == 2
     assert "case<0: holds in none of 60 cases" in nobody.output
+
+
+def test_given_what_makes_all_fail(tmp_path):
+    """There are no statistics of cases that all ended otherwise; there are verdicts on them."""
+    required = {"name": "parts", "metric": "never-released", "probability": 0.5}
+    fails = {"dispersion.joint.pins.fails": {"discrete": [0, 1], "weights": [0.7, 0.3]}}
+    with flown_plainly(cases=4):
+        sepmc.load("table2", {"requirement": [required], **fails}).run(20, out=tmp_path / "run")
+    words = ["stats", str(tmp_path / "run"), "--given", "joint.pins.fails=1"]
+    found = CliRunner().invoke(main, words)
+    assert found.exit_code == 0, found.output
+    assert "none of them came to its end as asked" in found.output
+    assert "FAIL        parts: never-released does not occur" in found.output
+    told = json.loads(CliRunner().invoke(main, [*words, "--json"]).stdout)
+    assert told["requirements"][0]["violations"] == told["cases"]["never-released"] > 0
 
 
 def test_words_that_a_message_lists():

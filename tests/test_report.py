@@ -85,7 +85,7 @@ def test_one_page(page):
 def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     """Some are not released before the end: the first of them is among the worst, by its status,
     and replayed."""
-    settings = {"requirement": [REQUIRED[2]], "run.end_time_s": 0.25}
+    settings = {"requirement": [REQUIRED[2], REQUIRED[1]], "run.end_time_s": 0.25}
     with flown_plainly(cases=4):
         table = (
             sepmc.load("table2", settings).run(cases=6, seed=3, out=tmp_path / "run").to_pandas()
@@ -97,6 +97,7 @@ def test_a_case_that_violates_without_a_value_is_shown(tmp_path):
     violations = int((table["status"] == "never-released").sum())
     text = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert f"case {first}, the first of {violations} that violate parts" in text
+    assert f"{violations} of them have no such outcome" in text
 
 
 def test_joint_loads_that_are_not_unique_are_noted(pair, tmp_path):

@@ -55,6 +55,7 @@ PLANTED = [
     # springs that push together
     ("spring-pushers", {"spring.upper_left.axis": BACK}, "spring.upper_left.axis", BACKWARD),
     ("residual-thrust", {"spring.pusher_1.axis": BACK}, "spring.pusher_1.axis", BACKWARD),
+    ("residual-thrust", {"spring.pusher_1.force_N": -500.0}, "spring.pusher_1.force", BACKWARD),
     ("hyper-x", {"spring.piston_left.axis": BACK}, "spring.piston_left.axis", BACKWARD),
     # wind that nothing feels
     ("spring-pushers", {"environment.wind.speed_m_s": 10.0}, "environment.wind", "does nothing"),
@@ -149,6 +150,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     early = told("run.end_time_s=0.15")
     assert "the nominal case has no pushed_upper_transverse_rate_deg_s" in early
     assert "gap_clearance_mm is least as the nominal flight ends" in early
+    assert "motor.retro, cant_deg = 0: pushes its body toward" in told("motor.retro.cant_deg=0")
     wrong = told("requirement.clear.at_least=95")
     assert "requirement.clear.at_least = 95: the nominal case violates it" in wrong
 

@@ -246,7 +246,10 @@ def _pushed(scene: Scene, first: str, second: str) -> str:
         )
         if motor.body in toward and float(toward[motor.body] @ thrust) > _TOWARD * size:
             found.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
-    return f" Toward the other body pushes {', '.join(found)}." if found else ""
+    if not found:
+        return ""
+    pushes = "push their bodies" if len(found) > 1 else "pushes its body"
+    return f" {'; '.join(found)}: {pushes} toward the other"
 
 
 def _turns(scene: Scene, name: str) -> bool:
