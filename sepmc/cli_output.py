@@ -409,7 +409,11 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         else ""
     )
     finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
-    others = f", {finer} cases flown again at finer steps of their own" if finer else ""
+    others = (
+        f", {finer} case{'s' * (finer != 1)} flown again at finer steps of their own"
+        if finer
+        else ""
+    )
     others += f", {spare} cases by a second kernel" if spare else ""
     trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"

@@ -59,7 +59,7 @@ def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"cases {numbers} are named: intervals and verdicts hold unless they were chosen by "
+            f"only cases {numbers} are flown: intervals and verdicts hold unless they were chosen by "
             "what they do"
         )
     if sampler == "random":
