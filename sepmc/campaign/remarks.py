@@ -59,8 +59,8 @@ def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (
-            f"only cases {numbers} are flown: intervals and verdicts hold unless they were chosen by "
-            "what they do"
+            f"only cases {numbers} are flown: intervals and verdicts hold unless they were chosen "
+            "by what they do"
         )
     if sampler == "random":
         return
