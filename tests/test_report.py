@@ -14,7 +14,7 @@ import sepmc
 from sepmc import cli
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
-from sepmc.report.drawing import _nozzle, _thrust, drawing
+from sepmc.report.drawing import _nozzle, drawing
 from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -179,7 +179,7 @@ def test_thrust_is_drawn_as_it_acts():
     for motor in motors:
         motor = msgspec.structs.replace(motor, radius=rng.uniform(0.1, 2.0))
         expected = thrust_direction.py_func(motor.cant, motor.clock, 0.0, 0.0)
-        assert_allclose(_thrust(motor), expected, atol=1e-15)
+        assert_allclose(motor.direction, expected, atol=1e-15)
         y, z = motor.offset
         arm = thrust_arm.py_func((0.0, 0.0, 0.0), motor.station, motor.radius, motor.clock, y, z)
         assert_allclose(_nozzle(motor), (-arm[0], *arm[1:]), atol=1e-15)

@@ -235,16 +235,11 @@ def _pushed(scene: Scene, first: str, second: str) -> str:
     if GROUND in (first, second):
         return ""
     apart = np.subtract(scene.body[second].cg, scene.body[first].cg) * (-1.0, 1.0, 1.0)
-    toward, size = {first: apart, second: -apart}, float(np.linalg.norm(apart))
+    ways, size = {first: apart, second: -apart}, float(np.linalg.norm(apart))
     found = []
     for motor in scene.motor:
-        across = math.sin(motor.cant)
-        thrust = (
-            math.cos(motor.cant),
-            -math.sin(motor.clock) * across,
-            math.cos(motor.clock) * across,
-        )
-        if motor.body in toward and float(toward[motor.body] @ thrust) > _TOWARD * size:
+        way = ways.get(motor.body)
+        if way is not None and float(way @ motor.direction) > _TOWARD * size:
             found.append(f"motor.{motor.name}, cant_deg = {math.degrees(motor.cant):g}")
     if not found:
         return ""

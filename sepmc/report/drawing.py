@@ -218,7 +218,7 @@ def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
         if spring.bodies[1] != GROUND:
             _arrow(labels, view, spring.point, axis, length, GREEN, spring.name)
     for motor in scene.motor:
-        _arrow(labels, view, _nozzle(motor), _thrust(motor), length, VERMILION, motor.name)
+        _arrow(labels, view, _nozzle(motor), motor.direction, length, VERMILION, motor.name)
     for load in scene.load:
         point = load.point or scene.body[load.body].cg
         if any(load.force) and load.frame == "body":
@@ -248,12 +248,6 @@ def _nozzle(motor: Motor) -> Point:
         -motor.radius * math.sin(motor.clock) + y,
         motor.radius * math.cos(motor.clock) + z,
     )
-
-
-def _thrust(motor: Motor) -> Point:
-    """Direction of a motor's force without deflection, body axes: x_f of CONVENTIONS.md."""
-    sine = math.sin(motor.cant)
-    return math.cos(motor.cant), -math.sin(motor.clock) * sine, math.cos(motor.clock) * sine
 
 
 def _between(first: Point, second: Point | None) -> Point:

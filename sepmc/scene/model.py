@@ -156,6 +156,12 @@ class Motor(_Table, frozen=True, kw_only=True):
     deflection: Angle = 0.0
     deflection_clock: Angle = 0.0
 
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Of its force without deflection, body axes: x_f of CONVENTIONS.md."""
+        sine = math.sin(self.cant)
+        return math.cos(self.cant), -math.sin(self.clock) * sine, math.cos(self.clock) * sine
+
 
 class Spring(_Table, frozen=True, kw_only=True):
     """A spring, pusher or piston between two points: force on the second body, and its opposite on
