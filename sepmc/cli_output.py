@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
+from importlib import import_module
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,8 @@ import click
 from sepmc.schema import is_yes_or_no
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     import pandas as pd
 
     from sepmc.analysis.requirements import Verdict
@@ -182,6 +185,7 @@ def tell_results(
     plots: bool,
     check: bool = False,
     shown: str | None = None,
+    second: "Executor | None" = None,
 ) -> int:
     """Statistics and verdicts to the screen and to files, and figures if wanted; an error if the
     run is not to be trusted. On the screen, only outcomes that match one of the patterns ``shown``,
@@ -231,7 +235,7 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     if plots:
-        draw_figures(folder, loaded, summary, table, say=say, verdicts=verdicts)
+        draw_figures(folder, loaded, summary, table, say=say, verdicts=verdicts, second=second)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),
@@ -415,8 +419,25 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         else ""
     )
     others += f", {spare} cases by a second kernel" if spare else ""
-    trials = f"twice that of {accuracy['cases']} trial cases flown again at twice the resolution"
+    trials = (
+        f"estimated for every case (column error) as {accuracy['cases']} trial cases teach, flown "
+        "again at twice the resolution"
+    )
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
+
+
+@contextmanager
+def drawing_beside(wanted: bool) -> "Iterator[Executor | None]":
+    """A second process that is ready to draw figures when they are asked for, if they are
+    ``wanted`` and there is a core for it: to get ready takes it a second."""
+    if not wanted or (os.cpu_count() or 1) == 1:
+        yield None
+        return
+    from sepmc.processes import processes
+
+    with processes(1) as pool:
+        pool.submit(import_module, "sepmc.report.figures")
+        yield pool
 
 
 _DRAWN = 12  # outcomes, the first by rank: a review reads no hundred histograms
@@ -436,11 +457,12 @@ def draw_figures(
     verdicts: "Sequence[Verdict]" = (),
     converging: bool = False,
     suffix: str = ".png",
+    second: "Executor | None" = None,
 ) -> list[Path]:
     """Draw bands of stored histories, what share of cases is beyond what is required, how means
     converge if asked for, and histograms of outcomes, of ``every`` one or of the first twelve by
-    rank, into the run folder; those of a ``page``, in one style for it, into that folder instead.
-    Returns their paths."""
+    rank, into the run folder; those of a ``page``, in one style for it, into that folder instead. A
+    ``second`` process draws a part of them. Returns their paths."""
     from sepmc.campaign import store
     from sepmc.report.figures import band_figures, histogram_figures
 
@@ -459,6 +481,7 @@ def draw_figures(
             units,
             about=about,
             suffix=suffix,
+            second=second,
         )
     bounds: dict[str, list[float]] = {}
     for item in loaded.file.requirements:
@@ -482,6 +505,7 @@ def draw_figures(
         about=about,
         suffix=suffix,
         alone=page is None,
+        second=second,
     )
 
 

@@ -27,6 +27,7 @@ from sepmc.cli_options import (
 from sepmc.cli_output import (
     INTERRUPTED,
     draw_figures,
+    drawing_beside,
     manifest_with_rows,
     plain_errors,
     progress_bar,
@@ -108,7 +109,7 @@ def campaign(
       sepmc campaign srb.toml --set motor.bsm.thrust_N=9e4 --check
     """
     say = speaker(quiet)
-    with plain_errors(quiet):
+    with plain_errors(quiet), drawing_beside(not (no_plots or dry_run)) as second:
         if (resume or overwrite) and out is None:
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
@@ -167,7 +168,13 @@ def campaign(
             click.echo(f"warning: {note}", err=True)
         say(timing_line(result))
         code = tell_results(
-            folder, loaded, result.kept.summary, say, plots=not no_plots, check=must_pass
+            folder,
+            loaded,
+            result.kept.summary,
+            say,
+            plots=not no_plots,
+            check=must_pass,
+            second=second,
         )
     sys.exit(code)
 
@@ -246,12 +253,14 @@ def run(
       sepmc run table2.toml --case 4711
     """
     say = speaker(quiet)
-    with plain_errors(quiet):
+    with plain_errors(quiet), drawing_beside(not no_plots) as second:
         from sepmc.cli_single import check_held, tell_single
 
         loaded = load_campaign(file, settings)
         check_held(Path(file), number, seed)
-        code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
+        code = tell_single(
+            loaded, number, seed, every_s, out, overwrite, say, not no_plots, second=second
+        )
     sys.exit(code)
 
 
@@ -300,7 +309,7 @@ def replay(
       sepmc replay runs/windy --nearest separation_speed_m_s:p99.73
     """
     say = speaker(quiet)
-    with plain_errors(quiet):
+    with plain_errors(quiet), drawing_beside(not no_plots) as second:
         from sepmc.cli_single import check_held, chosen, tell_single
 
         manifest_with_rows(folder)
@@ -313,7 +322,7 @@ def replay(
             number = chosen(folder, loaded, way, asked, say)
         check_held(folder, number, None)
         code = tell_single(
-            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film
+            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film, second
         )
     sys.exit(code)
 

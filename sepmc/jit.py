@@ -46,7 +46,26 @@ _SOURCES = (
     "engine/*.py",
     "kernel/methods.py",
     "kernel/dop853_coefficients.py",
+    "kernel/pieces.py",
 )
+
+
+def _import_array_maths() -> None:
+    """Import Numba's array maths without ``scipy.linalg`` (0.24 s): it only asks whether that is
+    there, and those who use it import it again."""
+    name = "scipy.linalg.cython_blas"
+    if name in sys.modules or "numba.np.arraymath" in sys.modules:
+        return
+    modules: dict[str, Any] = sys.modules
+    modules[name] = None  # as if it were not installed
+    try:
+        from numba.np import arraymath  # noqa: PLC0415
+    finally:
+        del modules[name]
+    arraymath._HAVE_BLAS = True
+
+
+_import_array_maths()
 
 
 def sources_digest() -> str:

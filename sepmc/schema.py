@@ -213,6 +213,12 @@ _AUDIT = (
         math.nan,
     ),
     ("steps", "1", "integration steps taken", math.nan),
+    (
+        "error",
+        "1",
+        "estimate of the numerical error: the largest of its outcomes, of their size or sigma",
+        math.nan,
+    ),
 )
 AUDIT_BOUNDS = {name: bound for name, _, _, bound in _AUDIT if not math.isnan(bound)}
 _STATE = (
@@ -357,7 +363,8 @@ def audit_columns() -> list[Column]:
 
 
 def result_columns(contents: Contents) -> list[Column]:
-    """All that the kernel writes of a case, in its order: outcomes, then audit columns."""
+    """All that is told of a case, in order: outcomes, then audit columns. The kernel writes all but
+    the last, ``error``, which trial cases tell."""
     return [*outcome_columns(contents), *audit_columns()]
 
 

@@ -3,7 +3,9 @@
 
 Flies the cases of each campaign as a run does, and again at eight times the resolution and a
 hundredth of the accuracy; without FILE all shipped campaigns and variants that are hard on the
-pilot. Exit code 1 if an error is told below a third of the true one, or as met when it is not.
+pilot. Of the column ``error`` it tells what true errors are of it: in 1 % of cases at most, in the
+median, in 99 %, and at most. Exit code 1 if an error, of the whole or of a row, is told below a
+third of the true one, or as met when it is not.
 """
 
 import argparse
@@ -124,7 +126,14 @@ def measure(name, campaign, count, seconds):
     asked = (
         "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     )
-    failed = ratio < 1 / 3 or (asked.endswith(" met") and true[worst] > told.asked)
+    ok = (own.status == 0) & (reference.status == 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = table[ok][:, decides].max(axis=1) / own.error[ok]
+    share = np.where(np.isnan(share), 0.0, share)
+    rows = " ".join(f"{x:.2g}" for x in np.quantile(share, [0.01, 0.5, 0.99, 1.0]))
+    failed = (
+        ratio < 1 / 3 or share.max() > 3.0 or (asked.endswith(" met") and true[worst] > told.asked)
+    )
     how = trial.steps.tolist() if trial.step is None else f"{trial.step:.4g} s"
     lost = f", {own.again.finer} finer" if own.again.finer else ""
     lost += f", {own.again.spare} by a spare kernel" if own.again.spare else ""
@@ -132,7 +141,7 @@ def measure(name, campaign, count, seconds):
     other = np.count_nonzero((own.status != reference.status) & (own.status == 0))
     print(
         f"| {name} | {len(draws)} | {told.worst[1]:.1e} ({told.worst[0]}) | {true[worst]:.1e} "
-        f"({columns[worst].name}) | {ratio:.2g} | "
+        f"({columns[worst].name}) | {ratio:.2g} | {rows} | "
         f"{asked} | {how}{lost}; {other} end otherwise; pilot {planned:.2f} "
         f"s{place}{' | FAILS' if failed else ''} |",
         flush=True,
@@ -154,8 +163,8 @@ def main():
     given = parser.parse_args()
     settings = QUIET | dict(parse_setting(text) for text in given.settings)
     print(
-        "| campaign | cases | reported | true | ratio | asked | flown "
-        "|\n|---|---|---|---|---|---|---|",
+        "| campaign | cases | reported | true | ratio | rows: true of told | asked | flown "
+        "|\n|---|---|---|---|---|---|---|---|",
         flush=True,
     )
     names = given.files or ([] if given.variants else list(shipped_campaigns()))

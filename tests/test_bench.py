@@ -12,7 +12,18 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.bench import bench as of
-from sepmc.bench import bits, clock, engines, features, flops, scaling, stages, work_precision
+from sepmc.bench import (
+    bits,
+    clock,
+    engines,
+    features,
+    flops,
+    row_errors,
+    scaling,
+    stages,
+    text,
+    work_precision,
+)
 from sepmc.bench.folder import open_folder
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
@@ -81,9 +92,8 @@ def test_command(name, formulation, tmp_path, monkeypatch):
     )
     assert result.exit_code == 0, result.output
     parts = ["features", "scaling", "stages", "work_precision"]
-    assert sorted(p.name for p in out.iterdir()) == sorted(
-        ["bench.json", *(f"{p}.{kind}" for p in parts for kind in ("parquet", "png"))]
-    )
+    files = [f"{p}.{kind}" for p in (*parts, "row_errors") for kind in ("parquet", "png")]
+    assert sorted(p.name for p in out.iterdir()) == sorted(["bench.json", *files])
     told = json.loads((out / "bench.json").read_text(encoding="utf-8"))
     assert {"campaign", "machine", "reference", "same_bits", "headlines", *parts} <= set(told)
     assert {"cpu", "threads", "versions"} <= set(told["machine"])
@@ -316,3 +326,42 @@ def test_rounds_take_turns():
 
 def test_defaults():
     assert (of.CASES, of.REPEATS) == (10_000, 7)
+
+
+def test_spread():
+    assert clock.spread([1.0, 1.0, 1.0, 5.0]) == pytest.approx(1.0)
+    assert clock.spread([2.0, 2.0, 2.0]) == 0.0
+    assert np.isnan(clock.spread([2.0]))
+
+
+@pytest.mark.parametrize(("spread", "warns"), [(0.02, False), (0.4, True), (np.nan, False)])
+def test_a_machine_that_is_not_quiet_is_told(spread, warns):
+    frame = pd.DataFrame({"spread": [spread, spread, 9.0 if warns else spread]})
+    told = text.unquiet("features", frame)
+    assert ("spreads over 40 % of their median" in told) == warns
+    assert bool(told) == warns
+
+
+def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
+    """A bench that stops leaves what it has measured."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(features, "measure", stop)
+    campaign = sepmc.load("table2", {"run.history_step_s": 0.0})
+    with pytest.raises(KeyboardInterrupt):
+        of.bench(campaign, tmp_path / "b", silent, cases=40, repeats=1, threads=1, quick=True)
+    told = json.loads((tmp_path / "b" / "bench.json").read_text(encoding="utf-8"))
+    assert {"work_precision", "error_column", "machine"} <= set(told)
+    assert pd.read_parquet(tmp_path / "b" / "row_errors.parquet")["error"].between(0, 1e-9).all()
+
+
+def test_rows_tell_their_errors(study, reference):
+    """True errors of all cases lie below three times what their rows tell."""
+    frame, told = row_errors.measure(study, reference)
+    assert len(frame) == told["cases"] == 100
+    assert 0.0 < told["true_over_told_median"] < told["true_over_told_most"] < 3.0
+    assert told["largest_true_error"] == frame["true_error"].max()
+    assert set(frame["outcome"]) <= set(study.names)
+    assert "0 of 100 cases were flown again" in row_errors.sentence(told)

@@ -59,3 +59,23 @@ def test_they_end_by_themselves(monkeypatch):
 def test_nothing_to_do():
     assert compilers.compile_all([])
     assert compilers.running() == []
+
+
+def test_how_a_kernel_is_split_is_kept(monkeypatch):
+    """Split once, and again where a piece is gone from the folder."""
+    import sepmc
+    from sepmc.campaign.pilot import kernel_text
+    from sepmc.kernel.pieces import split
+
+    text = kernel_text(sepmc.load("table2", {"run.history_step_s": 0.0}))
+    names = cache.names_of(text)
+    assert names == cache.write([piece.text for piece in split(text)])
+    calls = []
+    monkeypatch.setattr(cache, "split", lambda text: calls.append(text) or split(text))
+    assert cache.names_of(text) == names
+    assert calls == []
+    lost = cache.CACHE_FOLDER / f"{names[3]}.py"
+    kept = lost.read_text(encoding="utf-8")
+    lost.unlink()
+    assert cache.names_of(text) == names
+    assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)

@@ -9,10 +9,12 @@ import time
 import pytest
 
 SCRIPT = """
+import faulthandler
 import time
 from sepmc.processes import processes
 
 if __name__ == "__main__":
+    faulthandler.dump_traceback_later(25.0, exit=True)  # it hung once: then this says where
     try:
         with processes(2) as pool:
             pool.submit(time.sleep, 60.0)

@@ -278,3 +278,20 @@ def test_scipy_is_left_alone_where_nothing_needs_it():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert done.stdout == "False\n"
+
+
+def test_numba_does_not_import_linear_algebra():
+    """Its array maths asks for ``scipy.linalg``, which takes 0.24 s; whoever uses it still can."""
+    import subprocess
+    import sys
+
+    program = (
+        "import sys, sepmc.engine.blocks, numba, numpy as np\n"
+        "print('scipy.linalg' in sys.modules)\n"
+        "dot = numba.njit(lambda a: np.dot(a, a) + np.linalg.det(np.outer(a, a) + np.eye(2)))\n"
+        "print(dot(np.ones(2)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "False\n5.0\n"

@@ -90,10 +90,12 @@ def test_as_the_independent_flight(pair, name, monkeypatch):
     found = np.column_stack([result.table[c.name] / c.scale for c in columns])
     failed = status == expected.label
     assert np.isnan(found[failed]).all() == (expected != Status.NEVER_RELEASED)
+    has_outcomes = ~failed | (expected == Status.NEVER_RELEASED)
+    assert_array_equal(np.isfinite(result.table["error"]), has_outcomes)
     if expected != Status.INVALID_INPUT:  # the independent flight knows no limits of parameters
         statuses, outcomes = by_independent_flights(campaign, COMPARED)
         assert_array_equal(status[:COMPARED], statuses)
-        there = ~failed[:COMPARED] | (expected == Status.NEVER_RELEASED)
+        there = has_outcomes[:COMPARED]
         units = [c.unit for c in columns]
         scale = scene_scales(campaign.scene, units)  # some outcomes are zero but for round-off
         assert (

@@ -25,7 +25,7 @@ COLUMNS = [
     Column("speed_m_s", "m/s", "speed"),
 ]
 # names without a unit of the list below
-PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "energy_residual")
+PLAIN = ("case", "status", "joint_angle_residual_rad", "attitude_drift", "error", "energy_residual")
 PLAIN += ("smallest_pivot", "redundant_rows", "attitude_singular", "steps")
 BODY = [
     "alpha_deg",
@@ -88,6 +88,7 @@ def test_every_column_has_unit_and_meaning(run_folder):
         "event_residual_s",
         "attitude_singular",
         "steps",
+        "error",
     ]
     assert len(inputs) == len(sepmc.load("table2").file.dispersions)
     for field in schema:

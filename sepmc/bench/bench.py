@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.bench import bits, engines, features, machine, scaling, stages, text, work_precision
+from sepmc.bench import (
+    bits,
+    engines,
+    features,
+    machine,
+    row_errors,
+    scaling,
+    stages,
+    text,
+    work_precision,
+)
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.peers.inputs import check
 from sepmc.bench.reference import make_reference
@@ -79,12 +89,7 @@ def bench(
             quick,
             say,
         )
-        told, frames = _parts(study, history, peers)
-    for name, frame in frames.items():
-        frame.to_parquet(folder / f"{name}.parquet", index=False)
-    store.write_json(
-        folder / SUMMARY, told | {name: frame.to_dict("records") for name, frame in frames.items()}
-    )
+        told, frames = _parts(study, history, peers, folder)
     from sepmc.report.bench_figures import draw  # noqa: PLC0415  (matplotlib takes 0.7 s)
 
     for path in draw(
@@ -107,9 +112,9 @@ def _study(
 
 
 def _parts(
-    study: Study, history: float, peers: bool
+    study: Study, history: float, peers: bool, folder: Path
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
-    """Every part in turn, told as soon as it is there."""
+    """Every part in turn, told and written as soon as it is there."""
     told: dict[str, Any] = {
         "campaign": study.campaign.name,
         "digest": study.campaign.digest,
@@ -118,9 +123,19 @@ def _parts(
     told |= {"cases": study.cases, "repeats": study.repeats, "formulation": study.formulation}
     frames: dict[str, pd.DataFrame] = {}
 
+    def write() -> None:
+        tables = {name: frames[name].to_dict("records") for name in text.TABLES if name in frames}
+        store.write_json(folder / SUMMARY, told | tables)
+
     def keep(name: str, frame: pd.DataFrame) -> None:
         frames[name] = frame
-        study.say("\n" + text.table(name, frame) + "\n")
+        frame.to_parquet(folder / f"{name}.parquet", index=False)
+        if name in text.TABLES:
+            study.say("\n" + text.table(name, frame) + "\n")
+            if warning := text.unquiet(name, frame):
+                study.say(warning + "\n")
+                told.setdefault("warnings", []).append(warning)
+        write()
 
     reference = make_reference(study)
     study.say(reference.sentence)
@@ -136,6 +151,9 @@ def _parts(
         "floor": reference.floor,
     }
     keep("work_precision", work_precision.measure(study, reference))
+    rows, told["error_column"] = row_errors.measure(study, reference)
+    study.say(row_errors.sentence(told["error_column"]) + "\n")
+    keep("row_errors", rows)
     keep("features", features.measure(study, history))
     keep("scaling", scaling.measure(study))
     keep("stages", stages.measure(study, history))
@@ -150,6 +168,7 @@ def _parts(
         keep("peers", engines.measure(study, reference))
     told["headlines"] = _headlines(study, frames)
     study.say("\n" + text.headlines(told["headlines"]))
+    write()
     return told, frames
 
 

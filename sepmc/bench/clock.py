@@ -1,8 +1,8 @@
 """Taking times."""
 
 import time
-from collections.abc import Callable, Mapping
-from statistics import median
+from collections.abc import Callable, Mapping, Sequence
+from statistics import median, quantiles
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -27,6 +27,9 @@ def rounds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str,
     return found
 
 
-def medians(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Median wall time of each work, s; see `rounds`."""
-    return {name: median(times) for name, times in rounds(works, repeats).items()}
+def spread(times: Sequence[float]) -> float:
+    """How far the middle half of some times lies apart, over their median; NaN of a single one."""
+    if len(times) < 2:
+        return float("nan")
+    low, _, high = quantiles(times, n=4, method="inclusive")
+    return (high - low) / median(times)

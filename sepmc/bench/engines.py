@@ -54,7 +54,10 @@ def _error(study: Study, reference: Reference, entry: Entry) -> float:
 
 
 def _ours(row: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: row[name] for name in ("error", "ms", "cases", "repeats", "scaled", "default")}
+    kept = {
+        name: row[name]
+        for name in ("error", "ms", "cases", "repeats", "scaled", "default", "spread")
+    }
     note = "the scene's own kernel" + (", as the pilot chose" if row["default"] else "")
     return {
         "engine": OURS,
@@ -73,6 +76,7 @@ def _theirs(entry: Entry, off: float, cases: int) -> dict[str, Any]:
         "ms": 1e3 * PER * entry.seconds_per_case,
         "cases": entry.cases,
         "repeats": entry.repeats,
+        "spread": entry.spread,
         "default": False,
         "scaled": entry.extrapolated or entry.cases < cases,
         "compile_s": entry.compile_s,

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.bench import flops
-from sepmc.bench.clock import rounds
+from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
@@ -43,7 +43,8 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     variants = _variants(study, history_step)
     counts = _counts(study, variants)
     flights = {v.feature: _flight(study, v) for v in variants}
-    times = {name: median(found) for name, found in rounds(flights, study.repeats).items()}
+    found = rounds(flights, study.repeats)
+    times = {name: median(those) for name, those in found.items()}
     cases = study.own_cases
     rows = []
     for variant, counted in zip(variants, counts, strict=True):
@@ -57,6 +58,7 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
             "flop_ratio": counted.total / counts[0].total if counted and counts[0] else np.nan,
             "evaluations": sum(counted.evaluations.values()) if counted else np.nan,
             "cases": cases,
+            "spread": spread(found[variant.feature]),
         })  # fmt: skip
     return pd.DataFrame(rows)
 

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from sepmc.bench import apart
-from sepmc.bench.clock import rounds
+from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
 from sepmc.engine.door import use_threads
@@ -71,6 +71,7 @@ def _by_threads(study: Study) -> list[dict[str, Any]]:
                 "threads": n,
                 "us_per_case": 1e6 * spent / cases,
                 "kernel_s": spent,
+                "spread": spread(times[str(n)]),
             }
         )
         rows[-1]["speed_up"] = rows[0]["kernel_s"] / spent

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from sepmc.bench import apart
-from sepmc.bench.clock import rounds, seconds
+from sepmc.bench.clock import rounds, seconds, spread
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign import pilot, store
 from sepmc.campaign.campaign import load
@@ -84,6 +84,7 @@ def _row(name: str, kind: str, times: list[float]) -> dict[str, Any]:
         "s": median(times),
         "best_s": min(times),
         "repeats": len(times),
+        "spread": spread(times),
     }
 
 

@@ -11,8 +11,9 @@ _FORMATS = {
     "flops_per_evaluation": "{:.0f}", "flops_per_case": "{:.0f}", "evaluations": "{:.0f}",
     "s": "{:.4f}", "best_s": "{:.4f}",
     "kernel_s": "{:.4f}", "sample_s": "{:.4f}", "peak_MB": "{:.0f}", "speed_up": "{:.2f}",
-    "compile_s": "{:.2f}", "over_ours": "{:.3g}",
+    "compile_s": "{:.2f}", "over_ours": "{:.3g}", "spread": "{:.2f}",
 }  # fmt: skip
+QUIET = 0.1  # spread of repeats, in the median row of a part, up to which a machine is quiet
 _SHOWN = {
     "work_precision": [
         "formulation",
@@ -22,6 +23,7 @@ _SHOWN = {
         "error",
         "worst_outcome",
         "ms",
+        "spread",
         "cases",
         "repeats",
         "scaled",
@@ -31,19 +33,30 @@ _SHOWN = {
         "feature",
         "change",
         "ms",
+        "spread",
         "time_ratio",
         "flop_ratio",
         "evaluations",
         "flops_per_evaluation",
         "flops_per_case",
     ],
-    "stages": ["stage", "kind", "s", "best_s", "repeats"],
-    "scaling": ["cases", "threads", "us_per_case", "kernel_s", "sample_s", "peak_MB", "speed_up"],
+    "stages": ["stage", "kind", "s", "spread", "best_s", "repeats"],
+    "scaling": [
+        "cases",
+        "threads",
+        "us_per_case",
+        "kernel_s",
+        "spread",
+        "sample_s",
+        "peak_MB",
+        "speed_up",
+    ],
     "peers": [
         "engine",
         "setting",
         "error",
         "ms",
+        "spread",
         "over_ours",
         "cases",
         "repeats",
@@ -68,7 +81,7 @@ _WORDS = (
 )
 _TITLES = {
     "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases "
-    "(ms, median)",
+    "(ms, median; spread: the middle half of its repeats, over that)",
     "features": "Cost of each feature: time and operations without it, over those of the whole "
     "scene, in the same steps",
     "stages": "Time by stage and by command (s, median)",
@@ -76,6 +89,7 @@ _TITLES = {
     "peers": "Other engines on the same cases (ms for 10,000 cases; over_ours: over our fastest "
     "at an error as small or smaller)",
 }
+TABLES = tuple(_TITLES)
 
 
 def table(name: str, frame: pd.DataFrame) -> str:
@@ -104,6 +118,18 @@ def _cell(column: str, value: Any) -> str:
     if pd.isna(value):
         return "-"
     return _FORMATS.get(column, "{}").format(value)
+
+
+def unquiet(name: str, frame: pd.DataFrame) -> str:
+    """A warning if the repeats of a part lie far apart; empty if they do not."""
+    spreads = frame["spread"].dropna() if "spread" in frame else pd.Series(dtype=float)
+    if not len(spreads) or spreads.median() <= QUIET:
+        return ""
+    return (
+        f"warning: the machine was not quiet: the middle half of the repeats of {name} spreads "
+        f"over {100.0 * spreads.median():.0f} % of their median; ratios within a part are fairer "
+        "than times"
+    )
 
 
 def headlines(told: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.bench.clock import rounds
+from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
@@ -65,6 +65,7 @@ def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> d
         "cases": way.cases,
         "scaled": few,
         "repeats": len(times),
+        "spread": spread(times),
         "default": way.default,
     }
 
@@ -121,6 +122,6 @@ def _multiples(flight: Flight) -> list[Flight]:
     half = np.maximum(1, np.round(0.5 * flight.steps)).astype(np.int64)
     fewer = [replace(flight, steps=half)] if flight.step is None else []
     return [
-        replace(one, limits=None, angles={})
+        replace(one, limits=None, angles={}, most=np.inf)
         for one in (*fewer, flight.sharper(2), flight.sharper(4))
     ]

@@ -18,7 +18,7 @@ import numpy as np
 from sepmc import schema
 from sepmc.analysis.precision import Until
 from sepmc.campaign import store
-from sepmc.campaign.accuracy import SAFETY, Achieved
+from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.numbers import Numbers
@@ -77,8 +77,7 @@ class Chunks:
         self.unsettled = how.get("unsettled_cases", 0)  # of both
         # cases in which a clearance is least at the end, by clearance
         self.least_at_the_end = Counter[str](self.earlier.get("least_at_the_end", {}))
-        # of their outcomes by the last halvings of steps
-        self._change = np.zeros(len(campaign.outcome_columns))
+        self._error = np.zeros(len(campaign.outcome_columns))  # the largest of every outcome
         self.started = datetime.now(UTC)
         joints = list(campaign.plan.joints)
         self.separation = (
@@ -151,7 +150,7 @@ class Chunks:
                 self.unsettled + block.again.unsettled,
             )
             self.finer += block.again.finer
-            self._change = np.maximum(self._change, block.again.change)
+            self._error = np.maximum(self._error, block.again.error)
         outcomes = zip(campaign.outcome_columns, block.outcomes.T, strict=False)
         by_name = {column.name: x for column, x in outcomes}
         self.least_at_the_end += least_at_the_end(by_name, campaign.scene.run.end_time)
@@ -235,15 +234,15 @@ class Chunks:
 
     @property
     def accuracy(self) -> Achieved:
-        """Error of the run: what trial cases show, and cases that were flown again."""
+        """Error of the run: the largest of its cases and of the trial cases."""
         told = self.flight.achieved
         assert told is not None
         # no trial case tells anything, but cases that were flown again do
         if not told.cases and self.finer:
             told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
         own = {
-            c.name: float(SAFETY * x)
-            for c, x in zip(self.campaign.outcome_columns, self._change, strict=True)
+            c.name: float(x)
+            for c, x in zip(self.campaign.outcome_columns, self._error, strict=True)
         }
         return told.with_errors(own).with_errors(self._earlier_errors)
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sepmc.campaign.accuracy import SMALL, Achieved, decisive, errors, scene_scales
+from sepmc.campaign.accuracy import SAFETY, SMALL, Achieved, decisive, errors, scene_scales
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.settle import DOUBTFUL, HALVINGS, TOO_LONG, Settled, settle
+from sepmc.campaign.estimate import Estimate
+from sepmc.campaign.settle import AGREEMENTS, DOUBTFUL, HALVINGS, TOO_LONG, Settled, settle
 from sepmc.engine.door import Again, Block, fly_cases
 from sepmc.engine.written import Kernel
 from sepmc.routines.layout import (
@@ -51,6 +52,7 @@ class Flight:
     to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for
     trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size, rad, of
     sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about at once.
+    Within these the ``estimate`` tells what the error of a case is; more than ``most`` is too much.
     ``error`` is the largest error of the trial cases, ``achieved`` what is told of it, ``nominal``
     (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the
     kernel does not vouch for is left to ``spares``, one after the other.
@@ -64,6 +66,8 @@ class Flight:
     scale: np.ndarray | None = None
     limits: np.ndarray | None = None
     angles: dict[int, float] = field(default_factory=dict)
+    estimate: Estimate | None = None
+    most: float = np.inf
     error: float = np.nan
     achieved: Achieved | None = None
     nominal: np.ndarray | None = None
@@ -97,12 +101,18 @@ def fly(
     room: int = 0,
     announce: Say | None = None,
 ) -> Block:
-    """Fly draws (n, d), SI. Cases harder than any trial case, those that seem to leave a table or
-    to jam and those that the kernel does not vouch for are flown again at shorter steps; by spare
-    kernels, if that does not tell. What none vouches for has no outcomes."""
+    """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
+    seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
+    shorter steps; by spare kernels, if that does not tell. What none vouches for has no
+    outcomes."""
     block = fly_once(campaign, flight, draws, room)
-    hard = _doubtful(campaign, block) | (block.flown & ~_is_like_trials(flight, block))
-    again = _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard))
+    like = _is_like_trials(flight, block)
+    told = _estimated(campaign, flight, block, like)
+    beyond = like & (block.error > flight.most)
+    hard = _doubtful(campaign, block) | (block.flown & ~like)
+    again = told.with_others(
+        _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
+    ).with_others(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
     for spare in flight.spares:
         finite = motion_is_finite(block.outcomes, bodies)
@@ -180,6 +190,25 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     return np.asarray(like)
 
 
+def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndarray) -> Again:
+    """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
+    Returns what is to be told of those that need not fly again."""
+    nothing = Again(np.zeros(len(campaign.outcome_columns)))
+    if flight.estimate is None:
+        return nothing
+    assert block.guards is not None
+    known = like & block.flown
+    guards = _some(block.guards, known)
+    error = flight.estimate.of_cases(guards)
+    block.error[known] = error
+    return Again(flight.estimate.largest(_some(guards, ~(error > flight.most))))
+
+
+def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Rows of guards (n, g) that are stored by column, all or some of them."""
+    return guards if which.all() else guards.T[:, which].T
+
+
 def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
     """Which cases (n,) may end otherwise at shorter steps, if none is given."""
     return np.isin(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
@@ -194,12 +223,14 @@ def _fly_hard(
     room: int,
     block: Block,
     hard: np.ndarray,
+    agreements: int = AGREEMENTS,
 ) -> Again:
     """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled;
     with a step that is given, only to learn their error. Returns what is to be told of them."""
     given = campaign.scene.solver.step is not None
+    columns = campaign.outcome_columns
     if not len(hard):
-        return Again(np.zeros(len(campaign.outcome_columns)))
+        return Again(np.zeros(len(columns)))
     before = _rows(block, hard)
     found = _settle(
         campaign,
@@ -207,7 +238,10 @@ def _fly_hard(
         block,
         hard,
         lambda sharper, some: fly_once(campaign, sharper, draws[some], room),
+        agreements,
+        before,
     )
+    decides = decisive(columns)
     if given:
         assert flight.scale is not None
         n = len(flight.scale)
@@ -215,18 +249,28 @@ def _fly_hard(
             found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale)
         )
         _put(block, hard, before)
-        return Again(_largest(change), finer=len(hard))
+        flown = block.flown[hard]
+        block.error[hard[flown]] = _told(flight, change[flown], decides)
+        return Again(SAFETY * _largest(change), finer=len(hard))
     finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
     left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
     for number in left:
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
     flown = block.flown[hard]
+    block.error[hard[flown]] = _told(flight, found.change[flown], decides)
     return Again(
-        _largest(found.change[flown]),
+        SAFETY * _largest(found.change[flown]),
         finer=len(hard),
         unsettled=int(np.count_nonzero(flown & ~found.settled)),
     )
+
+
+def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
+    """What is told of the errors of cases (n,) whose outcomes the last halvings changed, (n, o): no
+    less than of any other case."""
+    least = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
+    return np.asarray(np.maximum(SAFETY * change, least)[:, decides].max(axis=1, initial=0.0))
 
 
 def _alone(
@@ -254,13 +298,19 @@ def _settle(
     block: Block,
     which: np.ndarray,
     flown: Callable[[Flight, np.ndarray], Block],
+    agreements: int = AGREEMENTS,
+    before: Block | None = None,
 ) -> Settled:
     """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
-    and so on until they have settled."""
+    and so on until they have settled; what they gave ``before`` in the steps of the flight, if that
+    is known, is not flown again."""
     columns = campaign.outcome_columns
 
     def fly_some(share: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        again = flown(flight.sharper(round(1.0 / share)), which[some])
+        if share == 1.0 and before is not None:
+            again = _rows(before, some)
+        else:
+            again = flown(flight.sharper(round(1.0 / share)), which[some])
         _put(block, which[some], again)
         return again.outcomes[:, : len(columns)].copy(), np.where(
             (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status
@@ -279,6 +329,7 @@ def _settle(
         scale,
         decisive(columns),
         _MOST_LOST if flight.has_pacing_spare else HALVINGS,
+        agreements,
     )
 
 

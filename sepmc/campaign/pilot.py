@@ -23,6 +23,7 @@ from sepmc.campaign.accuracy import (
     scene_scales,
 )
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.estimate import estimate
 from sepmc.campaign.flight import (
     EVERY_S,
     SAFE,
@@ -41,7 +42,6 @@ from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
-from sepmc.kernel.pieces import split
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
@@ -222,13 +222,13 @@ def _each_by_itself(
     block = fly(campaign, flight, draws)
     assert block.again is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
-    told = achieved(campaign, block.again.change, int(np.count_nonzero(ok)))
+    told = achieved(campaign, block.again.error / SAFETY, int(np.count_nonzero(ok)))
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, own)
     return replace(
         flight,
         scale=scale,
-        error=float(block.again.change[decides].max(initial=0.0)),
+        error=float(block.again.error[decides].max(initial=0.0)) / SAFETY,
         achieved=told,
         nominal=nominal,
     )
@@ -343,6 +343,11 @@ def _choose_steps(
         kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn])
     )
     again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
+    both = sound & search.fair[:first]
+    known = np.vstack(
+        [errors(again[both], search.reference[:first][both], scale), found[fair & finely]]
+    )
+    known_of = np.concatenate([both, fair & finely])
     doubted = np.vstack([tried[:first][sound & ~search.fair[:first]], drawn[fair & ~finely]])
     if len(doubted):
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
@@ -363,11 +368,23 @@ def _choose_steps(
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
     limits, angles = _limits(campaign, trials), _angles(campaign, trials)
     largest = np.maximum(largest, _unseen(campaign, trials, scale))
+    assert trials.guards is not None
+    own = estimate(
+        trials.guards[known_of],
+        known,
+        SAFETY * search.of_reference,
+        _left_out(campaign, trials, scale),
+        decides,
+    )
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
     nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
     error = float(largest[decides].max(initial=0.0))
-    return Flight(kernel, steps, usual, stages, given, scale, limits, angles, error, told, nominal)
+    # what trial cases do not reach in these steps is not asked of others
+    most = np.inf if given is not None else max(campaign.scene.solver.accuracy, SAFETY * error)
+    return Flight(
+        kernel, steps, usual, stages, given, scale, limits, angles, own, most, error, told, nominal
+    )
 
 
 def _verdict(block: Block, given: float | None) -> np.ndarray:
@@ -430,6 +447,19 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
     return found
 
 
+def _left_out(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
+    """Error (o, g) that outcomes may have for each unit of a guard: impulses, for what polynomials
+    leave out of them."""
+    assert trials.guards is not None
+    impulses = _impulses(campaign)
+    found = np.zeros((len(scale), trials.guards.shape[1]))
+    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    least = np.maximum(sizes, scale[impulses]).min(axis=0, initial=np.inf)
+    guards = found.shape[1] - len(impulses) + np.arange(len(impulses))
+    found[impulses, guards] = np.divide(SAFETY, least, out=np.zeros(len(least)), where=least > 0.0)
+    return found
+
+
 def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
     """How near sideslip and yaw, by column, may come to a right angle, rad: an error of alpha, or
     pitch and roll, goes with one over the cosine."""
@@ -474,5 +504,5 @@ def left_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import cache as compiled  # noqa: PLC0415  (numba)
 
-    names = compiled.write([piece.text for piece in split(text)])
+    names = compiled.names_of(text)
     return len(compiled.missing(names)), len(names)

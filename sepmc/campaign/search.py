@@ -63,7 +63,7 @@ class Search:
         )
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.settled = np.inf  # what halving the steps of the reference changes
-        self._of_reference = np.full(len(scale), np.inf)  # that by outcome
+        self.of_reference = np.full(len(scale), np.inf)  # that by outcome
 
     @property
     def fair(self) -> np.ndarray:
@@ -90,7 +90,7 @@ class Search:
         None if the kernel cannot vouch for most of the cases."""
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.flown(_FINER * steps, self.draws)
-        self._of_reference = np.zeros(len(self.scale))
+        self.of_reference = np.zeros(len(self.scale))
         return steps if mostly(self.verdict) else None
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ class Search:
         both = (verdict == VOUCHED) & self.fair
         return np.maximum(
             errors(found[both], self.reference[both], self.scale).max(axis=0, initial=0.0),
-            self._of_reference,
+            self.of_reference,
         )
 
     def _refer(self, first: np.ndarray) -> np.ndarray:
@@ -119,7 +119,7 @@ class Search:
                 self.settled = 2.0 * now
                 break
             if now <= self.settled:
-                self._of_reference = self._errors(coarse)
+                self.of_reference = self._errors(coarse)
             self.settled = min(self.settled, now)
         return steps
 

@@ -22,7 +22,7 @@ _MOST_FIRST = 2**15  # steps that are tried first, however close the rows
 HALVINGS = 9  # at most
 # in a row: across a kink, such as the edge of a layer of air, errors do not fall evenly, and one
 # may be luck
-_AGREEMENTS = 2
+AGREEMENTS = 2
 # halvings that may pass without the change falling to half: then round-off or a jump is what is
 # left
 _PATIENCE = 3
@@ -106,9 +106,10 @@ def settle(
     scale: np.ndarray,
     decides: np.ndarray,
     most_lost: int = HALVINGS,
+    agreements: int = AGREEMENTS,
 ) -> Settled:
-    """Halve the step of each of ``count`` cases until two halvings in a row change its outcomes by
-    no more than the goal.
+    """Halve the step of each of ``count`` cases until two halvings in a row, or as many as
+    ``agreements``, change its outcomes by no more than the goal.
 
     ``fly`` is called with a step and the numbers of the cases that have not settled, so its last
     call for a case is at the step told. Outcomes that do not ``decides`` (o,) do not count. A case
@@ -132,13 +133,14 @@ def settle(
         fell = (worst <= 0.5 * least[left]) | np.isin(finer_status, TOO_LONG) | waiting
         stale[left] = np.where(fell, 0, stale[left] + 1)
         least[left] = np.where(worst > goal, np.minimum(worst, least[left]), least[left])
-        change[left] = np.where(np.isinf(last[left]), now, np.maximum(last[left], now))
+        first = np.isinf(last[left]) | (agreements == 1)
+        change[left] = np.where(first, now, np.maximum(last[left], now))
         outcomes[left], status[left], steps[left], last[left] = finer, finer_status, step, now
         lost = (finer_status == Status.UNRESOLVED) & (halving >= most_lost)
-        left = left[(agreed[left] < _AGREEMENTS) & (stale[left] < _PATIENCE) & ~lost]
+        left = left[(agreed[left] < agreements) & (stale[left] < _PATIENCE) & ~lost]
         if not len(left):
             break
-    return Settled(steps, status, change, agreed >= _AGREEMENTS)
+    return Settled(steps, status, change, agreed >= agreements)
 
 
 def settle_one(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc import schema
-from sepmc.campaign.accuracy import SAFETY, errors, scales, scene_scales
+from sepmc.campaign.accuracy import SAFETY, decisive, errors, scales, scene_scales
 from sepmc.campaign.flight import (
     EVERY_S,
     Say,
@@ -132,7 +132,7 @@ class _SingleFlight:
         scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._settled(steps)
-            return replace(self._with_rows(steps, notes), error=error)
+            return self._told(self._with_rows(steps, notes), error)
         self._compile_for(scene.run.end_time / scene.solver.step)
         finer = self._learn(steps)
         found = self._with_rows(steps, [])
@@ -140,10 +140,14 @@ class _SingleFlight:
             return found
         units, count = [c.unit for c in self.columns], len(self.columns)
         scale = scales(finer[None, :count], units, scene_scales(scene, units))
-        return replace(
-            found,
-            error=SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0],
-        )
+        error = SAFETY * errors(found.outcomes[None, :count], finer[None, :count], scale)[0]
+        return self._told(found, error)
+
+    def _told(self, found: Single, error: np.ndarray) -> Single:
+        """The case with the error (o,) of its outcomes."""
+        if found.status <= Status.NEVER_RELEASED:
+            found.outcomes[-1] = error[decisive(self.columns)].max(initial=0.0)
+        return replace(found, error=error)
 
     def lost(self, status: int) -> Single:
         """The case as it is though no kernel vouches for it."""

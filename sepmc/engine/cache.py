@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 
 from sepmc.engine import call_types
@@ -15,7 +16,7 @@ from sepmc.engine.compilers import Progress, compile_all
 from sepmc.engine.pieces import table
 from sepmc.engine.written import Kernel
 from sepmc.jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
-from sepmc.kernel.pieces import ALIKE
+from sepmc.kernel.pieces import ALIKE, split
 
 # What is left to the collector before it looks: looking took a fifth of the time to compile.
 _GARBAGE = 1_000_000
@@ -24,19 +25,44 @@ _LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.
 _BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
 
+def names_of(text: str) -> list[str]:
+    """Names of the modules of a kernel's pieces, in the order of their table, in the cache folder;
+    they are written there unless they are known: to split a kernel takes as long as to write
+    it."""
+    known = CACHE_FOLDER / f"kernel_{_digest(text)}.txt"
+    try:
+        names = known.read_text(encoding="utf-8").split()
+    except OSError:
+        names = []
+    if names and all((CACHE_FOLDER / f"{name}.py").is_file() for name in names):
+        return names
+    names = write([piece.text for piece in split(text)])
+    _put(known, "\n".join(names))
+    return names
+
+
 def write(texts: Sequence[str]) -> list[str]:
     """Put the texts of modules into the cache folder where they are new. Returns the modules'
     names, digests of the texts."""
     names = []
     for text in texts:
-        name = "sepmc_piece_" + hashlib.sha256(text.encode()).hexdigest()[:16]
+        name = f"sepmc_piece_{_digest(text)}"
         path = CACHE_FOLDER / f"{name}.py"
         if not path.is_file():
-            draft = path.with_suffix(f".{os.getpid()}")
-            draft.write_text(text, encoding="utf-8")
-            draft.replace(path)
+            _put(path, text)
         names.append(name)
     return names
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _put(path: Path, text: str) -> None:
+    """Write a file such that no other process ever sees a part of it."""
+    draft = path.with_suffix(f".{os.getpid()}")
+    draft.write_text(text, encoding="utf-8")
+    draft.replace(path)
 
 
 def module(name: str) -> ModuleType:

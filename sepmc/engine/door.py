@@ -13,7 +13,6 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.engine.written import Kernel
-from sepmc.kernel.pieces import split
 from sepmc.kernel.plan import Plan
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError
@@ -27,20 +26,19 @@ _waited: list[float] = []  # for compilers, s
 
 @dataclass
 class Again:
-    """Cases that are flown again: the largest change (o,) of outcomes by the last halvings of
-    steps; how many were flown at finer steps than the others, and by a spare kernel; and how many
-    no step settled."""
+    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome; how many
+    were flown again at finer steps than the others, and by a spare kernel; and how many no step
+    settled."""
 
-    change: np.ndarray
+    error: np.ndarray
     finer: int = 0
     spare: int = 0
     unsettled: int = 0
 
     def with_others(self, others: "Again") -> "Again":
         """These and others."""
-        change = np.maximum(self.change, others.change)
         return Again(
-            change,
+            np.maximum(self.error, others.error),
             self.finer + others.finer,
             self.spare + others.spare,
             self.unsettled + others.unsettled,
@@ -63,6 +61,11 @@ class Block:
     # on
     guards: np.ndarray | None = None
     again: Again | None = None
+
+    @property
+    def error(self) -> np.ndarray:
+        """The estimate of the error of each case (n,), its last audit column."""
+        return self.outcomes[:, -1]
 
     @property
     def guarded(self) -> np.ndarray:
@@ -278,7 +281,7 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
         return plain.load(text)
     from sepmc.engine import cache  # noqa: PLC0415
 
-    names = cache.write([piece.text for piece in split(text)])
+    names = cache.names_of(text)
     left = len(cache.missing(names))
     if left:
         if announce:

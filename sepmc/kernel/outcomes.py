@@ -190,12 +190,13 @@ def emit_results(text: Text, c: Context) -> None:
     )
     for k, value in enumerate(audits):
         text(f"outcomes[{o + 4 + k}, i] = {value}")
+    guards = o + 4 + len(audits) + 1  # after the estimate of the error, which is not known here
     text(
         "unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan",
         "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0",
     )
     text.block("for k in range(GUARDS):")(
-        f"outcomes[{o + 11} + k, i] = w[GUARD + k * LANES + l] if known else unknown"
+        f"outcomes[{guards} + k, i] = w[GUARD + k * LANES + l] if known else unknown"
     )
     for number, stage in enumerate(shape.stages):
         text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
@@ -207,4 +208,4 @@ def emit_results(text: Text, c: Context) -> None:
         "status[i] = int(told)",
     )
     inner = text.block(f"if told > {float(Status.NEVER_RELEASED)}:")
-    inner.block(f"for k in range({o + 11}):")("outcomes[k, i] = math.nan")
+    inner.block(f"for k in range({guards}):")("outcomes[k, i] = math.nan")

@@ -51,6 +51,7 @@ def draw(frames: Mapping[str, pd.DataFrame], folder: Path, title: str, floor: fl
     """
     drawers = {
         "work_precision": _work_precision,
+        "row_errors": _row_errors,
         "features": _features,
         "stages": _stages,
         "scaling": _scaling,
@@ -91,6 +92,29 @@ def _error_axes(ax: Axes, frame: pd.DataFrame, floor: float) -> None:
     ax.set_ylim(low, high)
     ax.yaxis.set_major_locator(LogLocator(numticks=20))
     ax.axhspan(low, floor, color="#eeeeee", zorder=0, label="within the reference's own error")
+
+
+def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
+    """Every case: its true error over what its row tells."""
+    figure, (ax,) = _figure(7.0, 6.0)
+    told = _shown(frame["error"], floor)
+    true = _shown(frame["true_error"], floor)
+    ax.plot(told, true, linestyle="", marker=".", markersize=2.5, color=BLUE, alpha=0.5)
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="error that the row tells",
+        ylabel="true error, largest of its outcomes",
+    )
+    ends = np.array([min(told.min(), true.min()) / 2.0, 2.0 * max(told.max(), true.max())])
+    ax.set(xlim=ends, ylim=ends)
+    ax.plot(ends, ends, color=BLACK, linewidth=1.0, label="as told")
+    ax.plot(ends, 3.0 * ends, color=VERMILION, linewidth=1.0, label="three times that")
+    ax.plot(ends, 0.1 * ends, color=BLACK, linewidth=1.0, linestyle=":", label="a tenth of that")
+    ax.axhspan(ends[0], floor, color="#eeeeee", zorder=0, label="within the reference's own error")
+    ax.set_title(f"Error of every case: {title}", fontsize=11)
+    _legend(figure, ax, 2)
+    return figure
 
 
 def _plain_decades(ax: Axes, which: str) -> None:

@@ -3,10 +3,11 @@ Simulation 31(4), 2019.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from itertools import pairwise
 from pathlib import Path
 from textwrap import fill
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from sepmc.report.style import (
     EDGES,
     GREEN,
     VERMILION,
+    Hands,
     entitle,
     in_words,
     made,
@@ -132,16 +134,18 @@ def band_figures(
     labels: Mapping[str, str] | None = None,
     about: str = "",
     suffix: str = ".png",
+    second: Executor | None = None,
 ) -> list[Path]:
     """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
-    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, labels, written = made(folder), labels or {}, []
+    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files. A
+    ``second`` process draws every other one."""
+    folder, labels, hands = made(folder), labels or {}, Hands(second)
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
             label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
             file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
-            written.append(_bands(histories, name, label, folder / file, about))
-    return written
+            hands.draw(_bands, histories, name, label, folder / file, about)
+    return hands.paths
 
 
 def histogram_figures(
@@ -155,12 +159,14 @@ def histogram_figures(
     about: str = "",
     suffix: str = ".png",
     alone: bool = True,
+    second: Executor | None = None,
 ) -> list[Path]:
     """Draw histograms of outcomes side by side, and each ``alone`` too; see `campaign_figures`. An
     outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
-    marked. ``about``: what stands in titles; ``suffix``: of the files."""
-    folder, reference, labels, written = made(folder), reference or {}, labels or {}, []
-    required = required or {}
+    marked. ``about``: what stands in titles; ``suffix``: of the files. A ``second`` process draws
+    every other one."""
+    folder, reference, labels = made(folder), reference or {}, labels or {}
+    required, hands = required or {}, Hands(second)
     values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, in_words(name, units.get(name, ""))) for name in values}
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
@@ -169,13 +175,8 @@ def histogram_figures(
     sheets = [(f"hist_{name}", [name]) for name in values if alone]
     sheets += [("histograms", overview)] if overview else []
     for file, names in sheets:
-        columns = min(3, len(names)) if file == "histograms" else 1
-        figure, axes = sheet(
-            -(-len(names) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
-        )
-        for ax, name in zip(axes, names, strict=False):
-            _histogram(
-                ax,
+        panels = [
+            (
                 values[name],
                 words_of[name],
                 units.get(name, ""),
@@ -183,11 +184,27 @@ def histogram_figures(
                 source,
                 required.get(name, ()),
             )
-        for ax in axes[len(names) :]:
-            ax.remove()
-        entitle(figure, about)
-        written.append(save(figure, folder / f"{file}{suffix}"))
-    return written
+            for name in names
+        ]
+        hands.draw(_histograms, panels, folder / f"{file}{suffix}", about, file == "histograms")
+    return hands.paths
+
+
+def _histograms(
+    panels: Sequence[tuple[Any, ...]], path: Path, about: str, side_by_side: bool
+) -> Path:
+    """Draw a figure of histograms, each given by the arguments of `_histogram`; returns its
+    path."""
+    columns = min(3, len(panels)) if side_by_side else 1
+    figure, axes = sheet(
+        -(-len(panels) // columns), columns, (3.8, 3.0) if columns > 1 else (6.4, 4.4)
+    )
+    for ax, panel in zip(axes, panels, strict=False):
+        _histogram(ax, *panel)
+    for ax in axes[len(panels) :]:
+        ax.remove()
+    entitle(figure, about)
+    return save(figure, path)
 
 
 def run_figures(
@@ -199,6 +216,7 @@ def run_figures(
     suffix: str = ".png",
     behind: pd.DataFrame | None = None,
     only: Collection[str] | None = None,
+    second: Executor | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -225,6 +243,8 @@ def run_figures(
         The history of the nominal case, drawn behind in pale lines.
     only : names of files, optional
         Draw these alone, of those below, without their ending.
+    second : Executor, optional
+        A second process, which draws every other one.
 
     Returns
     -------
@@ -233,7 +253,7 @@ def run_figures(
         ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
         ``pin_loads.png``; those without data are left out.
     """
-    folder, written = made(folder), []
+    folder, hands = made(folder), Hands(second)
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
         if only is not None and file not in only:
@@ -244,15 +264,14 @@ def run_figures(
             if any(name in history and history[name].notna().any() for name, _ in panel.lines)
         ]
         if there:
-            written.append(
-                _time_page(
-                    history,
-                    folder / f"{file}{suffix}",
-                    f"{about}: {title}" if about else title,
-                    there,
-                    min(columns, len(there)),
-                    behind,
-                )
+            hands.draw(
+                _time_page,
+                history,
+                folder / f"{file}{suffix}",
+                f"{about}: {title}" if about else title,
+                there,
+                min(columns, len(there)),
+                behind,
             )
 
     def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
@@ -335,7 +354,7 @@ def run_figures(
         ],
         2,
     )
-    return written
+    return hands.paths
 
 
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:

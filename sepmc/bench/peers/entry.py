@@ -18,7 +18,8 @@ class Entry:
     compile_s : float
         Apart from what follows.
     seconds_per_case : float
-        Wall time, all threads together, median of ``repeats``.
+        Wall time, all threads together, median of ``repeats``, which lie ``spread`` apart
+        (`sepmc.bench.clock.spread`).
     outcomes : dict of ndarray, shape (cases,)
         Outcome column to values, of the first ``cases`` cases.
     extrapolated : bool
@@ -35,6 +36,7 @@ class Entry:
     outcomes: dict[str, np.ndarray]
     extrapolated: bool
     note: str
+    spread: float = np.nan
 
 
 def worst(

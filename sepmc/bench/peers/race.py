@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sepmc.bench.clock import spread
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.peers.inputs import Inputs, read
 from sepmc.bench.peers.worker import Workers
@@ -145,10 +146,10 @@ def _apart(
     with Workers(factory, shares, environment) as workers:
         if not plain:
             workers.fly()
-        seconds = median(workers.fly() for _ in range(repeats)) / inputs.count
+        spent = [workers.fly() for _ in range(repeats)]
         parts = workers.outcomes()
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    seconds = seconds / threads if plain else seconds
+    seconds = median(spent) / inputs.count / (threads if plain else 1)
     return Entry(
         engine,
         setting,
@@ -160,6 +161,7 @@ def _apart(
         table,
         plain,
         note,
+        spread(spent),
     )
 
 
@@ -168,7 +170,7 @@ def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
 
     for step in STEPS:
         flight = MujocoFlight(inputs, step, threads)
-        spent, flown = _timed(flight, repeats)
+        spent, apart, flown = _timed(flight, repeats)
         note = "batch of a model a phase, loads as a compiled callback"
         table = flight.outcomes(flown)
         yield Entry(
@@ -182,6 +184,7 @@ def _mujoco(_: Any, inputs: Inputs, threads: int, repeats: int) -> Iterator[Entr
             table,
             False,
             note,
+            apart,
         )
 
 
@@ -190,9 +193,9 @@ def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Ent
 
     for step, levels in EXUDYN:
         flight = ExudynFlight(campaign, inputs, step, levels)
-        spent, flown = _timed(flight, 1)
+        lasted, _apart, flown = _timed(flight, 1)
         setting = f"step {step:g} s" + (f", {levels} levels" if levels > 1 else "")
-        seconds, table = spent / inputs.count / threads, flight.outcomes(flown)
+        seconds, table = lasted / inputs.count / threads, flight.outcomes(flown)
         yield Entry(
             "Exudyn",
             setting,
@@ -207,11 +210,11 @@ def _exudyn(campaign: Any, inputs: Inputs, threads: int, _: int) -> Iterator[Ent
         )
 
 
-def _timed(flight: Any, repeats: int) -> tuple[float, Any]:
-    """Median seconds of a flight, and what the last one gave."""
+def _timed(flight: Any, repeats: int) -> tuple[float, float, Any]:
+    """Median seconds of a flight, how far they lie apart, and what the last one gave."""
     spent, flown = [], None
     for _ in range(repeats):
         began = time.perf_counter()
         flown = flight.fly()
         spent.append(time.perf_counter() - began)
-    return median(spent), flown
+    return median(spent), spread(spent), flown
