@@ -97,6 +97,16 @@ def test_bits_do_not_depend_on_the_batch():
     assert_array_equal(whole, alone)
 
 
+def test_what_is_infinitely_wrong_is_left_out():
+    """As where an outcome has no value at the finer steps: no fit can hold it."""
+    guards, true = trials()
+    expected = estimate(guards[1:], true[1:], np.zeros(3), ALL)
+    true[0, 1] = np.inf
+    found = estimate(guards, true, np.zeros(3), ALL)
+    assert np.isfinite(found.of_cases(guards)).all()
+    assert_allclose(found.of_cases(guards), expected.of_cases(guards), rtol=1e-6)
+
+
 def test_without_trial_cases():
     found = estimate(np.empty((0, 2)), np.empty((0, 3)), np.array([1e-12, 2e-12, 0.0]), ALL)
     assert_array_equal(found.of_cases(np.ones((4, 2))), 2e-12)

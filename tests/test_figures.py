@@ -430,3 +430,17 @@ def test_required_bounds_are_marked(drawn, tmp_path):
     marked = [line.get_xdata()[0] for line in first.lines if line.get_label() == "required bound"]
     assert marked == [4.0]
     assert "required bound" not in [line.get_label() for line in second.lines]
+
+
+def test_a_second_process_draws_the_same(tmp_path):
+    """Every other figure, byte for byte."""
+    from sepmc.processes import processes
+
+    histograms = {name: histogram(np.random.default_rng(3).normal(size=500)) for name in UNITS}
+    here = histogram_figures(histograms, tmp_path / "here", UNITS, REFERENCE)
+    with processes(1) as second:
+        both = histogram_figures(histograms, tmp_path / "both", UNITS, REFERENCE, second=second)
+    assert [path.name for path in here] == [path.name for path in both]
+    assert len(here) == 4
+    for one, other in zip(here, both, strict=True):
+        assert one.read_bytes() == other.read_bytes()

@@ -10,12 +10,15 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
+from sepmc import cli
 from sepmc.campaign import store
 from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.replay import check_row, flown_before
 from sepmc.campaign.store import StoreError
 from sepmc.schema import Column
 
@@ -280,3 +283,19 @@ def test_manifest_is_json(tmp_path):
     """A number that is not finite is null: no JSON reader but Python's takes the word NaN."""
     store.write_json(tmp_path / store.MANIFEST, {"outcomes": {"release_time_s": float("nan")}})
     json.loads((tmp_path / store.MANIFEST).read_text(encoding="utf-8"), parse_constant=pytest.fail)
+
+
+def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
+    """Its statistics and replays stay, but it is not continued: parts would not fit together."""
+    folder = tmp_path / "run"
+    shutil.copytree(run_folder, folder)
+    for part in (folder / "cases").iterdir():
+        table = pq.ParquetFile(part).read()
+        pq.write_table(table.drop_columns(["error"]), part)
+    campaign = sepmc.load("table2", {"run.chunk": 4})
+    with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
+        campaign.run(cases=12, out=folder, resume=True)
+    again = sepmc.load(str(folder))
+    found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
+    assert (found.flown, found.columns) == (True, ())
+    assert CliRunner().invoke(cli.main, ["stats", str(folder)]).exit_code == 0

@@ -475,7 +475,13 @@ class Campaign(Definition):
                 f"{folder}: is {what} of {held} cases, which cannot be continued to {total}; use "
                 "--overwrite or another --out"
             )
-        done = store.cases_done(folder)
+        done, own = store.cases_done(folder), [column.name for column in self.columns]
+        if len(done) and (other := set(own).symmetric_difference(store.CaseColumns(folder))):
+            raise store.StoreError(
+                f"{folder}: was flown by another version of sepmc, whose rows differ in "
+                f"{', '.join(sorted(other))}, so its cases cannot be continued; use --overwrite or "
+                "another --out"
+            )
         if numbers.leave_out(done):
             raise store.StoreError(
                 f"{folder}: holds cases up to {done[-1]}; --cases {_said(numbers)} would leave "

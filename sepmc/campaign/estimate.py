@@ -100,9 +100,13 @@ def estimate(
     if len(guards):
         share = guards / size
         terms = share * np.sqrt(share)
-        for k, known in enumerate(errors.T):
-            fitted = _fitted(terms, known)
-            about = terms @ fitted
+        for k, column in enumerate(errors.T):
+            finite = np.isfinite(column)  # what is infinitely wrong is told of the whole campaign
+            if not finite.any():
+                continue
+            known, of_known = column[finite], terms[finite]
+            fitted = _fitted(of_known, known)
+            about = of_known @ fitted
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.where(known > 0.0, known / about, 1.0)
             weights[k], factor[k] = _MARGIN * fitted, max(float(ratio.max()), 1.0)

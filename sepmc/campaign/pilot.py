@@ -369,9 +369,10 @@ def _choose_steps(
     limits, angles = _limits(campaign, trials), _angles(campaign, trials)
     largest = np.maximum(largest, _unseen(campaign, trials, scale))
     assert trials.guards is not None
+    told_by_guards = trials.guarded[known_of]  # with a step that is given, maybe not all
     own = estimate(
-        trials.guards[known_of],
-        known,
+        trials.guards[known_of][told_by_guards],
+        known[told_by_guards],
         SAFETY * search.of_reference,
         _left_out(campaign, trials, scale),
         decides,

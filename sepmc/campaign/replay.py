@@ -62,7 +62,8 @@ def check_row(
     results = block.outcomes[0] * scales
     here |= {c.name: x for c, x in zip(campaign.result_columns, results, strict=True)}
     row = store.read_row(folder, number)
-    differ = [name for name, x in here.items() if not _same(x, row[name])]
+    # a run by an earlier version may lack a column
+    differ = [name for name, x in here.items() if name in row and not _same(x, row[name])]
     if row["status"] != Status(int(block.status[0])).label:
         differ.insert(0, "status")
     return RowCheck(number, True, tuple(differ))
