@@ -253,14 +253,12 @@ def run(
       sepmc run table2.toml --case 4711
     """
     say = speaker(quiet)
-    with plain_errors(quiet), drawing_beside(not no_plots) as second:
+    with plain_errors(quiet):
         from sepmc.cli_single import check_held, tell_single
 
         loaded = load_campaign(file, settings)
         check_held(Path(file), number, seed)
-        code = tell_single(
-            loaded, number, seed, every_s, out, overwrite, say, not no_plots, second=second
-        )
+        code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
     sys.exit(code)
 
 
@@ -309,7 +307,7 @@ def replay(
       sepmc replay runs/windy --nearest separation_speed_m_s:p99.73
     """
     say = speaker(quiet)
-    with plain_errors(quiet), drawing_beside(not no_plots) as second:
+    with plain_errors(quiet):
         from sepmc.cli_single import check_held, chosen, tell_single
 
         manifest_with_rows(folder)
@@ -322,7 +320,7 @@ def replay(
             number = chosen(folder, loaded, way, asked, say)
         check_held(folder, number, None)
         code = tell_single(
-            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film, second
+            loaded, number, None, every_s, out, overwrite, say, not no_plots, folder, film
         )
     sys.exit(code)
 

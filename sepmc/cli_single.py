@@ -11,8 +11,6 @@ from sepmc.cli_options import undispersed
 from sepmc.cli_output import errors_told, single_error_text, summary_of
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     import pandas as pd
 
     from sepmc.campaign.campaign import Campaign
@@ -32,11 +30,9 @@ def tell_single(
     plots: bool,
     run: Path | None = None,
     film: str | None = None,
-    second: "Executor | None" = None,
 ) -> int:
     """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
-    is checked. A ``second`` process draws a part of the figures. Returns the exit code: 1 if its
-    status is not ok, or its row differs."""
+    is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
     from sepmc import schema
     from sepmc.campaign import store
     from sepmc.engine.door import check_every
@@ -76,7 +72,6 @@ def tell_single(
             list(loaded.plan.joints),
             f"{loaded.name}, {about}",
             behind=behind,
-            second=second,
         )
     if film:
         from sepmc.report import animation

@@ -216,7 +216,6 @@ def run_figures(
     suffix: str = ".png",
     behind: pd.DataFrame | None = None,
     only: Collection[str] | None = None,
-    second: Executor | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -243,8 +242,6 @@ def run_figures(
         The history of the nominal case, drawn behind in pale lines.
     only : names of files, optional
         Draw these alone, of those below, without their ending.
-    second : Executor, optional
-        A second process, which draws every other one.
 
     Returns
     -------
@@ -253,7 +250,7 @@ def run_figures(
         ``angles.png``, ``axial_acceleration.png``, ``separation.png``, ``clearances.png``,
         ``pin_loads.png``; those without data are left out.
     """
-    folder, hands = made(folder), Hands(second)
+    folder, written = made(folder), []
 
     def page(file: str, title: str, panels: list[Panel], columns: int = 1) -> None:
         if only is not None and file not in only:
@@ -264,14 +261,15 @@ def run_figures(
             if any(name in history and history[name].notna().any() for name, _ in panel.lines)
         ]
         if there:
-            hands.draw(
-                _time_page,
-                history,
-                folder / f"{file}{suffix}",
-                f"{about}: {title}" if about else title,
-                there,
-                min(columns, len(there)),
-                behind,
+            written.append(
+                _time_page(
+                    history,
+                    folder / f"{file}{suffix}",
+                    f"{about}: {title}" if about else title,
+                    there,
+                    min(columns, len(there)),
+                    behind,
+                )
             )
 
     def components(stem: str, unit: str, symbol: str) -> list[tuple[str, str]]:
@@ -354,7 +352,7 @@ def run_figures(
         ],
         2,
     )
-    return hands.paths
+    return written
 
 
 def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: str) -> Path:
