@@ -413,15 +413,12 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         else ""
     )
     finer, spare = accuracy.get("finer_cases"), accuracy.get("spare_cases")
-    others = (
-        f", {finer} case{'s' * (finer != 1)} flown again at finer steps of their own"
-        if finer
-        else ""
-    )
+    why = "to learn their error" if "step_s" in accuracy else "of their own"
+    others = f", {finer} case{'s' * (finer != 1)} flown again at finer steps {why}" if finer else ""
     others += f", {spare} cases by a second kernel" if spare else ""
     trials = (
-        f"estimated for every case (column error) as {accuracy['cases']} trial cases teach, flown "
-        "again at twice the resolution"
+        "estimated for every case (column error, to a factor of 2) and found in "
+        f"{accuracy['cases']} trial cases, corners of the laws among them"
     )
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
 

@@ -216,7 +216,8 @@ _AUDIT = (
     (
         "error",
         "1",
-        "estimate of the numerical error: the largest of its outcomes, of their size or sigma",
+        "estimate of the numerical error: the largest of its outcomes, of their size or sigma; "
+        "without times and places of extremes",
         math.nan,
     ),
 )
