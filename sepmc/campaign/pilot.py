@@ -60,7 +60,7 @@ _WORST = 24
 # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
 # times as large
 _ALIKE = 1.25
-_MOST_ESTIMATED = 0.6  # of the accuracy: estimates of errors were up to 1.6 times too small
+_MOST_ESTIMATED = 0.6  # of the accuracy: so large estimates were up to 1.6 times too small
 _UNSEEN_LOADS = 0.05  # of the accuracy: what a polynomial may leave out of an impulse
 # of a guard of joint loads: what turns within a step is seen by the nodes in part only, and a few
 # errors add up
