@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Guards are of order 6 in the length of a step, the errors of steps of order 9.
-_POWER = 1.5
-# What is told of a case is so many times what no trial case goes beyond. True errors of 10,000
-# other cases were then at most so many times what is told: see sepmc/bench/README.md.
+# What is told of a case is so many times what no trial case goes beyond. How true errors of other
+# cases compare with that stands in sepmc/trust/README.md.
 _MARGIN = 4.0 / 3.0
 # of the largest error of a case: what never comes so near is not looked at
 _NEAR = 0.5
@@ -34,7 +32,7 @@ class Estimate:
     def of_cases(self, guards: np.ndarray) -> np.ndarray:
         """The error (n,) of each case, the largest of its outcomes, given its guards (n, g). Sums
         are made term by term, so that a case has the same bits in any batch."""
-        terms, found = self._terms(guards), np.zeros(len(guards))
+        terms, found = _terms(guards, self.size), np.zeros(len(guards))
         for k in self.leading:
             np.maximum(found, self._raised(k, self._sum(k, terms), guards), out=found)
         return found
@@ -43,7 +41,7 @@ class Estimate:
         """The largest error (o,) of each outcome over cases with these guards (n, g)."""
         found = np.zeros(len(self.floor))
         if len(guards):
-            terms = self._terms(guards)
+            terms = _terms(guards, self.size)
             for k in range(len(found)):
                 error = self._sum(k, terms)
                 if not self.left_out[k].any():  # what grows with the sum is largest where that is
@@ -53,7 +51,7 @@ class Estimate:
 
     def of_outcomes(self, guards: np.ndarray) -> np.ndarray:
         """The error (o, n) of each outcome of every case."""
-        terms = self._terms(guards)
+        terms = _terms(guards, self.size)
         return np.array(
             [self._raised(k, self._sum(k, terms), guards) for k in range(len(self.floor))]
         )
@@ -75,9 +73,12 @@ class Estimate:
             raised += self.left_out[k, guard] * guards[:, guard]
         return np.asarray(raised + self.floor[k])
 
-    def _terms(self, guards: np.ndarray) -> np.ndarray:
-        share = guards.T / self.size[:, None]
-        return np.asarray(share * np.sqrt(share))
+
+def _terms(guards: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """The power 3/2 of guards (n, g) over a size (g,), by rows (g, n): guards are of order 6 in the
+    length of a step, errors of order 9."""
+    share = guards.T / size[:, None]
+    return np.asarray(share * np.sqrt(share))
 
 
 def estimate(
@@ -98,8 +99,7 @@ def estimate(
     weights = np.zeros((outcomes, len(size)))
     factor, number = np.ones(outcomes), np.zeros(outcomes)
     if len(guards):
-        share = guards / size
-        terms = share * np.sqrt(share)
+        terms = np.ascontiguousarray(_terms(guards, size).T)
         for k, column in enumerate(errors.T):
             finite = np.isfinite(column)  # what is infinitely wrong is told of the whole campaign
             if not finite.any():

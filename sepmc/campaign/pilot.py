@@ -442,11 +442,8 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
     of impulses (`_limits`)."""
     found, impulses = np.zeros(len(scale)), _impulses(campaign)
     sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
-    least = np.maximum(sizes, scale[impulses]).min(axis=0, initial=np.inf)
     left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
-    found[impulses] = np.divide(
-        left_out, SAFETY * least, out=np.zeros(len(least)), where=least > 0.0
-    )
+    found[impulses] = _over_least(left_out / SAFETY, sizes, scale[impulses])
     return found
 
 
@@ -457,10 +454,16 @@ def _left_out(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndar
     impulses = _impulses(campaign)
     found = np.zeros((len(scale), trials.guards.shape[1]))
     sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
-    least = np.maximum(sizes, scale[impulses]).min(axis=0, initial=np.inf)
     guards = found.shape[1] - len(impulses) + np.arange(len(impulses))
-    found[impulses, guards] = np.divide(SAFETY, least, out=np.zeros(len(least)), where=least > 0.0)
+    found[impulses, guards] = _over_least(np.array(SAFETY), sizes, scale[impulses])
     return found
+
+
+def _over_least(amount: np.ndarray, sizes: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """An amount, or one for each of some outcomes (k,), over what each is in the case where it is
+    least, given ``sizes`` (n, k), but no less than its ``scale`` (k,)."""
+    least = np.maximum(sizes, scale).min(axis=0, initial=np.inf)
+    return np.divide(amount, least, out=np.zeros(len(least)), where=least > 0.0)
 
 
 def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
