@@ -385,15 +385,16 @@ def single_error_text(
 
 def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     """How a campaign was flown and how exact that was, in a sentence."""
-    steps = ", ".join(
-        f"{stage} {n}" for stage, n in zip(stages, accuracy.get("steps", ()), strict=False)
+    # runs of versions without "methods" had one for all phases
+    methods = accuracy.get("methods") or len(stages) * [accuracy["method"]]
+    steps, same = accuracy.get("steps", ()), len(set(methods)) == 1
+    each = ", ".join(
+        f"{stage} {number}" + ("" if same else f" ({method})")
+        for stage, number, method in zip(stages, steps, methods, strict=False)
     )
-    how = f"steps: {steps}" if steps else f"step {accuracy['step_s']:g} s"
-    how = (
-        f"{accuracy['method']}, {how}"
-        if accuracy["formulation"] == "reduced"
-        else f"full system, {accuracy['method']}, {how}"
-    )
+    how = f"steps: {each}" if each else f"step {accuracy['step_s']:g} s"
+    how = f"{methods[0]}, {how}" if same else how
+    how = how if accuracy["formulation"] == "reduced" else f"full system, {how}"
     if not accuracy["cases"]:
         return f"numerical error not known, no trial case came to its end; {how}"
     said = (

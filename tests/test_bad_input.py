@@ -116,7 +116,11 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
         '"round"',
         ["environment.gravity = 'round'", "inverse-square, constant, none"],
     ),
-    ("accuracy = 1e-9", 'method = "rk5"', ["solver.method = 'rk5'", "dop853, dopri5, rk4"]),
+    (
+        "accuracy = 1e-9",
+        'method = "rk5"',
+        ["solver.method = 'rk5'", "auto, sharp9, dop853, tp7, dopri5, rk4"],
+    ),
     ("accuracy = 1e-9", 'formulation = "x"', ["solver.formulation = 'x'", "reduced, full"]),
     (
         "accuracy = 1e-9",

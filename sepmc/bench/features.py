@@ -16,6 +16,7 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.flight import by_name
 from sepmc.campaign.pilot import kernel_text, stage_names
 from sepmc.engine.door import fly_cases, load_kernel
 from sepmc.scene.messages import SceneError
@@ -69,7 +70,6 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
     # its elimination is in loops, and their code does not tell how often they run
     if study.formulation == FULL:
         return [None] * len(variants)
-    steps, usual = study.flight.steps, study.flight.usual
     wanted = [
         v
         for v in variants
@@ -85,7 +85,7 @@ def _counts(study: Study, variants: list[Variant]) -> list[flops.Flops | None]:
         found = dict(
             zip(
                 first,
-                pool.map(lambda v: flops.count(v.campaign, steps, usual), first.values()),
+                pool.map(lambda v: flops.count(v.campaign, study.flight), first.values()),
                 strict=True,
             )
         )
@@ -105,10 +105,14 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
         if run.history_step > 0.0 and campaign.plan.joints
         else 0
     )
-    kernel, steps, usual = study.flight.kernel, study.flight.steps, study.flight.usual
+    flight, kernel = study.flight, study.flight.kernel
     if variant.feature != ALL:
-        kernel = load_kernel(kernel_text(campaign, history=room > 0), study.say)
-    return lambda: fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws, room)
+        text = kernel_text(campaign, flight.one_method, history=room > 0)
+        kernel = load_kernel(text, study.say)
+    methods = by_name(kernel, flight.method_names)
+    return lambda: fly_cases(
+        kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room, methods
+    )
 
 
 def _has_stages(study: Study, campaign: Campaign) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 
 from sepmc.bench import apart
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.flight import Flight, by_name
 from sepmc.campaign.pilot import kernel_text
 from sepmc.engine import cache, interpreted
 from sepmc.engine.door import fly_cases
@@ -63,27 +64,30 @@ class Flops:
         return self.rates / max(1, sum(self.evaluations.values()))
 
 
-def count(campaign: Campaign, steps: np.ndarray, usual: np.ndarray) -> Flops | None:
-    """Operations of a case flown by the scene's own kernel in ``steps`` (stages,) of stages that
-    usually last ``usual`` (stages,) s; None if the compiled code does not show them."""
+def count(campaign: Campaign, flight: Flight) -> Flops | None:
+    """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
+    not show them."""
     shape = make_shape(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
-    context = Context(shape, method(campaign.scene.solver.method), NO_HISTORY)
+    solver = flight.one_method
+    context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
     flown = {s.phase: context.flown_as(s) or s.name for s in shape.stages if not s.late}
-    found = _each(kernel_text(campaign), flown)
+    found = _each(kernel_text(campaign, solver), flown)
     if set(found) != set(called.values()):
         return None
     names, each = list(called), {name: found[written] for name, written in called.items()}
-    asked = [campaign.file.tree, campaign.name, steps.tolist(), usual.tolist()]
+    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.usual.tolist()]
+    asked += [solver, flight.method_names]
     taken = apart.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
-    rk = method(campaign.scene.solver.method)
-    stages = len(rk.b)
-    per_number = sum(2 * int(np.count_nonzero(row[:stages])) + 1 for row in (*rk.a[1:stages], rk.b))
-    numbers = {stage.phase: shape.active(stage) for stage in shape.stages}
-    sums = sum(
-        taken[name] / stages * per_number * numbers[written] for name, written in called.items()
-    )
+    sums = 0.0
+    for stage, name in zip(shape.stages, flight.method_names, strict=True):
+        if not stage.late:
+            rk = method(name)
+            rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
+            of_a_step = sum(2 * int(np.count_nonzero(row)) + 1 for row in rows)
+            steps_made = taken[shape.names.back[stage.phase]] / rk.stages
+            sums += steps_made * of_a_step * shape.active(stage)
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 
@@ -131,12 +135,17 @@ def _of_a_lane(body: str) -> float:
 
 
 def evaluations_here(
-    tree: dict[str, Any], name: str, steps: list[int], usual: list[float]
+    tree: dict[str, Any],
+    name: str,
+    steps: list[int],
+    usual: list[float],
+    solver: str | None,
+    methods: list[str],
 ) -> dict[str, int]:
     """Evaluations that a case takes, by phase. With the JIT off, where the kernel's functions are
     plain Python."""
     campaign = Campaign(parse_campaign(tree, name))
-    kernel = interpreted.load(kernel_text(campaign))
+    kernel = interpreted.load(kernel_text(campaign, solver))
     module = kernel.plain
     seen: collections.Counter[str] = collections.Counter()
 
@@ -158,5 +167,6 @@ def evaluations_here(
         np.array(usual),
         campaign.slots,
         drawn,
+        methods=by_name(kernel, methods),
     )
     return {phase: seen[phase] for phase in called}

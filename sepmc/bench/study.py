@@ -12,7 +12,6 @@ from sepmc.campaign.accuracy import scene_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import Flight, fly, relative_error
 from sepmc.engine.door import Block
-from sepmc.kernel.methods import method as make_method
 from sepmc.schema import Status
 
 Say = Callable[[str], None]
@@ -152,12 +151,17 @@ class Way:
         takes."""
         if self.flight.step is not None:
             return f"step {self.flight.step:.4g} s"
-        return "steps " + " ".join(map(str, self.flight.steps.tolist()))
+        steps, names = self.flight.steps.tolist(), self.flight.method_names
+        if len(set(names)) == 1:
+            return "steps " + " ".join(map(str, steps))
+        return "steps " + " ".join(
+            f"{number} {name}" for number, name in zip(steps, names, strict=True)
+        )
 
     @property
     def evaluations(self) -> int:
         """About how many a case takes; with a step that is given, only in proportion."""
-        return int(self.flight.steps.sum()) * len(make_method(self.method).b)
+        return self.flight.evaluations
 
     def fly(self, draws: np.ndarray) -> Block:
         """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""

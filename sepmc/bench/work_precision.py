@@ -12,7 +12,7 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
-from sepmc.kernel.methods import METHODS
+from sepmc.kernel.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
@@ -74,7 +74,7 @@ def _ways(study: Study, formulation: str) -> list[Way]:
     """Each method in the steps that the pilot chooses for several accuracies, and in multiples of
     those for the accuracy asked. By the full formulation only the scene's own method, without
     multiples."""
-    every = sorted(METHODS, key=lambda m: METHODS[m]().order)
+    every = [*sorted(METHODS, key=lambda m: METHODS[m]().order), AUTO]
     methods = [study.method] if study.quick or formulation == FULL else every
     return [way for method in methods for way in _of_method(study, method, formulation)]
 
@@ -102,9 +102,9 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
                 break  # it takes still more for the next ones
     if formulation != FULL:
         ways += [Way(flight, campaign, cases) for flight in _multiples(first.flight)]
-    found: dict[tuple[int, ...], Way] = {}
+    found: dict[tuple[Any, ...], Way] = {}
     for way in ways:
-        found.setdefault(tuple(way.flight.steps.tolist()), way)
+        found.setdefault((*way.flight.steps.tolist(), *way.flight.method_names), way)
     for way in found.values():
         if way.evaluations > most:
             study.say(

@@ -255,7 +255,11 @@ class Chunks:
     def _accuracy(self) -> dict[str, Any]:
         flight, told = self.flight, self.accuracy
         solver = self.campaign.scene.solver
-        said: dict[str, Any] = {"formulation": solver.formulation, "method": solver.method}
+        said: dict[str, Any] = {
+            "formulation": solver.formulation,
+            "method": solver.method,
+            "methods": flight.method_names,
+        }
         if flight.step is not None:
             said |= {"step_s": flight.step}
         else:

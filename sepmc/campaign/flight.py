@@ -12,6 +12,7 @@ from sepmc.campaign.estimate import Estimate
 from sepmc.campaign.settle import AGREEMENTS, DOUBTFUL, HALVINGS, TOO_LONG, Settled, settle
 from sepmc.engine.door import Again, Block, fly_cases
 from sepmc.engine.written import Kernel
+from sepmc.kernel.methods import method
 from sepmc.routines.layout import (
     ANY_ORDER,
     BODY_OUTCOMES,
@@ -46,7 +47,8 @@ class Spare:
 class Flight:
     """How a campaign is flown.
 
-    ``steps`` (stages,) are those of its ``kernel``, for ``stages`` (phases, and joints that are
+    ``steps`` (stages,) are those of its ``kernel``, by the ``methods`` (stages,) of these numbers,
+    or the most exact ones, for ``stages`` (phases, and joints that are
     late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
     which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
     to, see `sepmc.campaign.accuracy.errors`. ``limits`` (g,) are what guards of a case may be for
@@ -73,6 +75,27 @@ class Flight:
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
     spares: tuple[Spare, ...] = ()
+    methods: np.ndarray | None = None
+
+    @property
+    def method_names(self) -> list[str]:
+        """Names of the methods by which the stages are flown."""
+        numbers = np.zeros(self.kernel.stages, int) if self.methods is None else self.methods
+        return [names[number] for names, number in zip(self.kernel.methods, numbers, strict=True)]
+
+    @property
+    def one_method(self) -> str | None:
+        """The name of the method by which all stages are flown; None if there are several."""
+        names = set(self.method_names)
+        return names.pop() if len(names) == 1 else None
+
+    @property
+    def evaluations(self) -> int:
+        """How many a case takes; with a step that is given, only in proportion."""
+        return sum(
+            int(steps) * method(name).stages
+            for steps, name in zip(self.steps, self.method_names, strict=True)
+        )
 
     @property
     def has_pacing_spare(self) -> bool:
@@ -85,13 +108,27 @@ class Flight:
         kernel = spare.make(announce)
         steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
         usual = np.bincount(spare.phases, self.usual, kernel.stages)
-        return replace(self, kernel=kernel, steps=np.maximum(steps, 1), usual=usual, spares=())
+        return replace(
+            self,
+            kernel=kernel,
+            steps=np.maximum(steps, 1),
+            usual=usual,
+            spares=(),
+            methods=None,
+        )
 
     def sharper(self, times: int = 2) -> "Flight":
         """The same at so many times the resolution."""
         return replace(
             self, steps=times * self.steps, step=None if self.step is None else self.step / times
         )
+
+
+def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
+    """Numbers (stages,) of the methods with these names in a kernel; of the most exact ones where
+    it has not got them."""
+    pairs = zip(kernel.methods, names, strict=True)
+    return np.array([has.index(name) if name in has else 0 for has, name in pairs], dtype=np.int64)
 
 
 def fly(
@@ -168,7 +205,14 @@ def history_rows(scene: Scene) -> int:
 def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
     return fly_cases(
-        flight.kernel, campaign.plan, flight.steps, flight.usual, campaign.slots, draws, room
+        flight.kernel,
+        campaign.plan,
+        flight.steps,
+        flight.usual,
+        campaign.slots,
+        draws,
+        room,
+        flight.methods,
     )[0]
 
 
@@ -280,7 +324,13 @@ def _alone(
     event is looked for far too early: what they last is learnt from a flight of its own."""
     one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
     _, ends = fly_cases(
-        flight.kernel, campaign.plan, sharp.steps, flight.usual, campaign.slots, one
+        flight.kernel,
+        campaign.plan,
+        sharp.steps,
+        flight.usual,
+        campaign.slots,
+        one,
+        methods=flight.methods,
     )
     own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
     return _settle(

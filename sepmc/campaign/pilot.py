@@ -42,6 +42,7 @@ from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
 from sepmc.kernel.emit import emit
+from sepmc.kernel.methods import method
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
@@ -68,13 +69,13 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, method: str | None = None, history: bool = False, care: int = USUAL
+    campaign: Definition, solver: str | None = None, history: bool = False, care: int = USUAL
 ) -> str:
-    """The kernel written for a campaign, as a Python module; one that takes more ``care``, if that
-    is asked for."""
+    """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
+    methods), or one that takes more ``care``, if that is asked for."""
     return emit(
         structure.make_shape(campaign.plan, campaign.dispersed, care),
-        method or campaign.scene.solver.method,
+        solver or campaign.scene.solver.method,
         history,
     )
 
@@ -305,15 +306,20 @@ def _choose_steps(
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
+    evaluations = [[method(name).stages for name in names] for names in kernel.methods]
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def block_of(steps: np.ndarray, draws: np.ndarray) -> Block:
-        block, _ = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+    def block_of(steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None) -> Block:
+        block, _ = fly_cases(
+            kernel, campaign.plan, steps, usual, campaign.slots, draws, methods=methods
+        )
         tell(len(draws))
         return block
 
-    def flown(steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        block = block_of(steps, draws)
+    def flown(
+        steps: np.ndarray, methods: np.ndarray, draws: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        block = block_of(steps, draws, methods)
         return block.outcomes[:, : len(units)], _verdict(block, given)
 
     spread, some = (
@@ -328,21 +334,19 @@ def _choose_steps(
     scale = scales(_ended(few, given)[:, : len(units)], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
-        search = Search(flown, tried, scale, goal, decides)
+        search = Search(flown, tried, scale, goal, decides, evaluations)
         fewest = search.fewest(least) if given is None else search.of_one_step(kernel.stages)
         if fewest is None:
             return None
         steps = fewest
-        (one, verdict), (two, finer) = flown(steps, drawn), flown(2 * steps, drawn)
+        (one, verdict), (two, finer) = (search.flown(times * steps, drawn) for times in (1, 2))
         fair, finely = verdict == VOUCHED, finer == VOUCHED
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
         if given is not None or not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    trials, _ = fly_cases(
-        kernel, campaign.plan, steps, usual, campaign.slots, np.vstack([tried[:first], drawn])
-    )
+    trials = block_of(steps, np.vstack([tried[:first], drawn]), search.methods)
     again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
     both = sound & search.fair[:first]
     known = np.vstack(
@@ -354,14 +358,7 @@ def _choose_steps(
         vouched = np.vstack([again[sound & ~search.fair[:first]], one[fair & ~finely]])
 
         def finely_flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            block, _ = fly_cases(
-                kernel,
-                campaign.plan,
-                round(1.0 / share) * steps,
-                usual,
-                campaign.slots,
-                doubted[which],
-            )
+            block = block_of(round(1.0 / share) * steps, doubted[which], search.methods)
             return block.outcomes[:, : len(units)], np.where(
                 _verdict(block, given) == IN_DOUBT, Status.UNRESOLVED, block.status
             )
@@ -386,7 +383,20 @@ def _choose_steps(
     if search.goal > goal:  # what trial cases do not reach in any steps is not asked of others
         most = 2.0 * SAFETY * error
     return Flight(
-        kernel, steps, usual, stages, given, scale, limits, angles, own, most, error, told, nominal
+        kernel,
+        steps,
+        usual,
+        stages,
+        given,
+        scale,
+        limits,
+        angles,
+        own,
+        most,
+        error,
+        told,
+        nominal,
+        methods=search.methods,
     )
 
 

@@ -18,9 +18,11 @@ _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
-# Steps and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1 if it
-# does, 0 if not; -1 if there are none.
-Fly = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+# Steps, methods and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1
+# if it does, 0 if not; -1 if there are none.
+Fly = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+# What a step takes besides its evaluations, in evaluations: corrections, attitudes followed
+_OF_A_STEP = 2
 
 
 def mostly(verdict: np.ndarray) -> bool:
@@ -48,22 +50,30 @@ class Search:
     """Trials of steps on cases ``draws`` (n, d), SI, with errors taken relative to ``scale`` (o,)
     against a reference at many steps.
 
-    Only outcomes that ``decides`` (o,) are held to the goal.
+    Only outcomes that ``decides`` (o,) are held to the goal. ``methods`` (stages,) are those of the
+    stages, by number; ``evaluations`` tell how many a step by each takes.
     """
 
     def __init__(
-        self, flown: Fly, draws: np.ndarray, scale: np.ndarray, goal: float, decides: np.ndarray
+        self,
+        flown: Fly,
+        draws: np.ndarray,
+        scale: np.ndarray,
+        goal: float,
+        decides: np.ndarray,
+        evaluations: list[list[int]],
     ):
-        self.flown, self.draws, self.scale, self.goal, self.decides = (
-            flown,
-            draws,
-            scale,
-            goal,
-            decides,
-        )
+        self.draws, self.scale, self.goal, self.decides = draws, scale, goal, decides
+        self.evaluations = evaluations
+        self.methods = np.zeros(len(evaluations), dtype=np.int64)
+        self._fly = flown
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.settled = np.inf  # what halving the steps of the reference changes
         self.of_reference = np.full(len(scale), np.inf)  # that by outcome
+
+    def flown(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Outcomes and verdicts of draws with some steps, by the methods chosen so far."""
+        return self._fly(steps, self.methods, draws)
 
     @property
     def fair(self) -> np.ndarray:
@@ -83,7 +93,7 @@ class Search:
         if self.settled > 2.0 * self.goal:
             self.goal = 2.0 * self.settled
         enough = self._enough(first, steps)
-        return self._together(self._alone(enough), enough)
+        return self._cheapest(self._together(self._alone(enough), enough))
 
     def of_one_step(self, stages: int) -> np.ndarray | None:
         """The step that is given, once for all ``stages``, held against a reference that is finer;
@@ -156,6 +166,39 @@ class Search:
                 low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
             chosen[stage] = high
         return chosen
+
+    def _cheapest(self, steps: np.ndarray) -> np.ndarray:
+        """Steps of each stage by the method with which it takes the least work, one stage after the
+        other: that which takes most of it first."""
+        work = [self._work(stage, number) for stage, number in enumerate(steps)]
+        for stage in sorted(range(len(steps)), key=lambda k: -work[k]):
+            for method in range(1, len(self.evaluations[stage])):
+                steps = self._by(method, stage, steps)
+        return steps
+
+    def _by(self, method: int, stage: int, steps: np.ndarray) -> np.ndarray:
+        """Fewest steps of a stage by another method, if they take less work; or else as before."""
+        before, trial = int(self.methods[stage]), steps.copy()
+        most = self._work(stage, int(steps[stage])) - 1
+
+        def enough(number: int) -> bool:
+            trial[stage] = number
+            return self.error(trial) <= self.goal
+
+        self.methods[stage] = method
+        low, high = 0, most // self._work(stage, 1)
+        if high == 0 or not enough(high):
+            self.methods[stage] = before
+            return steps
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if enough(middle) else (middle, high)
+        trial[stage] = high
+        return trial
+
+    def _work(self, stage: int, steps: int) -> int:
+        """What some steps of a stage take by its method, in evaluations."""
+        return steps * (self.evaluations[stage][self.methods[stage]] + _OF_A_STEP)
 
     def _together(self, chosen: np.ndarray, most: np.ndarray) -> np.ndarray:
         """One more step, or a sixteenth, where it helps most, until all stages together come within

@@ -83,12 +83,13 @@ def fly(
     ends,
     history,
     status,
+    methods,
 ) -> None:
     """Fly every column of ``draws`` (d, n) at ``slots`` (d,) of ``nominal`` (p,), in ``steps``
     (stages,) steps a stage, that is a phase, or the time in which joints are late. It usually lasts
     ``usual`` (stages,) s. Where switches and events divide it, so many steps from one to the next,
     or fewer, a multiple of ``times``, if that many times the longest is no longer than ``pace``
-    (stages,) s; 0: never fewer.
+    (stages,) s; 0: never fewer. ``methods`` (stages,) are numbers of the methods of each stage.
 
     Writes outcomes (o, n), the times ``ends`` (stages, n) at which stages end, and status (n,): 0,
     or -1 if this kernel cannot vouch for a case. If it was written for separations over time, also
@@ -112,6 +113,7 @@ def fly(
         numbers,
         pace,
         np.array([times], dtype=np.int64),
+        methods,
     )
     if kernel.plain is not None:
         from sepmc.engine.interpreted import in_numbers  # noqa: PLC0415

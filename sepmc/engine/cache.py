@@ -85,7 +85,13 @@ def load(names: Sequence[str]) -> Kernel:
     addresses = [getattr(module(name), ALIKE).address for name in names]
     entry = module(names[-1])
     return Kernel(
-        addresses[-1], entry.SIZE_W, table(addresses), entry.GUARDS, entry.STAGES, entry.CHANGES
+        addresses[-1],
+        entry.SIZE_W,
+        table(addresses),
+        entry.GUARDS,
+        entry.STAGES,
+        entry.CHANGES,
+        entry.METHODS,
     )
 
 

@@ -94,10 +94,12 @@ def fly_cases(
     slots: np.ndarray,
     draws: np.ndarray,
     room: int = 0,
+    methods: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
-    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``
-    and ``usual``, each (stages,), as `sepmc.engine.blocks.fly` has them. A scene's ``solver.step``
-    is the pace of all its stages, and ``steps`` are in how many parts it is divided.
+    """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``,
+    ``usual`` and ``methods``, each (stages,), as `sepmc.engine.blocks.fly` has them; without
+    methods, every stage is flown by its most exact one. A scene's ``solver.step`` is the pace of
+    all its stages, and ``steps`` are in how many parts it is divided.
 
     Returns the block, whose status is below 0 where the kernel does not vouch for a case
     (FINER_STEPS and ANOTHER_KERNEL of `sepmc.routines.layout`), and the times (stages, n) at which
@@ -123,6 +125,7 @@ def fly_cases(
         ends,
         history,
         status,
+        methods,
     )
     rows = np.broadcast_to(np.arange(room) * plan.scene.run.history_step, (n, room))
     phases = np.broadcast_to(np.zeros(1, dtype=np.int64), (n, room))
@@ -168,7 +171,9 @@ def fly_everything(
     )
 
 
-def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status) -> None:
+def _call(
+    kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status, methods=None
+) -> None:
     """One call of the door of written kernels."""
     from sepmc.engine.blocks import fly  # noqa: PLC0415
 
@@ -188,7 +193,7 @@ def _call(kernel, plan, steps, usual, slots, draws, every, outcomes, ends, histo
     fly(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
         times, usual, every, outcomes, ends, history,
-        status,
+        status, np.zeros(kernel.stages, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
 
 

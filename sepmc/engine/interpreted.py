@@ -213,7 +213,11 @@ def load(text: str) -> Kernel:
             _in_python(plain)
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(
-            guards=module.GUARDS, stages=module.STAGES, changes=module.CHANGES, plain=module
+            guards=module.GUARDS,
+            stages=module.STAGES,
+            changes=module.CHANGES,
+            methods=module.METHODS,
+            plain=module,
         )
     return _loaded[text]
 

@@ -10,7 +10,8 @@ import numpy as np
 class Kernel:
     """A written kernel, ready to fly: the addresses of its pieces (see `table`), of which the last
     is entered, the size of its workspace, how many guards and stages it has, and sudden changes
-    that it tells the times of; or a module of plain Python."""
+    that it tells the times of; or a module of plain Python. ``methods`` are the names of those by
+    which each stage may be flown."""
 
     address: int = 0
     size: int = 0
@@ -18,4 +19,5 @@ class Kernel:
     guards: int = 0
     stages: int = 0
     changes: int = 0
+    methods: tuple[tuple[str, ...], ...] = ()
     plain: ModuleType | None = None

@@ -11,6 +11,7 @@ from sepmc.kernel.formulas import ZERO, scalar, vec3
 from sepmc.kernel.outcomes import emit_results, kept, kept_angle
 from sepmc.kernel.recorder import Scope, Value, total, where
 from sepmc.kernel.shape import APART, Change, Release, Stage, ended, met, numbers_of
+from sepmc.kernel.steps import advance
 from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
@@ -30,7 +31,10 @@ _ARGUMENTS = (
         "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)",
     ),
     ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    ("numbers, pace, times", "vector(a, 12), vector(a, 13), indices(a, 14)"),
+    (
+        "numbers, pace, times, methods",
+        "vector(a, 12), vector(a, 13), indices(a, 14), indices(a, 15)",
+    ),
 )
 
 
@@ -46,15 +50,12 @@ def emit_block(out: Text, c: Context) -> None:
         text(f"{names} = {arrays}")
     text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
     text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
-    text.block("for l in range(LANES):  # the last block is filled up with its last case")(
-        "w[UNSOUND + l] = 0.0"
+    text.lanes()("w[UNSOUND + l] = 0.0")
+    text.block("for k in range(slots.shape[0]):")(
+        "get_column(w, P + slots[k] * LANES, draws, k, first)",
+        "for l in range(LANES):  # not 0 if a number is not finite",
+        "    w[UNSOUND + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
-    inner = text.block("for k in range(slots.shape[0]):").lanes()
-    inner(
-        "value = draws[k, min(first + l, draws.shape[1] - 1)]",
-        "w[P + slots[k] * LANES + l] = value",
-    )
-    inner("w[UNSOUND + l] += value - value  # not 0 if it is not finite")
     text("prepare(w)")
     for event in c.shape.scene.event:
         c.slabs.add(kept(event.name), c.size + 2 * len(c.shape.bodies), optional=True)
@@ -377,7 +378,8 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
     """As many steps for all lanes."""
     size, awaited, noted = f"{c.shape.active(stage)} * LANES", _awaited(stage), _noted(c, number)
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
-    inner(f"advance(w, {number}, {size}, left, usual[{number}])", *awaited)
+    _advance(inner, c, number, stage, "left")
+    inner(*awaited)
     if has_tables(c.shape) or any(
         joint.guide is not None for joint in c.shape.scene.joint.values()
     ):
@@ -407,17 +409,25 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
         )
     text("going = True")
     inner = text.block("while going:")
-    inner(
-        f"advance(w, {number}, {size}, 1, usual[{number}])",
-        *([f"break_{stage.name}(w)"] if stage.loads else []),
-        *awaited,
-    )
+    _advance(inner, c, number, stage, "1")
+    inner(*([f"break_{stage.name}(w)"] if stage.loads else []), *awaited)
     if stage.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
         inner.block("if arrive:")(f"approach(w, {number}, {size})", *awaited)
     inner(*_noted(c, number), "going = False")
     inner.lanes()(f"going = going or (w[WAY + l] < 1.0 and {_GOES_ON})")
+
+
+def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> None:
+    """A step of a phase, by the method that is asked for if it has several."""
+    methods = c.methods(stage)
+    for k, rk in enumerate(methods):
+        inner = text
+        if len(methods) > 1:
+            inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
+        size = f"{c.shape.active(stage)} * LANES"
+        inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
 
 
 def _awaited(stage: Stage) -> list[str]:

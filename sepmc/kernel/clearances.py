@@ -15,7 +15,7 @@ from sepmc.scene.model import GROUND, Clearance
 def emit_clearances(out: Text, c: Context) -> None:
     """A function that searches the step of a lane, and for every phase one that searches those of
     all."""
-    powers, entries = c.method.dense.shape[1], c.shape.scene.clearance
+    powers, entries = c.extended.dense.shape[1], c.shape.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(part("CLEARANCES", k), math.nan)
     c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
@@ -41,7 +41,7 @@ def emit_clearances(out: Text, c: Context) -> None:
 
 def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> None:
     """Lines that search the steps of all lanes for one clearance."""
-    powers = c.method.dense.shape[1]
+    powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
     s = State(c, c.scope(), stage, "S")
     reach: Any = s.scope.load("REACH")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.kernel.case import Case
-from sepmc.kernel.methods import Method
+from sepmc.kernel.methods import Method, methods_of
 from sepmc.kernel.recorder import Scope, Value, where
 from sepmc.kernel.shape import Shape, Stage
 from sepmc.kernel.text import Slabs, Text
@@ -21,7 +21,7 @@ class Context:
     """
 
     shape: Shape
-    method: Method
+    solver: str  # name of its Runge-Kutta method
     # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of
     # `sepmc.routines.layout`
     history: int
@@ -29,6 +29,22 @@ class Context:
 
     def __post_init__(self):
         self.case = Case(Scope(self.slabs), self.shape)
+
+    def methods(self, stage: Stage) -> tuple[Method, ...]:
+        """Methods by which a stage may be flown, the most exact first."""
+        return methods_of(self.solver, self.notes(stage))
+
+    @property
+    def used(self) -> dict[str, Method]:
+        """All methods that stages may be flown by, by their names."""
+        return {rk.name: rk for stage in self.shape.stages for rk in self.methods(stage)}
+
+    @property
+    def extended(self) -> Method:
+        """The method of stages whose states between the ends of steps are needed."""
+        found = methods_of(self.solver, True)
+        assert len(found) == 1
+        return found[0]
 
     @property
     def sudden(self) -> list[str]:

@@ -57,7 +57,8 @@ from sepmc.physics.us1976_table import R0, TOP
 from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.physics.wind import wind
 from sepmc.routines import friction, linear, peaks
-from sepmc.routines.arrays import Arrays, block, indices, record, table, vector
+from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
+from sepmc.routines.arrays import vector
 from sepmc.routines.clearances import hold_outline, search_clearance
 from sepmc.routines.lanes import LANES, get3, get4, get6, get9, put3, put4, put6, put9
 from sepmc.routines.lanes import larger, largest3, largest4, nearest_turn, time_left
@@ -68,12 +69,13 @@ from sepmc.routines.stretches import next_break, set_stretch
 
 
 def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of the module that flies scenes of a shape with a Runge-Kutta method; ``history`` is
+    """Text of the module that flies scenes of a shape with a Runge-Kutta method, or the methods
+    that AUTO (`sepmc.kernel.methods`) has for each phase; ``history`` is
     what it also writes over time: nothing, separations (`SEPARATION_HISTORY`), or all there is to
     know (`FULL_HISTORY`)."""
     context = Context(
         shape,
-        method(method_name),
+        method_name,
         history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY,
     )
     body = _body(context)  # first: the head names all slabs that its parts add
@@ -102,7 +104,8 @@ def _body(c: Context) -> Text:
     emit_lengths(body, c)
     emit_settle(body, c)
     emit_guard(body, c)
-    emit_advance(body, c)
+    for rk in c.used.values():
+        emit_advance(body, c, rk)
     if any(stage.events for stage in c.shape.stages):
         emit_approach(body, c)
         emit_meet(body, c)
@@ -145,7 +148,8 @@ def _first_slabs(c: Context) -> None:
                 c.slabs.add(name, 1)
             c.slabs.add("BEFORE", c.size)
         # in this order and without a gap
-        for i in range(1, (len(c.method.dense) if c.extends else len(c.method.b)) + 1):
+        most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.extends)
+        for i in range(1, most + 1):
             c.slabs.add(f"K{i}", c.size)
 
 
@@ -157,20 +161,23 @@ def _head(c: Context) -> Text:
     )
     head = Text()
     head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))
-    head(
-        "",
-        f"# The method: {c.method.name}, order {c.method.order}. Row i of the stage matrix, "
-        "weights, nodes.",
-    )
-    head(*coefficients(c.method, c.extends))
+    for rk in c.used.values():
+        head(
+            "",
+            f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights, doubt, nodes.",
+            *coefficients(rk, c.extends and rk is c.extended),
+        )
+    if any(stage.events for stage in c.shape.stages) and "rk4" not in c.used:
+        head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
     if c.extends:
-        head("# Its continuous extension: coefficients by powers of the share of a step.")
-        head(f"DENSE = np.ascontiguousarray(method({c.method.name!r}).dense.T)")
+        head("# Continuous extension: coefficients by powers of the share of a step.")
+        head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
         f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, "
         f"{len(c.shape.stages)}, {len(c.sudden)}",
+        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.shape.stages)!r}",
         *_places(c.shape),
     )
     return head

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from sepmc.kernel.context import Context
 from sepmc.kernel.formulas import square_root
 from sepmc.kernel.recorder import total
-from sepmc.kernel.steps import turning_from
+from sepmc.kernel.steps import coefficient, turning_from
 from sepmc.kernel.text import Text
 
 
@@ -27,21 +27,22 @@ def _extend(out: Text, c: Context) -> None:
         "gone by."
     )
     text = out.function("extend(w, phase: int)", says)
-    stages, total, order = len(c.method.b), c.method.dense.shape[0], c.method.dense.shape[1] - 1
+    rk = c.extended
+    stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
         sum_of_stages = _weighted(
-            (j, f"A{i + 1}_{j + 1}") for j in range(i) if c.method.a[i, j] != 0.0
+            (j, coefficient(rk, "A", i, j)) for j in range(i) if rk.a[i, j] != 0.0
         )
         text.block("for e in range(SIZE_Y):").broken(
             f"w[S + e] = w[BEGIN + e] + w[STEP + e] * ({sum_of_stages})"
         )
-        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + C{i + 1} * w[STEP + l]")
+        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
         text("rates(w, phase)")
         text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")
     text.block("for e in range(SIZE_Y):")("w[POWERS + e] = 0.0")
-    used = [j for j in range(total) if c.method.dense[j].any()]
+    used = [j for j in range(total) if rk.dense[j].any()]
     inner = text.block(f"for q in range(1, {order + 1}):")
     names = [f"by_{j + 1}" for j in used]
     inner.broken(f"{', '.join(names)} = {', '.join(f'DENSE[q, {j}]' for j in used)}")
@@ -64,7 +65,7 @@ def _sample(out: Text, c: Context) -> None:
     )
     text = out.function("sample(w, phase: int)", says)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
-    order = c.method.dense.shape[1] - 1
+    order = c.extended.dense.shape[1] - 1
     inner = text.block("for e in range(SIZE_Y):")
     inner(f"total = w[POWERS + {order} * SIZE_Y + e]")
     for power in range(order - 1, 0, -1):

@@ -7,17 +7,18 @@ from functools import cache
 import numpy as np
 
 from sepmc.kernel import dop853_coefficients as dop
+from sepmc.kernel import sharp9_coefficients as sharp
 
 
 @dataclass(frozen=True)
 class Method:
-    """An explicit Runge-Kutta method with a continuous extension.
+    """An explicit Runge-Kutta method, maybe with a continuous extension.
 
     ``a`` (m, m) holds the stage matrix and, below row ``len(b)``, the stages only the extension
     needs; ``c`` (m,) the nodes; ``b`` (s,) the weights. The state at fraction theta of a step is
-    ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``. ``h sum_i k_i doubt_i`` is an estimate of low
-    order of what a step does wrong: much larger than that, but it grows as that grows from case to
-    case.
+    ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``; a method without an extension has no columns j.
+    ``h sum_i k_i doubt_i`` is an estimate of low order of what a step does wrong: much larger than
+    that, but it grows as that grows from case to case.
     """
 
     name: str
@@ -43,10 +44,20 @@ class Method:
             raise ValueError(f"{self.name}: doubt where a derivative grows evenly")
         full = np.zeros(len(self.dense))
         full[: len(self.b)] = self.b
-        if not np.allclose(
+        if self.extends and not np.allclose(
             self.dense.sum(axis=1), full, rtol=0, atol=1e-12 * np.abs(self.dense).max()
         ):
             raise ValueError(f"{self.name}: the continuous extension does not end on the step")
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of the derivative in a step."""
+        return len(self.b)
+
+    @property
+    def extends(self) -> bool:
+        """Whether there is a continuous extension."""
+        return self.dense.shape[1] > 0
 
 
 def _rk4() -> Method:
@@ -124,17 +135,76 @@ def _dopri5() -> Method:
     f3 = np.array(d)
     dense = np.stack([np.zeros(7), f0 + f1, -f1 + f2 + f3, -f2 - 2.0 * f3, f3], axis=1)
     c = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-    used = [i for i in range(6) if b[i] != 0.0]
-    # a divided difference of derivatives over the nodes: the published pair needs the seventh stage
-    doubt = np.zeros(6)
-    doubt[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
+    # the published pair needs the seventh stage
+    doubt = _divided_difference(c[:6], [i for i in range(6) if b[i] != 0.0])
     return Method("dopri5", 5, a, b, c, dense, 4, doubt)
 
 
-METHODS = {"rk4": _rk4, "dopri5": _dopri5, "dop853": _dop853}
+def _tp7() -> Method:
+    """Tsitouras and Papakostas, order 7 in nine stages, with an embedded method of order 5 (Cheap
+    error estimation for Runge-Kutta methods, SIAM J. Sci. Comput. 20 (1999) 2067, NEW7(5))."""
+    a = np.zeros((9, 9))
+    a[1, 0], a[2, 1] = 1 / 18, 1 / 9
+    a[3, [0, 2]] = [1 / 24, 1 / 8]
+    a[4, [0, 2, 3]] = [2183971 / 4000000, -8340813 / 4000000, 3968421 / 2000000]
+    a[5, [0, *range(2, 5)]] = [695768212 / 7463744411, -1803549175 / 7007942496,
+                               3474507053 / 6790877290, 2188198899 / 15264927763]  # fmt: skip
+    a[6, [0, *range(2, 6)]] = [-11894934857 / 8390623634, 53094780276 / 9800512003,
+                               -8415376229 / 2277049503, -18647567697 / 10138317907,
+                               27551494893 / 11905950217]  # fmt: skip
+    a[7, [0, *range(2, 7)]] = [30828057951 / 7654644085, -4511704 / 324729,
+                               16217851618 / 1651177175, 282768186839 / 40694064384,
+                               -104400780537 / 15869257619, 5409241639 / 9600177208]  # fmt: skip
+    a[8, [0, *range(2, 8)]] = [-133775720546 / 36753383835, 49608695511 / 4066590848,
+                               -59896475201 / 7901259813, -48035527651 / 5727379426,
+                               86266718551 / 10188951048, -7751618114 / 23575802495,
+                               2289274942 / 8464405725]  # fmt: skip
+    b, embedded, used = np.zeros(9), np.zeros(9), [0, *range(3, 9)]
+    b[used] = [597988726 / 12374436915, 3138312158 / 11968408119, 480882843 / 7850665645,
+               988558885 / 3512253271, 5302636961 / 26425940286, 1259489433 / 12163586030,
+               1016647712 / 23899101975]  # fmt: skip
+    embedded[used] = [1421940313 / 46193547077, 1943068601 / 5911217046, -3807140880 / 8205366359,
+                      9377220888 / 11577671635, 586186883 / 5187186385, 1114095023 / 8014791121,
+                      1016647712 / 23899101975]  # fmt: skip
+    c = np.array([0.0, 1 / 18, 1 / 9, 1 / 6, 89 / 200, 56482 / 115069, 74 / 95, 8 / 9, 1.0])
+    return Method("tp7", 7, a, b, c, np.empty((9, 0)), 0, b - embedded)
+
+
+def _sharp9() -> Method:
+    """Sharp, order 9 in fifteen stages (`sepmc.kernel.sharp9_coefficients`)."""
+    stages = 15
+    a, b, c = np.zeros((stages, stages)), np.zeros(stages), np.array(sharp.C)
+    for (i, j), value in sharp.A.items():
+        a[i, j] = value
+    b[list(sharp.B)] = list(sharp.B.values())
+    doubt = _divided_difference(c, [0, 9, 8, 10, 11, 12, 14])
+    return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, doubt)
+
+
+def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:
+    """Weights of a divided difference of derivatives over some nodes."""
+    weights = np.zeros(len(c))
+    weights[used] = [1.0 / np.prod([c[i] - c[j] for j in used if j != i]) for i in used]
+    return weights
+
+
+METHODS = {"rk4": _rk4, "dopri5": _dopri5, "tp7": _tp7, "dop853": _dop853, "sharp9": _sharp9}
+AUTO = "auto"  # as the name of a method: for every phase that which takes the least work
+# by it phases are flown whose states between the ends of steps are needed, if that has no extension
+_EXTENDED = "dop853"
+_SMOOTH = ("sharp9", "tp7")  # the others, the most exact first
 
 
 @cache
 def method(name: str) -> Method:
-    """The method called ``name``."""
-    return METHODS[name]()
+    """The method called ``name``; of AUTO, that by which states between the ends of steps are
+    found."""
+    return METHODS[_EXTENDED if name == AUTO else name]()
+
+
+def methods_of(name: str, extended: bool) -> tuple[Method, ...]:
+    """Methods that a phase may be flown by if ``solver.method`` has a ``name``: the most exact
+    first. If it is ``extended``, states between the ends of steps are needed."""
+    if name == AUTO:
+        return tuple(map(method, (_EXTENDED,) if extended else _SMOOTH))
+    return (method(name if method(name).extends or not extended else _EXTENDED),)

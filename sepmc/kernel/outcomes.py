@@ -134,78 +134,98 @@ def angles(s: State, leader: str) -> tuple[Any, Any]:
 
 def emit_results(text: Text, c: Context) -> None:
     """Lines that copy outcomes, rates at release, audit columns and ends of phases into the arrays
-    of a block, and say which cases hold."""
-    shape, bodies = c.shape, len(c.shape.bodies) * at.BODY_OUTCOMES
+    of a block, and say which cases hold. Numbers go from slabs to columns for all lanes at once:
+    one by one they took a tenth of a flight."""
+    shape, bodies = c.shape, len(c.shape.bodies)
+    own = bodies * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
+    audits = _audits(c)
+    first = own + sum(count for _, count in _other_outcomes(c)) + len(across(contents(shape.scene)))
     text("# outcomes", "report(w)")
-    text = text.block("for l in range(min(LANES, draws.shape[1] - first)):")
-    text("i, lost = first + l, w[ENERGY + l] / w[ENERGY + 2 * LANES + l]")
-    text(
-        f"sound = w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= {_UNRESOLVED} and lost <= "
-        f"{_UNRESOLVED}"
-    )
-    o = bodies + len(shape.scene.joint) * at.JOINT_OUTCOMES
-    inner = text.block(f"for k in range({o}):")
-    inner(
-        "outcomes[k, i] = w[OUT + k * LANES + l]",
-        f"may_lack = k >= {bodies} or k % {at.BODY_OUTCOMES} < {at.FLOW_ANGLES}",
-        "sound = sound and (may_lack or math.isfinite(outcomes[k, i]))",
-    )
-    for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES"):
-        if slab in c.slabs.counts:
-            text.block(f"for k in range({c.slabs.counts[slab]}):")(
-                f"outcomes[{o} + k, i] = w[{slab} + k * LANES + l]"
-            )
-            o += c.slabs.counts[slab]
-    for joint in shape.scene.output.tip_off:
-        for body in shape.scene.joint[joint].bodies:
-            if body != GROUND:
-                if c.slabs.has(f"TIP_OFF_{joint}_{body}"):
-                    text(
-                        f"outcomes[{o}, i], outcomes[{o + 1}, i], outcomes[{o + 2}, i] = get3(w, "
-                        f"TIP_OFF_{joint}_{body} + l)"
-                    )
-                o += 3
-    if "OF_EVENTS" in c.slabs.counts:
-        text.block(f"for k in range({c.slabs.counts['OF_EVENTS']}):")(
-            f"outcomes[{o} + k, i] = w[OF_EVENTS + k * LANES + l]"
-        )
-        o += c.slabs.counts["OF_EVENTS"]
-    for y, z in across(contents(shape.scene)):
-        text(f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])")
-        o += 1
-    text.block("for k in range(4):")(f"outcomes[{o} + k, i] = w[RESIDUAL + k * LANES + l]")
-    pivot, redundant = (
-        "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0",
-        str(float(max(stage.redundant for stage in shape.stages))),
-    )
-    redundant = "w[REDUNDANT + l]" if c.slabs.has("REDUNDANT") else redundant
-    audits = (
-        "w[DRIFT + l]",
-        "lost",
-        pivot,
-        redundant,
-        "w[EVENT_ERROR + l]",
-        "w[TURNED_FAR + l]",
-        "w[STEPS + l]",
-    )
+    _judge(text, c)
+    c.slabs.add("AUDITS", len(audits))
+    inner = text.lanes()
     for k, value in enumerate(audits):
-        text(f"outcomes[{o + 4 + k}, i] = {value}")
-    guards = o + 4 + len(audits) + 1  # after the estimate of the error, which is not known here
-    text(
+        inner(f"w[{part('AUDITS', k)} + l] = {value}")
+    inner(
         "unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan",
         "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0",
     )
-    text.block("for k in range(GUARDS):")(
-        f"outcomes[{guards} + k, i] = w[GUARD + k * LANES + l] if known else unknown"
+    for k in range(len(c.guards)):
+        place = part("GUARD", k)
+        inner(f"w[{place} + l] = w[{place} + l] if known else unknown")
+    o = 0
+    for slab, count in [("OUT", own), *_other_outcomes(c)]:
+        if slab in c.slabs.counts:
+            text(f"put_columns(outcomes, {o}, w, {slab}, {count}, first)")
+        o += count
+    for y, z in across(contents(shape.scene)):
+        text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
+            f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
+        )
+        o += 1
+    assert o == first
+    text(f"put_columns(outcomes, {o}, w, AUDITS, {len(audits)}, first)")
+    o += len(audits) + 1  # the estimate of the error is not known here
+    text(f"put_columns(outcomes, {o}, w, GUARD, GUARDS, first)")
+    for number, place in enumerate([*(f"ENDED_{one.name}" for one in shape.stages), *c.sudden]):
+        text(f"put_columns(ends, {number}, w, {place}, 1, first)")
+    inner = text.block("for i in range(first, min(first + LANES, draws.shape[1])):")
+    inner("status[i] = int(w[TOLD + i - first])")
+    inner.block(f"if w[TOLD + i - first] > {float(Status.NEVER_RELEASED)}:").block(
+        f"for k in range({o}):"
+    )("outcomes[k, i] = math.nan")
+
+
+def _other_outcomes(c: Context) -> list[tuple[str, int]]:
+    """Slabs of outcomes after those of bodies and joints, in the order of the columns, and how many
+    numbers each has; a slab that is missing has none that could be told."""
+    scene = c.shape.scene
+    found: list[tuple[str, int]] = [
+        (slab, c.slabs.counts[slab])
+        for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES")
+        if slab in c.slabs.counts
+    ]
+    found += [
+        (f"TIP_OFF_{joint}_{body}", 3)
+        for joint in scene.output.tip_off
+        for body in scene.joint[joint].bodies
+        if body != GROUND
+    ]
+    if "OF_EVENTS" in c.slabs.counts:
+        found.append(("OF_EVENTS", c.slabs.counts["OF_EVENTS"]))
+    return found
+
+
+def _audits(c: Context) -> list[str]:
+    """Values of the audit columns, for a lane."""
+    redundant = str(float(max(stage.redundant for stage in c.shape.stages)))
+    return [
+        *(f"w[{part('RESIDUAL', k)} + l]" for k in range(4)),
+        "w[DRIFT + l]",
+        "w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
+        "w[PIVOT + l]" if c.slabs.has("PIVOT") else "1.0",
+        "w[REDUNDANT + l]" if c.slabs.has("REDUNDANT") else redundant,
+        "w[EVENT_ERROR + l]",
+        "w[TURNED_FAR + l]",
+        "w[STEPS + l]",
+    ]
+
+
+def _judge(text: Text, c: Context) -> None:
+    """Lines that say how cases end, into TOLD: they hold if they came to the end, the integration
+    is sound and the outcomes that all have are finite."""
+    c.slabs.add("TOLD", 1)
+    text.lanes()("w[UNSOUND + l] = 0.0")
+    bodies = len(c.shape.bodies)
+    for body in range(bodies):
+        finite = range(at.BODY_OUTCOMES * body + at.FLOW_ANGLES, at.BODY_OUTCOMES * (body + 1))
+        text.block(f"for k in range({finite.start}, {finite.stop}):").lanes()(
+            "w[UNSOUND + l] += w[OUT + k * LANES + l] - w[OUT + k * LANES + l]"
+        )
+    text.lanes()(
+        "lost = w[ENERGY + l] / w[ENERGY + 2 * LANES + l]",
+        "sound = w[UNSOUND + l] == 0.0 and w[T + l] >= w[RUN_END + l] and w[DRIFT + l] <= "
+        f"{_UNRESOLVED} and lost <= {_UNRESOLVED}",
+        f"told = w[UNRELEASED + l] if sound else {float(at.FINER_STEPS)}",
+        "w[TOLD + l] = w[LOST + l] if w[LOST + l] != 0.0 else told",
     )
-    for number, stage in enumerate(shape.stages):
-        text(f"ends[{number}, i] = w[ENDED_{stage.name} + l]")
-    for number, place in enumerate(c.sudden, len(shape.stages)):
-        text(f"ends[{number}, i] = w[{place} + l]")
-    text(
-        "told = w[LOST + l] if w[LOST + l] != 0.0 else w[UNRELEASED + l] if sound else "
-        f"{float(at.FINER_STEPS)}",
-        "status[i] = int(told)",
-    )
-    inner = text.block(f"if told > {float(Status.NEVER_RELEASED)}:")
-    inner.block(f"for k in range({guards}):")("outcomes[k, i] = math.nan")

@@ -18,7 +18,7 @@ from sepmc.routines.layout import LANES
 
 ENTRY = "fly_block"
 ALIKE = "flown"  # the name of its function in every piece
-_TOLD = ("SIZE_W", "GUARDS", "STAGES")  # constants that who enters a kernel asks for
+_TOLD = ("SIZE_W", "GUARDS", "STAGES", "METHODS")  # constants that who enters a kernel asks for
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
 _MARK = "keep_apart"  # called in a line that a piece has no use for
 _HEAD = '''"""Piece of a written kernel."""

@@ -2,7 +2,6 @@
 an event."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -35,19 +34,25 @@ _MOST_TURNED = 2.0  # rad in a step
 _BEYOND = 0.55
 
 
+def coefficient(rk: Method, kind: str, *numbers: int) -> str:
+    """The name of a coefficient of a method: A of the stage matrix, B of the weights, C of the
+    nodes, E of the doubt, counted from 1."""
+    return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
+
+
 def coefficients(rk: Method, extends: bool) -> list[str]:
     """The coefficients that a step uses, and with its extension, as named constants."""
-    lines = []
-    stages = len(rk.b)
-    rows = len(rk.a) if extends else stages
-    for i in range(1, rows):
-        for j in range(i):
-            if rk.a[i, j] != 0.0:
-                lines.append(f"A{i + 1}_{j + 1} = {float(rk.a[i, j])!r}")
-    lines += [f"B{j + 1} = {float(rk.b[j])!r}" for j in range(stages) if rk.b[j] != 0.0]
-    lines += [f"E{j + 1} = {float(rk.doubt[j])!r}" for j in range(stages) if rk.doubt[j] != 0.0]
-    lines += [f"C{i + 1} = {float(rk.c[i])!r}" for i in range(1, rows)]
-    return lines
+    rows = len(rk.a) if extends else rk.stages
+    found = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
+    found |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
+    found |= {coefficient(rk, "E", j): rk.doubt[j] for j in range(rk.stages)}
+    found |= {coefficient(rk, "C", i): rk.c[i] for i in range(1, rows)}
+    return [f"{name} = {float(value)!r}" for name, value in found.items() if value]
+
+
+def advance(rk: Method) -> str:
+    """The name of the function that makes a step by a method."""
+    return f"advance_{rk.name}"
 
 
 def emit_lengths(out: Text, c: Context) -> None:
@@ -147,26 +152,26 @@ def emit_spread(text: Text, c: Context, slab: str) -> None:
         filled += more
 
 
-def emit_advance(out: Text, c: Context) -> None:
-    """A function for one step by the method of the module; with a history, the beginning of the
-    step is kept."""
-    rk = c.method
+def emit_advance(out: Text, c: Context, rk: Method) -> None:
+    """A function for one step by a method; if the step is extended, its beginning is kept."""
     says = (
         f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
     )
-    text = out.function("advance(w, phase: int, size: int, left: int, usual: float)", says)
-    stages, later = len(rk.b), np.empty((0, len(rk.b)))
-    if c.extends:
+    text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, usual: float)", says)
+    stages, later = rk.stages, np.empty((0, rk.stages))
+    extends = c.extends and rk is c.extended
+    if extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
-    _begin(text, c, "set_step(w, phase, left, usual)", c.extends)
+    _begin(text, c, "set_step(w, phase, left, usual)", extends)
     # an event that was foretold and then does not come leaves too long a way for the last step
     inner = text.lanes()
     inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
-    _stages(text, rk, later, lambda name, _: name, rk.doubt)
+    _stages(text, rk, later, rk.doubt)
     text("guard(w, phase)")
-    _extends(text, c)
+    if extends:
+        _extends(text, c)
     text("settle(w, phase)")
 
 
@@ -195,7 +200,7 @@ def emit_approach(out: Text, c: Context) -> None:
     text = out.function("approach(w, phase: int, size: int)", says)
     _begin(text, c, "set_rest(w, phase)", False)
     text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
-    _stages(text, rk, np.empty((0, len(rk.b))), lambda _, value: repr(value))
+    _stages(text, rk, np.empty((0, rk.stages)))
     text("settle(w, phase)", "set_rest(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
@@ -232,7 +237,6 @@ def _stages(
     text: Text,
     rk: Method,
     later: np.ndarray,
-    spell: Callable[[str, float], str],
     doubt: np.ndarray | None = None,
 ) -> None:
     """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also
@@ -240,14 +244,10 @@ def _stages(
 
     later : weights of what uses the derivatives of the stages after the step, by rows: these
         derivatives are kept, the others never stored
-    spell : what stands for a coefficient, given its name and value
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
     ends = rk.b if doubt is None else np.abs(rk.b) + np.abs(doubt)
-    names = [[f"A{i + 1}_{j + 1}" for j in range(stages)] for i in range(stages)] + [
-        [f"B{j + 1}" for j in range(stages)]
-    ]
     for i in range(1, stages + 1):
         used = [j for j in range(i) if weights[i][j] != 0.0]
         kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (
@@ -261,21 +261,20 @@ def _stages(
         values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
         if i == stages and doubt is not None:
             wrong = [
-                f"E{j + 1} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
-                for j in np.flatnonzero(doubt)
+                f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
+                for j in np.flatnonzero(doubt).tolist()
             ]
             inner.wrapped("w[DOUBT + e] = w[STEP + e] * (", wrong, ")")
+        of_end = i == stages
         terms = [
-            f"{spell(names[i][j], float(weights[i][j]))} * {value}"
+            f"{coefficient(rk, 'B', j) if of_end else coefficient(rk, 'A', i, j)} * {value}"
             for j, value in zip(used, values, strict=True)
         ]
         inner.wrapped(
             f"w[{'S' if i < stages else 'Y'} + e] = w[Y + e] + w[STEP + e] * (", terms, ")"
         )
         if i < stages:
-            text.lanes()(
-                f"w[CLOCK + l] = w[T + l] + {spell(f'C{i + 1}', float(rk.c[i]))} * w[STEP + l]"
-            )
+            text.lanes()(f"w[CLOCK + l] = w[T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
             text("rates(w, phase)")
     text.lanes()("w[T + l] += w[STEP + l]")
 

@@ -21,7 +21,14 @@ BLACK, BLUE, VERMILION, GREEN, ORANGE, SKY, PURPLE = (
     "#56B4E9",
     "#CC79A7",
 )
-METHODS = {"rk4": (VERMILION, "s"), "dopri5": (GREEN, "^"), "dop853": (BLUE, "o")}
+METHODS = {
+    "rk4": (VERMILION, "s"),
+    "dopri5": (GREEN, "^"),
+    "tp7": (ORANGE, "v"),
+    "dop853": (BLUE, "o"),
+    "sharp9": (PURPLE, "D"),
+    "auto": (BLACK, "P"),
+}
 FORMULATIONS = {"reduced": ("-", 1.0), "full": (":", 0.9)}
 ENGINES = (
     (BLUE, "o"),

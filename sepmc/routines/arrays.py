@@ -7,7 +7,8 @@ import numba
 from numba import carray, types
 from numba.extending import intrinsic
 
-from sepmc.jit import config, formula
+from sepmc.jit import config, formula, routine
+from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import STRUCTURE
 
 _RECORD = numba.from_dtype(STRUCTURE)
@@ -62,6 +63,33 @@ def block(a, k):
 def record(a, k):
     """First record of array k, of type ``STRUCTURE``."""
     return carray(_records(a[4 * k]), (1,))[0]
+
+
+@routine
+def get_column(w, slab, table, k, first):
+    """Row k of a table, from number ``first`` on, into a slab; the last block of lanes is filled up
+    with the last number."""
+    last = table.shape[1] - 1
+    if first + LANES <= table.shape[1]:
+        for l in range(LANES):
+            w[slab + l] = table[k, first + l]
+    else:
+        for l in range(LANES):
+            w[slab + l] = table[k, min(first + l, last)]
+
+
+@routine
+def put_columns(table, k, w, slab, count, first):
+    """So many quantities of a slab into rows k, k + 1, ... of a table, from number ``first`` on, as
+    far as it goes."""
+    if first + LANES <= table.shape[1]:
+        for i in range(count):
+            for l in range(LANES):
+                table[k + i, first + l] = w[slab + i * LANES + l]
+    else:
+        for i in range(count):
+            for l in range(table.shape[1] - first):
+                table[k + i, first + l] = w[slab + i * LANES + l]
 
 
 if config.DISABLE_JIT:  # then they are given as they are

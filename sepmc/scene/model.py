@@ -339,7 +339,7 @@ class Run(_Table, frozen=True, kw_only=True):
 
 class Solver(_Table, frozen=True, kw_only=True):
     formulation: Literal["reduced", "full"] = "reduced"
-    method: Literal["dop853", "dopri5", "rk4"] = "dop853"
+    method: Literal["auto", "sharp9", "dop853", "tp7", "dopri5", "rk4"] = "auto"
     # of outcomes, as a share of size or spread; steps follow
     accuracy: Annotated[float, Meta(ge=1e-12, le=0.1)] = 1e-9
     step: Annotated[float, Positive, Quantity("time")] | None = None  # instead: no step is longer
