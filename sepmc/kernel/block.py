@@ -8,6 +8,7 @@ from typing import Any
 
 from sepmc.kernel.context import Context, height, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
+from sepmc.kernel.history import trace
 from sepmc.kernel.outcomes import emit_results, kept, kept_angle
 from sepmc.kernel.recorder import Scope, Value, total, where
 from sepmc.kernel.shape import APART, Change, Release, Stage, ended, met, numbers_of
@@ -422,12 +423,17 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
 def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> None:
     """A step of a phase, by the method that is asked for if it has several."""
     methods = c.methods(stage)
+    if c.history == at.SEPARATION_HISTORY:
+        text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
+        text.lanes()("w[BEGIN_T + l] = w[T + l]")
     for k, rk in enumerate(methods):
         inner = text
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
         size = f"{c.shape.active(stage)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
+        if c.history == at.SEPARATION_HISTORY:
+            inner(f"{trace(rk)}(w, {number})")
 
 
 def _awaited(stage: Stage) -> list[str]:

@@ -171,8 +171,8 @@ class Context:
         return self.follows_loads(stage) or bool(self.counted(stage))
 
     def notes(self, stage: Stage) -> bool:
-        """Whether such states are needed in a phase, be it for a history only."""
-        return bool(self.history) or self.follows(stage)
+        """Whether such states are needed in a phase, be it for a full history only."""
+        return self.history == FULL_HISTORY or self.follows(stage)
 
     @property
     def extends(self) -> bool:

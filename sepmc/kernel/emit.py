@@ -32,7 +32,7 @@ from sepmc.kernel.tables import has_tables_over_height, looks_up
 from sepmc.kernel.text import Text
 from sepmc.kernel.watch import emit_watch
 from sepmc.kernel.wrenches import emit_shares
-from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY
+from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, SEPARATION_HISTORY
 
 _HEADER = '''"""{title}
 
@@ -56,7 +56,7 @@ from sepmc.physics.quat import SINE_SINGULAR
 from sepmc.physics.us1976_table import R0, TOP
 from sepmc.physics.vehicle import arm, flight_direction, inertia_tensor
 from sepmc.physics.wind import wind
-from sepmc.routines import friction, linear, peaks
+from sepmc.routines import curves, friction, linear, peaks
 from sepmc.routines.arrays import Arrays, block, get_column, indices, put_columns, record, table
 from sepmc.routines.arrays import vector
 from sepmc.routines.clearances import hold_outline, search_clearance
@@ -169,6 +169,14 @@ def _head(c: Context) -> Text:
         )
     if any(stage.events for stage in c.shape.stages) and "rk4" not in c.used:
         head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
+    if c.history == SEPARATION_HISTORY:
+        head("", "# Curves over a step, from what is so at its ends and within.")
+        head(
+            *(
+                f"CURVE_{name.upper()} = np.ascontiguousarray(method({name!r}).curve)"
+                for name in c.used
+            )
+        )
     if c.extends:
         head("# Continuous extension: coefficients by powers of the share of a step.")
         head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")

@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.kernel.context import Context, height, lose_if, part, spent
 from sepmc.kernel.formulas import ZERO, scalar, square_root, vec3
-from sepmc.kernel.geometry import Line, State
+from sepmc.kernel.geometry import State
 from sepmc.kernel.loads import add_all
 from sepmc.kernel.recorder import Scope, Value, called, where
 from sepmc.kernel.shape import Event, Stage
@@ -154,7 +154,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         spring = next(one for one in scene.spring if one.name == event.which)
         line = s.spring(spring)
         value, rate = line.length - s.spring_start(spring) - threshold, line.rate
-        return value, rate, _acceleration(s, spring.bodies, line)
+        return value, rate, s.lengthening_by("K1", spring.bodies, line)
     if event.what == at.AT_ALTITUDE:
         return _height(s, event, threshold)
     bodies = scene.joint[event.which].bodies
@@ -163,7 +163,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     if event.what == at.AT_DISTANCE:
         line = s.rod(s.joint(event.which))
         together = line.length > 0.0  # a direction there is not where the points are one
-        acceleration = _acceleration(s, bodies, line)
+        acceleration = s.lengthening_by("K1", bodies, line)
         return (
             line.length - threshold,
             where(together, line.rate, 0.0),
@@ -173,7 +173,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     return (
         line.length - threshold,
         line.rate,
-        s.case.apart(event.which) * _acceleration(s, bodies, line),
+        s.case.apart(event.which) * s.lengthening_by("K1", bodies, line),
     )
 
 
@@ -239,13 +239,6 @@ def _spin_rate(s: State, body: str) -> Any:
         if leader == GROUND
         else vec3.rotate(s.attitude(leader), s.scope.load(f"K1 + OMEGA_{leader}", 3))
     )
-
-
-def _acceleration(s: State, bodies: tuple[str, str], line: Line) -> Any:
-    """Second derivative of a distance along a line, from the derivative K1."""
-    moving = {body: s.scope.load(f"K1 + V_{body}", 3) for body in s.shape.bodies}
-    turning = {leader: s.scope.load(f"K1 + OMEGA_{leader}", 3) for leader in s.stage.leaders}
-    return s.lengthening(bodies, line, moving, turning)
 
 
 def emit_meet(out: Text, c: Context) -> None:

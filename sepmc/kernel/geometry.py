@@ -180,6 +180,13 @@ class State:
                 )
         return found
 
+    def lengthening_by(self, slab: str, bodies: tuple[str, str], line: Line) -> Any:
+        """Second derivative of a distance along a line, from the derivative of the state in a
+        slab."""
+        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.shape.bodies}
+        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.stage.leaders}
+        return self.lengthening(bodies, line, moving, turning)
+
     def rod(self, pair: Pair) -> Line:
         """Along the line between two points."""
         e, arm_a, arm_b, gamma = joints.rod(

@@ -9,70 +9,116 @@ from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, quat, scalar, square_root, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import pin_forces
+from sepmc.kernel.methods import Method
 from sepmc.kernel.motion import Motion
 from sepmc.kernel.outcomes import of_body
 from sepmc.kernel.recorder import Value, where
 from sepmc.kernel.shape import Stage
-from sepmc.kernel.steps import emit_spread
+from sepmc.kernel.steps import coefficient, emit_spread
 from sepmc.kernel.text import Text
 from sepmc.kernel.wrenches import before_wrenches, force_of, make_wrenches, moment_of
+from sepmc.routines import curves
 from sepmc.routines import layout as at
 
 
 def emit_history(out: Text, c: Context) -> None:
     """Functions for the rows of a history."""
-    row, keep = (
-        (_everything, _keep_everything) if c.history == at.FULL_HISTORY else (_separation, _keep)
-    )
+    if c.history == at.SEPARATION_HISTORY:
+        _emit_curves(out, c)
+        return
     for stage in c.shape.stages:
-        row(out, c, stage)
-    keep(out, c)
+        _everything(out, c, stage)
+    _keep_everything(out, c)
+
+
+def _emit_curves(out: Text, c: Context) -> None:
+    """Functions for separations over time: the polynomial of a step through distance and speed at
+    its ends and accelerations there and at stages within. They only look on: a flight is the same
+    without them."""
+    joints = list(c.shape.scene.joint)
+    points = 2 + max(len(rk.within) for rk in c.used.values())
+    for name, count in (
+        ("BEGIN", c.size),
+        ("BEGIN_T", 1),
+        ("LENGTH", 1),
+        ("NOW", curves.AT_POINT * len(joints)),
+        ("POINTS", points * curves.AT_POINT * len(joints)),
+        ("CURVES", (points + 4) * len(joints)),
+    ):
+        c.slabs.add(name, count)
+    for stage in c.shape.stages:
+        _separation(out, c, stage)
+    for rk in c.used.values():
+        _trace(out, c, rk)
+    says = "Separations of the step just made, every so many seconds, into rows of the history."
+    text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
+    text(
+        f"curves.write(w, CURVES, {len(joints)}, {points + 4}, BEGIN_T, T, LENGTH, "
+        "vector(a, 5)[0], block(a, 8), first)"
+    )
 
 
 def _separation(out: Text, c: Context, stage: Stage) -> None:
     """A function for the separations at a state of a phase."""
-    says = f"Speed and distance of every joint at the state S of phase {stage.name}, into APART."
+    says = (
+        f"Distance, speed and acceleration of every joint at the state S of phase {stage.name}, "
+        "which has the derivative D, into NOW."
+    )
     text = out.function(f"separation_{stage.name}(w)", says)
-    c.slabs.add("APART", 2 * len(c.shape.scene.joint))
     s = State(c, c.scope(), stage, "S")
     for j, joint in enumerate(c.shape.scene.joint):
-        line = s.separation(joint)
-        s.scope.store(part("APART", 2 * j), line.rate)
-        s.scope.store(part("APART", 2 * j + 1), line.length)
+        line, bodies = s.separation(joint), c.shape.scene.joint[joint].bodies
+        acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
+        for k, value in enumerate((line.length, line.rate, acceleration)):
+            s.scope.store(part("NOW", curves.AT_POINT * j + k), value)
     s.scope.write(text)
 
 
-def _keep(out: Text, c: Context) -> None:
-    """A function that writes the rows of a history that fall within a step. A row is written for
-    the lanes whose step holds its instant."""
-    says = "Separations at the instants within the step just made, every so many seconds."
-    text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
-    text("every, history = vector(a, 5)[0], block(a, 8)")
-    _span(text)
-    text.block("if not high < math.inf:")("return")
-    rows = (
-        "range(math.ceil(low / every - 1e-9), min(math.floor(high / every + 1e-9), "
-        "history.shape[1] - 1) + 1)"
+def trace(rk: Method) -> str:
+    """The name of the function that follows separations over a step by a method."""
+    return f"trace_{rk.name}"
+
+
+def _trace(out: Text, c: Context, rk: Method) -> None:
+    """A function for the curves of a step that was just made by a method, whose stages are still
+    there."""
+    text = out.function(
+        f"{trace(rk)}(w, phase: int)",
+        f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
     )
-    text = text.block(f"for row in {rows}:")
-    inner = text.lanes()
-    inner(
-        "theta = (row * every - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0",
-        "w[THETA + l] = theta",
+    text.lanes()("w[LENGTH + l] = w[STEP + l]")
+    # state, derivative and time of every point
+    stages = [(coefficient(rk, "C", i), i) for i in rk.within]
+    for number, (share, i) in enumerate([("0.0", 0), *stages]):
+        used = [j for j in range(i) if rk.a[i, j] != 0.0]
+        inner = text.block("for e in range(SIZE_Y):")
+        terms = [f"{coefficient(rk, 'A', i, j)} * w[K{j + 1} + e]" for j in used]
+        inner(f"w[D + e] = w[K{i + 1} + e]")
+        if terms:
+            inner.wrapped("w[S + e] = w[BEGIN + e] + w[STEP + e] * (", terms, ")")
+        else:
+            inner("w[S + e] = w[BEGIN + e]")
+        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {share} * w[STEP + l]")
+        _note_point(text, c, number)
+    text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
+    text.lanes()("w[CLOCK + l] = w[T + l]")
+    text("rates(w, phase)")
+    _note_point(text, c, 1 + len(stages))
+    joints, points = len(c.shape.scene.joint), 2 + len(stages)
+    stride = c.slabs.counts["CURVES"] // joints
+    text(
+        f"curves.fit(w, POINTS, {joints}, {points}, CURVE_{rk.name.upper()}, LENGTH, CURVES, "
+        f"{stride})"
     )
-    emit_spread(text, c, "THETA")
-    text("sample(w, phase)")
-    for number, stage in enumerate(c.shape.stages):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(
-            f"separation_{stage.name}(w)"
-        )
-    inner = text.block("for l in range(min(LANES, history.shape[0] - first)):")
-    inner("t, last = row * every, w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
-    inner = inner.block(
-        f"if w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}:"
-    )
-    inner.block(f"for k in range({2 * len(c.shape.scene.joint)}):")(
-        "history[first + l, row, k] = w[APART + k * LANES + l]"
+
+
+def _note_point(text: Text, c: Context, number: int) -> None:
+    """What is so at the state S of a point of a step."""
+    for k, stage in enumerate(c.shape.stages):
+        text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{stage.name}(w)")
+    size = c.slabs.counts["NOW"]
+    text.block(f"for e in range({size} * LANES):")(
+        f"w[POINTS + {number * size} * LANES + e] = w[NOW + e]"
     )
 
 

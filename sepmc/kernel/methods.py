@@ -18,7 +18,9 @@ class Method:
     needs; ``c`` (m,) the nodes; ``b`` (s,) the weights. The state at fraction theta of a step is
     ``y0 + h sum_i k_i sum_j dense[i, j] theta^j``; a method without an extension has no columns j.
     ``h sum_i k_i doubt_i`` is an estimate of low order of what a step does wrong: much larger than
-    that, but it grows as that grows from case to case.
+    that, but it grows as that grows from case to case. ``within`` are stages inside a step, in the
+    order of time and spread over it, whose states are among the most exact: what is so there tells
+    of the step.
     """
 
     name: str
@@ -29,6 +31,7 @@ class Method:
     dense: np.ndarray
     dense_order: int
     doubt: np.ndarray
+    within: tuple[int, ...] = ()
     checked: bool = field(init=False, default=True)
 
     def __post_init__(self):
@@ -53,6 +56,17 @@ class Method:
     def stages(self) -> int:
         """Evaluations of the derivative in a step."""
         return len(self.b)
+
+    @property
+    def curve(self) -> np.ndarray:
+        """What takes a second derivative at the beginning of a step, `within` and at its end, then
+        what the first derivative changes over a step of unit length, and the function besides that,
+        to the coefficients by powers of the share of the step of the polynomial that is the second
+        derivative."""
+        shares = np.array([0.0, *self.c[list(self.within)], 1.0])
+        powers = np.arange(len(shares) + 2)
+        rows = [*(shares[:, None] ** powers), 1.0 / (powers + 1)]
+        return np.asarray(np.linalg.inv([*rows, 1.0 / ((powers + 1) * (powers + 2))]))
 
     @property
     def extends(self) -> bool:
@@ -84,6 +98,7 @@ def _rk4() -> Method:
         dense,
         3,
         np.array([0.0, 1.0, -1.0, 0.0]) / 3.0,
+        (2,),
     )
 
 
@@ -112,7 +127,7 @@ def _dop853() -> Method:
                 [0.0, 1.0] if k % 2 == 0 else [1.0, -1.0]
             )
         dense[i, : len(poly.coef)] = poly.coef[:8]
-    return Method("dop853", 8, a, b, np.array(dop.C), dense, 7, np.array(dop.E5))
+    return Method("dop853", 8, a, b, np.array(dop.C), dense, 7, np.array(dop.E5), (6, 9, 10))
 
 
 def _dopri5() -> Method:
@@ -137,7 +152,7 @@ def _dopri5() -> Method:
     c = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
     # the published pair needs the seventh stage
     doubt = _divided_difference(c[:6], [i for i in range(6) if b[i] != 0.0])
-    return Method("dopri5", 5, a, b, c, dense, 4, doubt)
+    return Method("dopri5", 5, a, b, c, dense, 4, doubt, (2, 3))
 
 
 def _tp7() -> Method:
@@ -167,7 +182,7 @@ def _tp7() -> Method:
                       9377220888 / 11577671635, 586186883 / 5187186385, 1114095023 / 8014791121,
                       1016647712 / 23899101975]  # fmt: skip
     c = np.array([0.0, 1 / 18, 1 / 9, 1 / 6, 89 / 200, 56482 / 115069, 74 / 95, 8 / 9, 1.0])
-    return Method("tp7", 7, a, b, c, np.empty((9, 0)), 0, b - embedded)
+    return Method("tp7", 7, a, b, c, np.empty((9, 0)), 0, b - embedded, (3, 5, 6))
 
 
 def _sharp9() -> Method:
@@ -178,7 +193,7 @@ def _sharp9() -> Method:
         a[i, j] = value
     b[list(sharp.B)] = list(sharp.B.values())
     doubt = _divided_difference(c, [0, 9, 8, 10, 11, 12, 14])
-    return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, doubt)
+    return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, doubt, (9, 7, 12))
 
 
 def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:

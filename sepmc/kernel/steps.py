@@ -178,8 +178,7 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 def _extends(text: Text, c: Context) -> None:
     """Lines that extend the step just made where states within it are needed. Rows of a full
     history are asked for in few of the flights of a case."""
-    needs = c.follows if c.history == FULL_HISTORY else c.notes
-    where = [f"phase == {number}" for number, one in enumerate(c.shape.stages) if needs(one)]
+    where = [f"phase == {number}" for number, one in enumerate(c.shape.stages) if c.follows(one)]
     if len(where) == len(c.shape.stages):
         text("extend(w, phase)")
         return
