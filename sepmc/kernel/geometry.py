@@ -1,15 +1,17 @@
 """A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two
 bodies."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, joints, quat, square_root, vec3
-from sepmc.kernel.recorder import Scope, Value, where
+from sepmc.kernel.recorder import Scope, Value, product, where
 from sepmc.kernel.shape import Stage
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Spring
+
+_UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -26,9 +28,22 @@ class Pair:
 
 
 @dataclass(frozen=True)
+class Slide:
+    """Between two bodies that turn as one, in the axes of the group that a ``leader`` leads: r =
+    R^T (x_B - x_A), r', and what their turning takes from r'' besides that of angular acceleration:
+    r'' = R^T (x_B'' - x_A'') - omega' x r - turning."""
+
+    leader: str
+    r: Any
+    rate: Any
+    turning: Any
+
+
+@dataclass(frozen=True)
 class Line:
     """A line of action: direction e, arms of both bodies, the part gamma of its second derivative,
-    length and its rate."""
+    length and its rate. Along an axis that turns with both bodies also the direction and the lever
+    of the group in its ``own`` axes."""
 
     e: Any
     arm_a: Any
@@ -36,6 +51,17 @@ class Line:
     gamma: Any
     length: Any
     rate: Any
+    own: "Own | None" = None
+
+
+@dataclass(frozen=True)
+class Own:
+    """A direction along which two bodies that turn as one may slide, and the lever e x r by which
+    their group feels a force between them, in its axes."""
+
+    leader: str
+    e: Any
+    lever: Any
 
 
 class State:
@@ -121,6 +147,45 @@ class State:
         d, d_rate = gap.called("gap")
         return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
 
+    def slide(self, bodies: tuple[str, str]) -> Slide | None:
+        """Between two bodies, if they turn as one."""
+        a, b = bodies
+        leader = self.stage.leader(a)
+        if leader == GROUND or self.stage.leader(b) != leader:
+            return None
+        attitude, omega = self.attitude(leader), self.rate(leader)
+        r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
+        across = vec3.cross(omega, r).called("swept")
+        speed = vec3.unrotate(attitude, vec3.sub(self.speed(b), self.speed(a)))
+        rate = vec3.sub(speed, across).called("slide")
+        turning = vec3.cross(omega, vec3.add(vec3.add(rate, rate), across)).called("turning")
+        return Slide(leader, r, rate, turning)
+
+    def sliding_line(self, joint: str, k: int) -> Line | None:
+        """Along axis k of a joint whose bodies turn as one; its length is that of the gap."""
+        slide = self.slide(self.shape.scene.joint[joint].bodies)
+        if slide is None:
+            return None
+        plain = self.shape.plain_axes(joint)
+        e: Any = _UNIT[k] if plain else self.case.joint_axis(joint, k)
+        end_a, end_b, _ = self.case.joint_ends(joint)
+        r = slide.r
+        lever = tuple(
+            e[(i + 1) % 3] * r[(i + 2) % 3] - e[(i + 2) % 3] * r[(i + 1) % 3] for i in range(3)
+        )
+        ends = vec3.sub(end_b, end_a).called("ends")
+        pair, along = self.joint(joint), self.axis(joint, k)
+        arm_a, arm_b, _ = translation(pair, along)
+        return Line(
+            along,
+            arm_a,
+            arm_b,
+            product(e, slide.turning),
+            product(e, r) + product(e, ends),
+            product(e, slide.rate),
+            Own(slide.leader, e, lever),
+        )
+
     def joint(self, name: str) -> Pair:
         """Between the points of a joint."""
         end_a, end_b, _ = self.case.joint_ends(name)
@@ -128,8 +193,13 @@ class State:
 
     def separation(self, joint: str) -> Line:
         """Along the x axis of a joint; its length is the separation distance."""
-        pair, e, apart = self.joint(joint), self.axis(joint, 0), self.case.apart(joint)
+        apart = self.case.apart(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
+        line = self.sliding_line(joint, 0)
+        if line is not None:
+            distance = (apart * (line.length - start)).called("distance")
+            return replace(line, length=distance, rate=apart * line.rate)
+        pair, e = self.joint(joint), self.axis(joint, 0)
         arm_a, arm_b, gamma = translation(pair, e)
         distance = apart * (vec3.dot(pair.d, e) - start)
         return Line(
@@ -170,7 +240,12 @@ class State:
         """Second derivative of a distance along a line, from accelerations of bodies and angular
         accelerations of groups; or what these add to it, apart from what bodies do that are
         ``moving``."""
-        found = vec3.dot(line.e, relative_acceleration(accelerations, bodies))
+        apart = relative_acceleration(accelerations, bodies)
+        if line.own is not None:
+            found = product(line.own.e, vec3.unrotate(self.attitude(line.own.leader), apart))
+            found = found - line.gamma if moving else found
+            return found + product(line.own.lever, spin_rates[line.own.leader])
+        found = vec3.dot(line.e, apart)
         found = found - line.gamma if moving else found
         for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
             leader = self.stage.leader(body)

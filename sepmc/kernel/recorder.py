@@ -168,6 +168,13 @@ def total(values: Sequence[Any]) -> Any:
     return found
 
 
+def product(a: Any, b: Any) -> Any:
+    """Scalar product of two vectors, some of whose parts may be numbers known now: what is
+    multiplied by zero is not written."""
+    terms = [x * y for x, y in zip(a, b, strict=True) if not (_is(x, 0.0) or _is(y, 0.0))]
+    return total(terms) if terms else 0.0
+
+
 def record(op: str, args: tuple[Any, ...], shape: Shape) -> Value:
     """A call of an operator or formula, in the scope of what it depends on most: a phase's
     function, or else the case alone."""
@@ -244,6 +251,10 @@ class Scope:
     def comment(self, text: str) -> None:
         """A comment above what is recorded next."""
         self.comments.append((len(self.nodes), text))
+
+    def here(self, value: Any) -> Any:
+        """A value as this scope sees it, so that its parts are read where the whole is kept."""
+        return self._adopt(value) if isinstance(value, Value) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(
@@ -545,6 +556,7 @@ __all__ = [
     "Scope",
     "Value",
     "called",
+    "product",
     "record",
     "total",
     "where",

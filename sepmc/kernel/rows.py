@@ -5,9 +5,17 @@ from typing import Any
 
 from sepmc.kernel.context import lose, lose_if, part
 from sepmc.kernel.formulas import ZERO, joints, linear, scalar, square_root, vec3
-from sepmc.kernel.geometry import Pair, State, relative_acceleration, translation, translation_rate
+from sepmc.kernel.geometry import (
+    Line,
+    Own,
+    Pair,
+    State,
+    relative_acceleration,
+    translation,
+    translation_rate,
+)
 from sepmc.kernel.loads import add_all
-from sepmc.kernel.recorder import Value, called, total, where
+from sepmc.kernel.recorder import Value, called, product, total, where
 from sepmc.kernel.shape import Row
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
@@ -32,6 +40,7 @@ class JointRow:
     value: Any
     rate: Any
     held: Any = 1.0  # 0 while its joint does not hold it
+    own: Own | None = None  # of a translation of bodies that turn as one
 
 
 class Rows:
@@ -55,6 +64,11 @@ class Rows:
 
     def _row(self, row: Row) -> JointRow:
         s, pair = self.s, self.s.joint(row.joint)
+        line = None
+        if not (row.turns or row.code == at.ROD or self.apart):
+            line = s.sliding_line(row.joint, row.code)
+        if line is not None:
+            return self._sliding(row, line)
         e, arm_a, arm_b, gamma, value, rate = (
             self._turning(row, pair) if row.turns else self._moving(row, pair)
         )
@@ -63,8 +77,7 @@ class Rows:
             leader = body if self.apart else s.stage.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
-        if s.shape.scene.solver.drift == "baumgarte":
-            gamma = gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
+        gamma = self._pulled_back(gamma, value, rate)
         normals = {
             leader: vec3.unrotate(s.attitude(leader), arm).called("n")
             for leader, arm in arms.items()
@@ -77,6 +90,36 @@ class Rows:
         return JointRow(
             row, e, (arm_a, arm_b), normals, turned, gamma, held * value, held * rate, held
         )
+
+    def _sliding(self, row: Row, line: Line) -> JointRow:
+        """A row that holds a distance between bodies that turn as one: in the axes of their group
+        it is a few numbers."""
+        own = line.own
+        assert own is not None
+        held = self.s.while_held(row.joint, row.kinds) if row.kinds else 1.0
+        inverse = self.s.scope.here(self.inverse[own.leader])
+        turned = tuple(
+            called(product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "turned")
+            for i in range(3)
+        )
+        return JointRow(
+            row,
+            line.e,
+            (line.arm_a, line.arm_b),
+            {own.leader: own.lever},
+            {own.leader: turned},
+            self._pulled_back(line.gamma, line.length, line.rate),
+            held * line.length,
+            held * line.rate,
+            held,
+            own,
+        )
+
+    def _pulled_back(self, gamma: Any, value: Any, rate: Any) -> Any:
+        """The right-hand side of a row that is off by so much, if drift is to decay."""
+        if self.s.shape.scene.solver.drift != "baumgarte":
+            return gamma
+        return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
     def _turning(self, row: Row, pair: Pair) -> tuple[Any, ...]:
         """A row that holds an angle."""
@@ -129,7 +172,9 @@ class Rows:
             )
             terms.append(masses if one is two else masses * vec3.dot(one.e, two.e))
         terms += [
-            vec3.dot(two.normals[leader], one.turned[leader])
+            product(two.normals[leader], one.turned[leader])
+            if two.own or one.own
+            else vec3.dot(two.normals[leader], one.turned[leader])
             for leader in one.normals
             if leader in two.normals
         ]
@@ -153,25 +198,32 @@ class Rows:
             side = one.gamma if moving else 0.0
             if not one.row.turns:
                 apart = relative_acceleration(acceleration, self.bodies[one.row.joint])
-                side = side if apart is ZERO else side - vec3.dot(one.e, apart)
+                if apart is not ZERO and one.own:
+                    axes = self.s.attitude(one.own.leader)
+                    side = side - product(one.own.e, vec3.unrotate(axes, apart).called("apart"))
+                elif apart is not ZERO:
+                    side = side - vec3.dot(one.e, apart)
+            dot = product if one.own else vec3.dot
             for leader, normal in one.normals.items():
-                side = (
-                    side
-                    if spin_rate[leader] is ZERO
-                    else side - vec3.dot(normal, spin_rate[leader])
-                )
+                if spin_rate[leader] is not ZERO:
+                    side = side - dot(normal, spin_rate[leader])
             found.append(one.held * side)
         return found
 
     def act(self, multipliers: list[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """What multipliers do to bodies, in ground axes, and to groups, in body axes."""
         linear, angular = {}, {}
+        of_slides = self._slide_forces(multipliers)
         for body in self.s.shape.bodies:
             pulls = []
             for m, one in zip(multipliers, self.rows, strict=True):
                 a, b = self.bodies[one.row.joint]
-                if not one.row.turns and body in (a, b):
+                if not one.row.turns and one.own is None and body in (a, b):
                     pulls.append(vec3.scale(-m if body == a else m, one.e))
+            for joint, force in of_slides.items():
+                a, b = self.bodies[joint]
+                if body in (a, b):
+                    pulls.append(vec3.scale(-1.0, force) if body == a else force)
             linear[body] = (
                 vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
             )
@@ -183,6 +235,22 @@ class Rows:
             ]
             angular[leader] = add_all(turns) if turns else None
         return linear, angular
+
+    def _slide_forces(self, multipliers: list[Any]) -> dict[str, Any]:
+        """What multipliers do to the second bodies of joints whose bodies turn as one, ground
+        axes."""
+        own: dict[str, Any] = {}
+        found: dict[str, Any] = {}
+        for m, one in zip(multipliers, self.rows, strict=True):
+            if one.own:
+                before = own.get(one.row.joint, ZERO)
+                own[one.row.joint] = tuple(before[i] + m * one.own.e[i] for i in range(3))
+                r, force = self.s.attitude(one.own.leader), own[one.row.joint]
+                found[one.row.joint] = tuple(
+                    called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
+                    for i in range(3)
+                )
+        return found
 
     def note_residuals(self) -> None:
         """How far the rows are off, into RESIDUAL_NOW: gaps and angles, then their rates."""
