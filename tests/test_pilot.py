@@ -672,10 +672,12 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     assert (block.status == Status.OK).all()
     for name, right in (("separation_speed_m_s", speed), ("separation_distance_mm", distance)):
         k = names.index(name)
-        told = max(flight.achieved.errors[name], block.again.error[k])
-        assert errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]]).max() <= max(
-            told, 1e-12
-        )
+        found = errors(block.outcomes[:, [k]], right[:, None], flight.scale[[k]])[:, 0]
+        # a row's own error is known to a factor of 3
+        assert (found <= np.maximum(3.0 * block.error, 1e-12)).all()
+        if not settings:
+            told = max(flight.achieved.errors[name], block.again.error[k])
+            assert found.max() <= max(told, 1e-12)
 
 
 def test_a_trial_case_that_would_be_flown_again_tells_no_error():
@@ -729,7 +731,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
 def test_histories_have_an_error_of_their_own(pair):
     """Between the ends of steps the motion is interpolated; against the closed form."""
     campaign = pair(
-        SHOT | {"run.history_step_s": 0.007, "spring.push.stroke_m": 0.85, "solver.accuracy": 1e-6}
+        SHOT | {"run.history_step_s": 0.007, "spring.push.stroke_m": 0.85, "solver.accuracy": 1e-7}
     )
     result = campaign.run(cases=300)
     rows, histories = result.to_pandas(), result.histories()
