@@ -19,7 +19,13 @@ from sepmc.physics.atmosphere import (
     in_layer,
     us1976,
 )
-from sepmc.physics.elementary import arctan2, exponential, power_of_two, sine_cosine
+from sepmc.physics.elementary import (
+    arctan2,
+    arctan2_of_two,
+    exponential,
+    power_of_two,
+    sine_cosine,
+)
 from sepmc.physics.gravity import inverse_square, inverse_square_near
 from sepmc.physics.us1976_table import R0
 from sepmc.routines.lanes import larger, nearest_turn, time_left
@@ -413,3 +419,14 @@ def test_nearest_turn():
 def test_larger_takes_nan_from_the_second():
     assert (larger(1.0, 2.0), larger(2.0, 1.0)) == (2.0, 2.0)
     assert math.isnan(larger(1.0, NAN))
+
+
+def test_two_arctangents_with_one_division():
+    """As each by itself, to a few units of the last place; still air has neither."""
+    random = np.random.default_rng(6)
+    points = random.normal(size=(SAMPLES, 4)) * 10.0 ** random.uniform(-8, 8, (SAMPLES, 4))
+    for y, x, v, u in points.tolist():
+        found = arctan2_of_two(y, x, v, u)
+        assert found == pytest.approx((arctan2(y, x), arctan2(v, u)), rel=2e-15, abs=0)
+    assert arctan2_of_two(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0)
+    assert all(map(math.isnan, arctan2_of_two(NAN, 1.0, NAN, 1.0)))

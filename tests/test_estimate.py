@@ -145,13 +145,15 @@ def test_what_is_told_of_the_whole(flown):
     campaign, _, _, block = flown
     largest = block.again.error[decisive(campaign.outcome_columns)].max()
     assert largest == pytest.approx(block.error.max(), rel=1e-12)
-    assert (block.again.finer, block.again.unsettled) == (0, 0)
+    assert block.again.finer <= 0.01 * len(block.error)
+    assert block.again.unsettled == 0
 
 
 def test_too_large_an_error_is_flown_again(flown):
     """Cases beyond what is allowed fly at finer steps; the others are left as they are, bit for
     bit."""
-    campaign, flight, draws, block = flown
+    campaign, flight, draws, _ = flown
+    block = fly(campaign, replace(flight, most=np.inf), draws)
     most = float(np.quantile(block.error, 0.95))
     again = fly(campaign, replace(flight, most=most), draws)
     beyond = block.error > most

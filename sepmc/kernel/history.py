@@ -17,7 +17,6 @@ from sepmc.kernel.shape import Stage
 from sepmc.kernel.steps import coefficient, emit_spread
 from sepmc.kernel.text import Text
 from sepmc.kernel.wrenches import before_wrenches, force_of, make_wrenches, moment_of
-from sepmc.routines import curves
 from sepmc.routines import layout as at
 
 
@@ -41,8 +40,8 @@ def _emit_curves(out: Text, c: Context) -> None:
         ("BEGIN", c.size),
         ("BEGIN_T", 1),
         ("LENGTH", 1),
-        ("NOW", curves.AT_POINT * len(joints)),
-        ("POINTS", points * curves.AT_POINT * len(joints)),
+        ("NOW", at.AT_POINT * len(joints)),
+        ("POINTS", points * at.AT_POINT * len(joints)),
         ("CURVES", (points + 4) * len(joints)),
     ):
         c.slabs.add(name, count)
@@ -70,7 +69,7 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
         line, bodies = s.separation(joint), c.shape.scene.joint[joint].bodies
         acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
         for k, value in enumerate((line.length, line.rate, acceleration)):
-            s.scope.store(part("NOW", curves.AT_POINT * j + k), value)
+            s.scope.store(part("NOW", at.AT_POINT * j + k), value)
     s.scope.write(text)
 
 

@@ -3,7 +3,7 @@
 import math
 
 from sepmc.jit import formula
-from sepmc.physics.elementary import arctan2
+from sepmc.physics.elementary import arctan2_of_two
 
 STILL = 1e-6  # m/s: slower air has no direction that could be told from round-off
 BEHIND = 1e-12  # of the speed: what is further off the axis is no round-off
@@ -16,7 +16,7 @@ def flow_angles(u):
 
     sin(beta) = w / V, cos(beta) = sqrt(u^2 + v^2) / V.
     """
-    return arctan2(-u[1], u[0]), arctan2(u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
+    return arctan2_of_two(-u[1], u[0], u[2], math.sqrt(u[0] * u[0] + u[1] * u[1]))
 
 
 @formula

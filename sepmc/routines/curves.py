@@ -5,9 +5,7 @@ import math
 
 from sepmc.jit import routine
 from sepmc.routines.lanes import LANES
-from sepmc.routines.layout import GRAIN
-
-AT_POINT = 3  # of a curve at a point of a step: value, rate, acceleration
+from sepmc.routines.layout import AT_POINT, GRAIN
 
 
 @routine

@@ -72,6 +72,7 @@ AXIAL, NORMAL, SIDE, ROLLING, YAWING, PITCHING = 0, 1, 2, 3, 4, 5
 TRANSIENT = 30.0  # time constants after which a thrust has built up or tailed off, to 1e-13
 BRIEF = 0.05  # of a flight: a step ends with a transient that is shorter
 NO_HISTORY, SEPARATION_HISTORY, FULL_HISTORY = 0, 1, 2
+AT_POINT = 3  # numbers of a curve at a point of a step: value, rate, acceleration
 
 # Codes of constraint rows: translation along axis k is k; "axis i of B stays perpendicular to axis
 # k of A" is ROTATION + 3 i + k.
