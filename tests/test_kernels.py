@@ -696,7 +696,7 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
             },
         ),
         ({"solver.method": "rk4"}, False, {"advance_sharp9", "advance_tp7", "fly_block"}),
-        ({"output.tip_off": ["pins"]}, False, {"fly_block", "prepare"}),
+        ({"output.tip_off": ["pins"]}, False, {"fly_block"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )

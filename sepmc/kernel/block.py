@@ -9,7 +9,7 @@ from typing import Any
 from sepmc.kernel.context import Context, height, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
 from sepmc.kernel.history import trace
-from sepmc.kernel.outcomes import emit_results, kept, kept_angle
+from sepmc.kernel.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
 from sepmc.kernel.recorder import Scope, Value, total, where
 from sepmc.kernel.shape import APART, Change, Release, Stage, ended, met, numbers_of
 from sepmc.kernel.steps import advance
@@ -58,6 +58,9 @@ def emit_block(out: Text, c: Context) -> None:
         "    w[UNSOUND + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
     text("prepare(w)")
+    for slab in tip_offs(c):
+        c.slabs.add(slab, 3, optional=True)
+        text.block("for e in range(3 * LANES):")(f"w[{slab} + e] = math.nan")
     for event in c.shape.scene.event:
         c.slabs.add(kept(event.name), c.size + 2 * len(c.shape.bodies), optional=True)
         text.block(f"for e in range({c.slabs.counts[kept(event.name)]} * LANES):")(
@@ -476,9 +479,7 @@ def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Valu
     goes = in_time if goes is None else goes & in_time
     noted = [(f"RELEASE_{joint}", scope.load("T"))]
     for place, rate in _tip_off(scope, c, stage, joint):
-        for k in range(3):
-            c.case.scope.store(part(place, k), math.nan)
-            noted.append((part(place, k), rate[k]))
+        noted += [(part(place, k), rate[k]) for k in range(3)]
     for place, now in noted:
         scope.store(place, where(goes, now, scope.load(place)))
 
@@ -489,10 +490,9 @@ def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tup
     if joint in c.shape.scene.output.tip_off:
         for body in c.shape.scene.joint[joint].bodies:
             if body != GROUND:
-                c.slabs.add(f"TIP_OFF_{joint}_{body}", 3, optional=True)
                 leader = stage.leader(body)
                 yield (
-                    f"TIP_OFF_{joint}_{body}",
+                    tip_off(joint, body),
                     ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
                 )
 

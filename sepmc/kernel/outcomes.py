@@ -155,8 +155,7 @@ def emit_results(text: Text, c: Context) -> None:
         inner(f"w[{place} + l] = w[{place} + l] if known else unknown")
     o = 0
     for slab, count in [("OUT", own), *_other_outcomes(c)]:
-        if slab in c.slabs.counts:
-            text(f"put_columns(outcomes, {o}, w, {slab}, {count}, first)")
+        text(f"put_columns(outcomes, {o}, w, {slab}, {count}, first)")
         o += count
     for y, z in across(contents(shape.scene)):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
@@ -176,21 +175,31 @@ def emit_results(text: Text, c: Context) -> None:
     )("outcomes[k, i] = math.nan")
 
 
+def tip_off(joint: str, body: str) -> str:
+    """The slab of the rates of a body of a joint as that becomes free."""
+    return f"TIP_OFF_{joint}_{body}"
+
+
+def tip_offs(c: Context) -> list[str]:
+    """All of them that are asked for, in the order of the columns."""
+    scene = c.shape.scene
+    return [
+        tip_off(joint, body)
+        for joint in scene.output.tip_off
+        for body in scene.joint[joint].bodies
+        if body != GROUND
+    ]
+
+
 def _other_outcomes(c: Context) -> list[tuple[str, int]]:
     """Slabs of outcomes after those of bodies and joints, in the order of the columns, and how many
-    numbers each has; a slab that is missing has none that could be told."""
-    scene = c.shape.scene
+    numbers each has."""
     found: list[tuple[str, int]] = [
         (slab, c.slabs.counts[slab])
         for slab in ("PEAKS", "OF_GUIDES", "CLEARANCES")
         if slab in c.slabs.counts
     ]
-    found += [
-        (f"TIP_OFF_{joint}_{body}", 3)
-        for joint in scene.output.tip_off
-        for body in scene.joint[joint].bodies
-        if body != GROUND
-    ]
+    found += [(slab, 3) for slab in tip_offs(c)]
     if "OF_EVENTS" in c.slabs.counts:
         found.append(("OF_EVENTS", c.slabs.counts["OF_EVENTS"]))
     return found

@@ -277,14 +277,13 @@ class Scope:
             return self.add(op, args, shape)
         return self.add("load", (value.scope.keep(value),), shape)
 
-    def keep(self, value: Value, optional: bool = False) -> str:
-        """The slab in which a value of the case is kept: for the flight, or between loops that
-        other outputs may divide otherwise if ``optional``."""
+    def keep(self, value: Value) -> str:
+        """The slab in which a value of the case is kept for the flight."""
         if value.node not in self._kept:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
             number = 1
-            while not self.slabs.add(f"{name}_{number}", _size(value.shape), optional):
+            while not self.slabs.add(f"{name}_{number}", _size(value.shape)):
                 number += 1
             place = self._kept[value.node] = f"{name}_{number}"
             self.stores[place] = value.node + 1, value  # as soon as it is known
@@ -320,7 +319,7 @@ class Scope:
         read = {node for node in crossing if self.nodes[node][0] == "parameter"}
         fresh = crossing.keys() - self._kept.keys() - read
         values = {node: Value(self, node, self.nodes[node][2]) for node in crossing}
-        places = {node: self.keep(values[node], True) for node in sorted(crossing.keys() - read)}
+        places = {node: self.keep(values[node]) for node in sorted(crossing.keys() - read)}
         for part, needed in zip(parts, again, strict=True):
             loop = []
             for name, node in needed.items():
