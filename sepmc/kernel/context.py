@@ -32,7 +32,7 @@ class Context:
 
     def methods(self, stage: Stage) -> tuple[Method, ...]:
         """Methods by which a stage may be flown, the most exact first."""
-        return methods_of(self.solver, self.notes(stage))
+        return methods_of(self.solver, self.notes(stage), self.extends)
 
     @property
     def used(self) -> dict[str, Method]:

@@ -217,9 +217,11 @@ def method(name: str) -> Method:
     return METHODS[_EXTENDED if name == AUTO else name]()
 
 
-def methods_of(name: str, extended: bool) -> tuple[Method, ...]:
+def methods_of(name: str, extended: bool, others: bool = False) -> tuple[Method, ...]:
     """Methods that a phase may be flown by if ``solver.method`` has a ``name``: the most exact
-    first. If it is ``extended``, states between the ends of steps are needed."""
+    first. If it is ``extended``, states between the ends of steps are needed; if not, those of
+    ``others`` may be, whose method then is compiled anyway."""
     if name == AUTO:
-        return tuple(map(method, (_EXTENDED,) if extended else _SMOOTH))
+        smooth = (*_SMOOTH, _EXTENDED) if others else _SMOOTH
+        return tuple(map(method, (_EXTENDED,) if extended else smooth))
     return (method(name if method(name).extends or not extended else _EXTENDED),)
