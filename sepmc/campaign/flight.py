@@ -10,7 +10,7 @@ from sepmc.campaign.accuracy import SAFETY, SMALL, Achieved, decisive, errors, s
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.estimate import Estimate
 from sepmc.campaign.settle import AGREEMENTS, DOUBTFUL, HALVINGS, TOO_LONG, Settled, settle
-from sepmc.engine.door import Again, Block, fly_cases
+from sepmc.engine.door import Again, Block, fly_cases, one_of
 from sepmc.engine.written import Kernel
 from sepmc.kernel.methods import method
 from sepmc.routines.layout import (
@@ -255,7 +255,7 @@ def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
     """Which cases (n,) may end otherwise at shorter steps, if none is given."""
-    return np.isin(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
+    return one_of(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
 
