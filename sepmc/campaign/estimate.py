@@ -19,7 +19,8 @@ class Estimate:
     the guard. The sum is raised until no trial case is beyond, by a ``factor`` (o,) or by a
     ``number`` (o,), whichever is less; if guards tell nothing of some errors the factor is
     infinite. On top come ``floor`` (o,) and shares of the guards themselves, ``left_out`` (o, g).
-    The largest error of a case is that of one of the ``leading`` outcomes (k,)."""
+    The largest error of a case is that of one of the ``leading`` outcomes (k,), of those that
+    ``decides`` (o,)."""
 
     size: np.ndarray
     weights: np.ndarray
@@ -28,6 +29,7 @@ class Estimate:
     floor: np.ndarray
     left_out: np.ndarray
     leading: np.ndarray
+    decides: np.ndarray
 
     def of_cases(self, guards: np.ndarray) -> np.ndarray:
         """The error (n,) of each case, the largest of its outcomes, given its guards (n, g). Sums
@@ -38,16 +40,21 @@ class Estimate:
         return found
 
     def largest(self, guards: np.ndarray) -> np.ndarray:
-        """The largest error (o,) of each outcome over cases with these guards (n, g)."""
+        """What the error (o,) of each outcome is no larger than over cases with these guards (n,
+        g): of those that lead, the largest; of the others what the largest guards, of whichever
+        case, come to together, which takes a tenth of the time. Those that decide (o,) are never
+        further off than the leading ones."""
         found = np.zeros(len(self.floor))
-        if len(guards):
-            terms = _terms(guards, self.size)
-            for k in range(len(found)):
-                error = self._sum(k, terms)
-                if not self.left_out[k].any():  # what grows with the sum is largest where that is
-                    error = error.max(keepdims=True)
-                found[k] = self._raised(k, error, guards).max()
-        return found
+        if not len(guards):
+            return found
+        terms, most = _terms(guards, self.size), guards.max(axis=0, keepdims=True)
+        together = _terms(most, self.size)
+        for k in range(len(found)):
+            found[k] = self._raised(k, self._sum(k, together), most)[0]
+        for k in self.leading:
+            found[k] = self._raised(k, self._sum(k, terms), guards).max()
+        leading = found[self.leading].max(initial=0.0)
+        return np.where(self.decides, np.minimum(found, leading), found)
 
     def of_outcomes(self, guards: np.ndarray) -> np.ndarray:
         """The error (o, n) of each outcome of every case."""
@@ -112,7 +119,7 @@ def estimate(
             weights[k], factor[k] = _MARGIN * fitted, max(float(ratio.max()), 1.0)
             number[k] = _MARGIN * max(float((known - about).max()), 0.0)
     leading = np.flatnonzero(decides)
-    found = Estimate(size, weights, factor, number, floor, left_out, leading)
+    found = Estimate(size, weights, factor, number, floor, left_out, leading, decides)
     if not len(guards):
         return found
     told = found.of_outcomes(guards)[leading]
