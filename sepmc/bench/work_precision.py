@@ -12,11 +12,13 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
+from sepmc.engine.door import Block
 from sepmc.kernel.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
 PER = 10_000  # cases that times are told for
+_MOST_AGAIN = 0.5  # of the cases may be flown again: then the steps are not those of the way
 _MOST = 25  # times as many evaluations as by default are left out
 
 
@@ -39,15 +41,29 @@ def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
 
 def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
-    blocks = [way.fly(study.draws) for way in ways]
+    flown = []
+    for way in ways:
+        block = way.fly(study.draws)
+        if way.default or _flown_again(block) <= _MOST_AGAIN:
+            flown.append((way, block))
+        else:
+            study.say(
+                f"left out, most cases are flown again in finer steps: {way.method}, {way.setting}"
+            )
     times = rounds(
-        {str(i): partial(way.fly, study.draws) for i, way in enumerate(ways)}, study.repeats
+        {str(i): partial(way.fly, study.draws) for i, (way, _) in enumerate(flown)}, study.repeats
     )
     rows = []
-    for i, (way, block) in enumerate(zip(ways, blocks, strict=True)):
+    for i, (way, block) in enumerate(flown):
         error, worst = study.error(block, reference.outcomes, reference.sound)
         rows.append(_row(way, times[str(i)], error, worst, way.cases < study.cases))
     return pd.DataFrame(rows)
+
+
+def _flown_again(block: Block) -> float:
+    """Share of the cases of a block that were flown again."""
+    assert block.again is not None
+    return block.again.finer / len(block.status)
 
 
 def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> dict[str, Any]:

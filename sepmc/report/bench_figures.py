@@ -190,7 +190,7 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """A colour an engine; where its settings are of several kinds (the first word of them), a line
-    each."""
+    each, but of ours only that of the default: methods by themselves have a figure of their own."""
     figure, (ax,) = _figure(8.4, 6.2)
     frame = frame[np.isfinite(frame["error"])].assign(
         us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0]
@@ -198,10 +198,8 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     for (engine, rows), (colour, marker) in zip(
         frame.groupby("engine", sort=False), ENGINES, strict=False
     ):
-        # that of the default first
-        kinds = sorted(
-            rows.groupby("kind", sort=False), key=lambda found: not found[1]["default"].any()
-        )
+        kinds = list(rows.groupby("kind", sort=False))
+        kinds = [found for found in kinds if found[1]["default"].any()] or kinds
         few = f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
             words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
