@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from sepmc.kernel.context import Context
 from sepmc.kernel.formulas import square_root
 from sepmc.kernel.recorder import total
-from sepmc.kernel.steps import coefficient, turning_from
+from sepmc.kernel.steps import stage_again, turning_from
 from sepmc.kernel.text import Text
 
 
@@ -31,13 +31,7 @@ def _extend(out: Text, c: Context) -> None:
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
-        sum_of_stages = _weighted(
-            (j, coefficient(rk, "A", i, j)) for j in range(i) if rk.a[i, j] != 0.0
-        )
-        text.block("for e in range(SIZE_Y):").broken(
-            f"w[S + e] = w[BEGIN + e] + w[STEP + e] * ({sum_of_stages})"
-        )
-        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
+        stage_again(text, rk, i)
         text("rates(w, phase)")
         text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")

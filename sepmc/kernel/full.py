@@ -8,7 +8,7 @@ F_B, M_A, M_B (ground axes).
 from typing import Any
 
 from sepmc.kernel.context import lose, part
-from sepmc.kernel.formulas import linear, vec3
+from sepmc.kernel.formulas import UNIT, linear, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.rows import JointRow, Rows
 from sepmc.kernel.shape import Stage
@@ -16,7 +16,6 @@ from sepmc.kernel.text import Text
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
-_UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _OF_BODY, _OF_JOINT = 6, 12  # unknowns
 _FORCE_B, _MOMENT_A, _MOMENT_B = 3, 6, 9  # among those of a joint, F_A first
 Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, ground axes
@@ -78,7 +77,7 @@ class FullSystem:
             if body == GROUND:
                 continue
             row, column, axes = self.of_body[body], first + 3 * place, s.attitude(body)
-            for k, unit in enumerate(_UNIT):
+            for k, unit in enumerate(UNIT):
                 self.entries[row + k, column + k] = -1.0
                 lever, turn = vec3.unrotate(axes, vec3.cross(rho, unit)), vec3.unrotate(axes, unit)
                 for i in range(3):
@@ -89,7 +88,7 @@ class FullSystem:
                 self.entries[first + i, first + column] = 1.0
             for column in (_MOMENT_A + i, _MOMENT_B + i):
                 self.entries[first + 3 + i, first + column] = 1.0
-        for k, unit in enumerate(_UNIT):
+        for k, unit in enumerate(UNIT):
             lever = vec3.cross(pair.d, unit)
             for i in range(3):
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
@@ -180,7 +179,7 @@ def _unturned(rows: list[JointRow]) -> list[Any]:
     """Directions in which a joint with these rows of rotation carries no moment."""
     normals = [one.arms[1] for one in rows]
     if not normals:
-        return list(_UNIT)
+        return list(UNIT)
     if len(normals) == 1:
         return _across(normals[0])
     return [vec3.cross(*normals)] if len(normals) == 2 else []

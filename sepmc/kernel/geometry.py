@@ -5,13 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sepmc.kernel.context import Context, part
-from sepmc.kernel.formulas import ZERO, joints, quat, square_root, vec3
+from sepmc.kernel.formulas import UNIT, ZERO, joints, quat, square_root, vec3
 from sepmc.kernel.recorder import Scope, Value, product, where
 from sepmc.kernel.shape import Stage
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Spring
-
-_UNIT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ class State:
         if slide is None:
             return None
         plain = self.shape.plain_axes(joint)
-        e: Any = _UNIT[k] if plain else self.case.joint_axis(joint, k)
+        e: Any = UNIT[k] if plain else self.case.joint_axis(joint, k)
         end_a, end_b, _ = self.case.joint_ends(joint)
         r = slide.r
         lever = tuple(

@@ -14,7 +14,7 @@ from sepmc.kernel.motion import Motion
 from sepmc.kernel.outcomes import of_body
 from sepmc.kernel.recorder import Value, where
 from sepmc.kernel.shape import Stage
-from sepmc.kernel.steps import coefficient, emit_spread
+from sepmc.kernel.steps import emit_spread, stage_again
 from sepmc.kernel.text import Text
 from sepmc.kernel.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.routines import layout as at
@@ -86,24 +86,16 @@ def _trace(out: Text, c: Context, rk: Method) -> None:
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
     )
     text.lanes()("w[LENGTH + l] = w[STEP + l]")
-    # state, derivative and time of every point
-    stages = [(coefficient(rk, "C", i), i) for i in rk.within]
-    for number, (share, i) in enumerate([("0.0", 0), *stages]):
-        used = [j for j in range(i) if rk.a[i, j] != 0.0]
-        inner = text.block("for e in range(SIZE_Y):")
-        terms = [f"{coefficient(rk, 'A', i, j)} * w[K{j + 1} + e]" for j in used]
-        inner(f"w[D + e] = w[K{i + 1} + e]")
-        if terms:
-            inner.wrapped("w[S + e] = w[BEGIN + e] + w[STEP + e] * (", terms, ")")
-        else:
-            inner("w[S + e] = w[BEGIN + e]")
-        text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {share} * w[STEP + l]")
+    stages = (0, *rk.within)
+    for number, i in enumerate(stages):
+        stage_again(text, rk, i)
+        text.block("for e in range(SIZE_Y):")(f"w[D + e] = w[K{i + 1} + e]")
         _note_point(text, c, number)
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text("rates(w, phase)")
-    _note_point(text, c, 1 + len(stages))
-    joints, points = len(c.shape.scene.joint), 2 + len(stages)
+    _note_point(text, c, len(stages))
+    joints, points = len(c.shape.scene.joint), 1 + len(stages)
     stride = c.slabs.counts["CURVES"] // joints
     text(
         f"curves.fit(w, POINTS, {joints}, {points}, CURVE_{rk.name.upper()}, LENGTH, CURVES, "

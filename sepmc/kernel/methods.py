@@ -106,9 +106,7 @@ def _dop853() -> Method:
     """Dormand and Prince, order 8, twelve stages; extension of order 7 with four more (Hairer,
     Norsett, Wanner, II.5, II.6)."""
     stages, total = 12, 16
-    a = np.zeros((total, total))
-    for (i, j), value in dop.A.items():
-        a[i, j] = value
+    a = _matrix(total, dop.A)
     b = a[stages, :stages].copy()
     # The extension is y0 + t (F0 + u (F1 + t (F2 + u (F3 + ...)))), u = 1 - t; written here as
     # powers of t per stage.
@@ -188,12 +186,18 @@ def _tp7() -> Method:
 def _sharp9() -> Method:
     """Sharp, order 9 in fifteen stages (`sepmc.kernel.sharp9_coefficients`)."""
     stages = 15
-    a, b, c = np.zeros((stages, stages)), np.zeros(stages), np.array(sharp.C)
-    for (i, j), value in sharp.A.items():
-        a[i, j] = value
+    a, b, c = _matrix(stages, sharp.A), np.zeros(stages), np.array(sharp.C)
     b[list(sharp.B)] = list(sharp.B.values())
     doubt = _divided_difference(c, [0, 9, 8, 10, 11, 12, 14])
     return Method("sharp9", 9, a, b, c, np.empty((stages, 0)), 0, doubt, (9, 7, 12))
+
+
+def _matrix(size: int, entries: dict[tuple[int, int], float]) -> np.ndarray:
+    """A stage matrix of these entries, zero elsewhere."""
+    found = np.zeros((size, size))
+    for place, value in entries.items():
+        found[place] = value
+    return found
 
 
 def _divided_difference(c: np.ndarray, used: list[int]) -> np.ndarray:

@@ -139,7 +139,6 @@ def emit_results(text: Text, c: Context) -> None:
     shape, bodies = c.shape, len(c.shape.bodies)
     own = bodies * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
     audits = _audits(c)
-    first = own + sum(count for _, count in _other_outcomes(c)) + len(across(contents(shape.scene)))
     text("# outcomes", "report(w)")
     _judge(text, c)
     c.slabs.add("AUDITS", len(audits))
@@ -162,7 +161,6 @@ def emit_results(text: Text, c: Context) -> None:
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
         o += 1
-    assert o == first
     text(f"put_columns(outcomes, {o}, w, AUDITS, {len(audits)}, first)")
     o += len(audits) + 1  # the estimate of the error is not known here
     text(f"put_columns(outcomes, {o}, w, GUARD, GUARDS, first)")

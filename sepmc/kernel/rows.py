@@ -240,16 +240,17 @@ class Rows:
         """What multipliers do to the second bodies of joints whose bodies turn as one, ground
         axes."""
         own: dict[str, Any] = {}
-        found: dict[str, Any] = {}
         for m, one in zip(multipliers, self.rows, strict=True):
             if one.own:
                 before = own.get(one.row.joint, ZERO)
                 own[one.row.joint] = tuple(before[i] + m * one.own.e[i] for i in range(3))
-                r, force = self.s.attitude(one.own.leader), own[one.row.joint]
-                found[one.row.joint] = tuple(
-                    called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
-                    for i in range(3)
-                )
+        found = {}
+        for joint, force in own.items():
+            r = self.s.attitude(self.bodies[joint][0])
+            found[joint] = tuple(
+                called(product((r[3 * i], r[3 * i + 1], r[3 * i + 2]), force), "pull")
+                for i in range(3)
+            )
         return found
 
     def note_residuals(self) -> None:

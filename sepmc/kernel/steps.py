@@ -50,6 +50,20 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
     return [f"{name} = {float(value)!r}" for name, value in found.items() if value]
 
 
+def stage_again(text: Text, rk: Method, i: int) -> None:
+    """Lines for the state S and the time CLOCK of a stage, counted from 0, of the step just made
+    from BEGIN: the derivatives of those before it are still there."""
+    inner = text.block("for e in range(SIZE_Y):")
+    used = [j for j in range(i) if rk.a[i, j] != 0.0]
+    if not used:
+        inner("w[S + e] = w[BEGIN + e]")
+        text.lanes()("w[CLOCK + l] = w[BEGIN_T + l]")
+        return
+    terms = [f"{coefficient(rk, 'A', i, j)} * w[K{j + 1} + e]" for j in used]
+    inner.wrapped("w[S + e] = w[BEGIN + e] + w[STEP + e] * (", terms, ")")
+    text.lanes()(f"w[CLOCK + l] = w[BEGIN_T + l] + {coefficient(rk, 'C', i)} * w[STEP + l]")
+
+
 def advance(rk: Method) -> str:
     """The name of the function that makes a step by a method."""
     return f"advance_{rk.name}"
