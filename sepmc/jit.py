@@ -1,8 +1,7 @@
 """Every compile option, and where compiled code is kept.
 
-The cache folder is named by a digest of all kernel sources: Numba alone looks only at the file that
-defines the cached function and would miss a change in one it inlines (numba #1833). Nothing outside
-this folder is cached or touched.
+The cache folder is named by a digest of all kernel sources, of the compiler and of the processor.
+Nothing outside this folder is cached or touched.
 """
 
 import contextlib
@@ -10,14 +9,20 @@ import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
+from llvmlite import binding
 from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core import base
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, PassManager
 from numba.core.compiler_machinery import register_pass
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from numba.core.typed_passes import (
     IRLegalization,
     NativeLowering,
@@ -69,12 +74,25 @@ _import_array_maths()
 
 
 def sources_digest() -> str:
-    """Digest of every source that is compiled and of the compiler's version."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(path for pattern in _SOURCES for path in _HERE.glob(pattern)):
+    """Digest of every source that is compiled, of what compiles it and of the processor."""
+    made_by = (
+        numba.__version__,
+        llvmlite.__version__,
+        sys.version_info[:2],
+        binding.get_default_triple(),
+        config.CPU_NAME or binding.get_host_cpu_name(),
+        config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
+    )
+    return hashlib.sha256(repr(made_by).encode() + digest_of(_SOURCES)).hexdigest()[:16]
+
+
+def digest_of(patterns: Sequence[str]) -> bytes:
+    """Digest of files of this package, by names with wildcards."""
+    digest = hashlib.sha256()
+    for path in sorted(path for pattern in patterns for path in _HERE.glob(pattern)):
         digest.update(path.relative_to(_HERE).as_posix().encode())
         digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest.digest()
 
 
 def cache_folder() -> Path:
@@ -116,11 +134,6 @@ def compiling(program: str) -> dict[str, Any]:
         "args": [sys.executable, "-P", "-c", program],
         "env": {**os.environ, BARE: "1", "PYTHONPATH": path},
     }
-
-
-def is_module_cached(name: str) -> bool:
-    """Whether the entry of a module in the cache folder was compiled before."""
-    return config.DISABLE_JIT or any(CACHE_FOLDER.glob(f"*/{name}.*.nbi"))
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -233,34 +246,27 @@ def _mark_apart(context, builder, signature, arguments):
     return context.get_dummy_value()
 
 
-@contextlib.contextmanager
-def _own_cache():
-    """Where functions decorated meanwhile keep their compiled code."""
-    previous = config.CACHE_DIR
-    config.CACHE_DIR = str(CACHE_FOLDER)
-    try:
-        yield
-    finally:
-        config.CACHE_DIR = previous
+def compiled(function, signature, **options: Any) -> Any:
+    """Compile a function that is called by its address."""
+    return numba.cfunc(signature, fastmath=_FASTMATH, error_model="numpy", **options)(function)
 
 
-def door(function):
-    """Compile a function that Python calls: parallel over cases, and kept on disk."""
-    with _own_cache():
-        return numba.njit(
-            parallel=True, cache=True, nogil=True, fastmath=_FASTMATH, error_model="numpy"
-        )(function)
+def machine_code(function: Any) -> tuple[list[str], bytes]:
+    """The symbol of a compiled function and those that it needs of others, and its object file."""
+    library = function._library
+    needed = [
+        each.name
+        for each in (*library._final_module.functions, *library._final_module.global_variables)
+        if each.is_declaration and not each.name.startswith("llvm.")
+    ]
+    return [function.native_name, *needed], library._get_compiled_object()
 
 
-def compiled_piece(signature):
-    """Compile, at once, a function that is called by its address; kept on disk."""
-
-    def compiled(function):
-        if config.DISABLE_JIT:
-            return function
-        with _own_cache():
-            return numba.cfunc(
-                signature, cache=True, pipeline_class=Lean, fastmath=_FASTMATH, error_model="numpy"
-            )(function)
-
-    return compiled
+@cache
+def load_helpers() -> None:
+    """Let machine code find what Numba has it call, by name."""
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    base._load_global_helpers()
+    for name, address in _nrt_python.c_helpers.items():
+        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)

@@ -1,11 +1,19 @@
 """Processes that compile: they are kept for the next kernel, replaced when they die, and what they
 cannot compile is said."""
 
+import ctypes
+
+import numpy as np
 import pytest
 
-from sepmc.engine import cache, compilers
+from sepmc.engine import cache, compilers, objects
 
-PLAIN = '"""Nothing to compile, number {}."""\n'
+SHORT = """from sepmc.engine.pieces import piece, workspace
+@piece("")
+def flown(address):
+    w = workspace(address)
+    w[0] = {}.0
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +26,7 @@ def none_running():
 
 
 def names(*numbers):
-    return cache.write([PLAIN.format(number) for number in numbers])
+    return cache.write([SHORT.format(number) for number in numbers])
 
 
 def test_processes_are_kept():
@@ -68,14 +76,79 @@ def test_how_a_kernel_is_split_is_kept(monkeypatch):
     from sepmc.kernel.pieces import split
 
     text = kernel_text(sepmc.load("table2", {"run.history_step_s": 0.0}))
-    names = cache.names_of(text)
-    assert names == cache.write([piece.text for piece in split(text)])
+    pieces = cache.pieces_of(text)
+    assert list(pieces.names) == cache.write([piece.text for piece in split(text)])
     calls = []
     monkeypatch.setattr(cache, "split", lambda text: calls.append(text) or split(text))
-    assert cache.names_of(text) == names
+    assert cache.pieces_of(text) == pieces
     assert calls == []
-    lost = cache.CACHE_FOLDER / f"{names[3]}.py"
+    lost = cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
     kept = lost.read_text(encoding="utf-8")
     lost.unlink()
-    assert cache.names_of(text) == names
+    assert cache.pieces_of(text) == pieces
     assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
+
+
+def flown_by(name):
+    """What a piece writes, called by the address at which it is linked."""
+    room = np.zeros(1)
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p)(objects.link(name))(room.ctypes.data)
+    return room[0]
+
+
+DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damaged_code_is_compiled_again(damage):
+    """It never gets into the process, and the next who asks compiles it."""
+    number = 100 + DAMAGES.index(damage)
+    (name,) = cache.write([SHORT.format(number)])
+    pieces = cache.Pieces((name,), 0, 0, 0, 0, ())
+    path = cache.CACHE_FOLDER / f"{name}.code"
+    path.unlink(missing_ok=True)
+    assert name in cache.missing(pieces)
+    assert compilers.compile_all([name])
+    written = path.read_bytes()
+    changed = bytearray(written)
+    changed[len(changed) // 2] ^= 1
+    to = {"cut short": written[:-1], "one bit": bytes(changed), "empty": b""}
+    if damage == "gone":
+        path.unlink()
+    elif damage != "none":
+        path.write_bytes(to[damage])
+    assert (name in cache.missing(pieces)) == (damage != "none")
+    if damage != "none":
+        assert objects.link(name) == 0
+        assert compilers.compile_all([name])
+    assert flown_by(name) == number
+
+
+def test_code_that_needs_what_is_not_there():
+    """LLVM would load it, and the process would end when it calls."""
+    (name,) = cache.write([SHORT.format(7)])
+    assert compilers.compile_all([name])
+    symbols, code = objects._read(name)
+    objects.keep("needy", [*symbols, "no_such_function"], code)
+    with pytest.raises(RuntimeError, match="needs no_such_function"):
+        objects.link("needy")
+
+
+def test_a_text_is_written_once(monkeypatch):
+    """And anew for another scene, method or history."""
+    import sepmc
+    from sepmc.campaign.pilot import kernel_text
+    from sepmc.kernel import emit
+
+    quiet = {"run.history_step_s": 0.0}
+    campaign = sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})
+    first, calls = kernel_text(campaign), []
+    write = emit.emit
+    monkeypatch.setattr(emit, "emit", lambda *given: calls.append(given) or write(*given))
+    assert kernel_text(sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})) == first
+    assert calls == []
+    assert kernel_text(campaign, "rk4") != first
+    assert kernel_text(campaign, history=True) != first
+    assert all(write(*given) == kernel_text(campaign, *given[1:]) for given in list(calls))
+    other = sepmc.load("table2", {**quiet, "phase": [{"name": "free"}]})
+    assert kernel_text(other) != first

@@ -149,7 +149,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     is told."""
     heard = []
     # as if nothing had been compiled before
-    monkeypatch.setattr(cache, "missing", lambda names: names)
+    monkeypatch.setattr(cache, "missing", lambda pieces: list(pieces.names))
     campaign = pair(
         {
             "phase": [{"name": "free"}],

@@ -39,9 +39,9 @@ from sepmc.campaign.remarks import remarks
 from sepmc.campaign.search import IN_DOUBT, NO_OUTCOMES, VOUCHED, Search, mostly, usual_phases
 from sepmc.campaign.settle import Fly, longest_step, settle
 from sepmc.engine.door import Block, fly_cases, load_kernel, now_and_then
+from sepmc.engine.texts import written
 from sepmc.engine.written import Kernel
 from sepmc.kernel import structure
-from sepmc.kernel.emit import emit
 from sepmc.kernel.methods import method
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
@@ -73,7 +73,7 @@ def kernel_text(
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
-    return emit(
+    return written(
         structure.make_shape(campaign.plan, campaign.dispersed, care),
         solver or campaign.scene.solver.method,
         history,
@@ -520,5 +520,5 @@ def left_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import cache as compiled  # noqa: PLC0415  (numba)
 
-    names = compiled.names_of(text)
-    return len(compiled.missing(names)), len(names)
+    pieces = compiled.pieces_of(text)
+    return len(compiled.missing(pieces)), len(pieces.names)

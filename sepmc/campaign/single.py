@@ -18,7 +18,7 @@ from sepmc.campaign.flight import (
 )
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel, now_and_then
-from sepmc.kernel.emit import emit
+from sepmc.engine.texts import written
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.structure import brief_transient, make_shape
@@ -112,7 +112,7 @@ class _SingleFlight:
             every_s,
             announce,
         )
-        self.text, self.compiled = emit(shape, plan.scene.solver.method, FULL_HISTORY), False
+        self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
         stages = self.kernel.stages

@@ -6,64 +6,50 @@ three times, a third of its time to compile.
 """
 
 import math
+from ctypes import PYFUNCTYPE, c_int64
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, prange, set_num_threads, types
+from numba import get_num_threads, get_thread_id, prange, set_num_threads, types
 from numba.extending import intrinsic
 
+from sepmc.engine import objects
 from sepmc.engine.written import Kernel
-from sepmc.jit import config, door
+from sepmc.jit import compiled, config, machine_code
 from sepmc.routines.lanes import LANES
 
+NAME = "blocks"  # of the loop's object file
+_LINE = 8  # numbers of a line of memory
 
-def _enter_intrinsic(typing_context, address, room, skipped, first, arguments):
-    """Call a kernel: void (double* workspace, int64 first, int64* arguments); the workspace starts
-    after so many numbers of ``room``."""
+
+def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
+    """Call a kernel: void (double* workspace, int64 first, int64* arguments)."""
 
     def generate(context, builder, signature, values):
         from llvmlite import ir  # noqa: PLC0415
 
-        whole, number = ir.IntType(64), ir.DoubleType()
-        kernel = ir.FunctionType(ir.VoidType(), [number.as_pointer(), whole, whole.as_pointer()])
-        data = context.make_array(signature.args[1])(context, builder, values[1]).data
-        array = context.make_array(signature.args[4])(context, builder, values[4])
-        workspace = builder.gep(data, [values[2]])
+        whole, number = ir.IntType(64), ir.DoubleType().as_pointer()
+        kinds = [number, whole, whole.as_pointer()]
+        function = ir.FunctionType(ir.VoidType(), kinds).as_pointer()
+        address, place, first, given = values
         builder.call(
-            builder.inttoptr(values[0], kernel.as_pointer()), [workspace, values[3], array.data]
+            builder.inttoptr(address, function),
+            [builder.inttoptr(place, number), first, builder.inttoptr(given, kinds[2])],
         )
         return context.get_dummy_value()
 
-    return types.none(types.int64, room, types.int64, types.int64, arguments), generate
-
-
-def _put_intrinsic(typing_context, room, k, address):
-    """Put a whole number in the place of a floating one."""
-
-    def generate(context, builder, signature, values):
-        from llvmlite import ir  # noqa: PLC0415
-
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        places = builder.bitcast(data, ir.IntType(64).as_pointer())
-        builder.store(values[2], builder.gep(places, [values[1]]))
-        return context.get_dummy_value()
-
-    return types.none(room, types.int64, types.int64), generate
+    return types.none(*4 * (types.int64,)), generate
 
 
 _enter: Any = intrinsic(_enter_intrinsic)
-_put: Any = intrinsic(_put_intrinsic)
 
 
-@door
-def _fly_blocks(address, blocks, size, calls, arguments):
-    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address, whose pieces are at
-    ``calls``."""
+def _fly_blocks(kernel, blocks, workspaces, size, arguments):
+    """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address; each thread has a
+    workspace of its own, so many bytes from one to the next."""
     for number in prange(blocks):
-        room = np.empty(calls.shape[0] + size)
-        for k in range(calls.shape[0]):
-            _put(room, k, calls[k])
-        _enter(address, room, calls.shape[0], number * LANES, arguments)
+        _enter(kernel, workspaces + get_thread_id() * size, number * LANES, arguments)
 
 
 def fly(
@@ -126,16 +112,39 @@ def fly(
         return
     for array in arrays:
         assert array.flags.c_contiguous
-    sizes = [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays]
-    blocks = (draws.shape[1] + LANES - 1) // LANES
-    _fly_blocks(
-        kernel.address, blocks, kernel.size, kernel.calls, np.array(sizes, dtype=np.int64).ravel()
+    sizes = np.array(
+        [[array.ctypes.data, *array.shape, *(3 - array.ndim) * [1]] for array in arrays],
+        dtype=np.int64,
     )
+    room, workspaces = _workspaces(kernel)
+    blocks = (draws.shape[1] + LANES - 1) // LANES
+    _loop()(kernel.address, blocks, workspaces, room.strides[0], sizes.ctypes.data)
+
+
+def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
+    """A row for each thread, with the addresses of the kernel's pieces at its start, and the
+    address of what comes after these in the first row, where a line of memory begins."""
+    calls = kernel.calls
+    size = len(calls) + kernel.size
+    room = np.empty((get_num_threads(), size + -size % _LINE + _LINE))
+    skipped = -(room.ctypes.data // room.itemsize) % _LINE
+    room.view(np.int64)[:, skipped : skipped + len(calls)] = calls
+    return room, room.ctypes.data + (skipped + len(calls)) * room.itemsize
 
 
 def compile_blocks() -> None:
-    """Compile the loop over blocks, or load it from the disk cache, by flying none."""
-    _fly_blocks(0, 0, 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+    """Compile the loop over blocks into the cache folder."""
+    signature = types.void(*5 * (types.int64,))
+    objects.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
+
+
+@cache
+def _loop() -> Any:
+    """The loop over blocks; it is compiled if it is not in the cache folder."""
+    get_num_threads()  # which lets machine code find Numba's threads
+    if not objects.is_kept(NAME):
+        compile_blocks()
+    return PYFUNCTYPE(None, *5 * (c_int64,))(objects.link(NAME))
 
 
 def max_threads() -> int:
@@ -151,4 +160,4 @@ def use_threads(count: int | None) -> int:
     return int(get_num_threads())
 
 
-__all__ = ["compile_blocks", "fly", "max_threads", "use_threads"]
+__all__ = ["NAME", "compile_blocks", "fly", "max_threads", "use_threads"]

@@ -1,44 +1,53 @@
 """Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and
 side by side, loaded."""
 
+import contextlib
 import gc
 import hashlib
 import importlib.util
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from types import ModuleType
 
-from sepmc.engine import call_types
-from sepmc.engine.blocks import compile_blocks
+import msgspec
+
+from sepmc.engine import blocks, call_types, objects
 from sepmc.engine.compilers import Progress, compile_all
 from sepmc.engine.pieces import table
 from sepmc.engine.written import Kernel
-from sepmc.jit import CACHE_FOLDER, config, is_module_cached, one_at_a_time
-from sepmc.kernel.pieces import ALIKE, split
+from sepmc.jit import CACHE_FOLDER, machine_code, one_at_a_time
+from sepmc.kernel.pieces import ALIKE, split, told
 
 # What is left to the collector before it looks: looking took a fifth of the time to compile.
 _GARBAGE = 1_000_000
 # modules whose routines take seconds to compile, however short what calls them
 _LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.peaks")
-_BLOCKS = "blocks"  # in place of the name of a piece: the loop over blocks
 
 
-def names_of(text: str) -> list[str]:
-    """Names of the modules of a kernel's pieces, in the order of their table, in the cache folder;
-    they are written there unless they are known: to split a kernel takes as long as to write
-    it."""
-    known = CACHE_FOLDER / f"kernel_{_digest(text)}.txt"
-    try:
-        names = known.read_text(encoding="utf-8").split()
-    except OSError:
-        names = []
-    if names and all((CACHE_FOLDER / f"{name}.py").is_file() for name in names):
-        return names
-    names = write([piece.text for piece in split(text)])
-    _put(known, "\n".join(names))
-    return names
+class Pieces(msgspec.Struct, frozen=True):
+    """The pieces of a kernel: names of their modules in the cache folder, in the order of their
+    table, and what the kernel says of itself (`sepmc.kernel.pieces.told`)."""
+
+    names: tuple[str, ...]
+    size: int
+    guards: int
+    stages: int
+    changes: int
+    methods: tuple[tuple[str, ...], ...]
+
+
+def pieces_of(text: str) -> Pieces:
+    """The pieces of a kernel, whose modules are written into the cache folder unless they are
+    known: to split a kernel takes as long as to write it."""
+    known = CACHE_FOLDER / f"kernel_{_digest(text)}.json"
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        found = msgspec.json.decode(known.read_bytes(), type=Pieces)
+        if all((CACHE_FOLDER / f"{name}.py").is_file() for name in found.names):
+            return found
+    found = Pieces(tuple(write([piece.text for piece in split(text)])), **told(text))
+    objects.put(known, msgspec.json.encode(found))
+    return found
 
 
 def write(texts: Sequence[str]) -> list[str]:
@@ -49,7 +58,7 @@ def write(texts: Sequence[str]) -> list[str]:
         name = f"sepmc_piece_{_digest(text)}"
         path = CACHE_FOLDER / f"{name}.py"
         if not path.is_file():
-            _put(path, text)
+            objects.put(path, text.encode())
         names.append(name)
     return names
 
@@ -58,52 +67,48 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _put(path: Path, text: str) -> None:
-    """Write a file such that no other process ever sees a part of it."""
-    draft = path.with_suffix(f".{os.getpid()}")
-    draft.write_text(text, encoding="utf-8")
-    draft.replace(path)
-
-
 def module(name: str) -> ModuleType:
-    """A module of the cache folder, imported; its piece is loaded from the disk cache, or else
-    compiled."""
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
-        assert spec is not None
-        assert spec.loader is not None
-        # compiled code in the cache refers to it by name
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
+    """A module of the cache folder, whose piece is compiled as it is imported."""
+    spec = importlib.util.spec_from_file_location(name, CACHE_FOLDER / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
 
 
-def load(names: Sequence[str]) -> Kernel:
-    """A kernel from the modules of its pieces in the order of their table, the last of which is
-    entered."""
-    compile_blocks()
-    addresses = [getattr(module(name), ALIKE).address for name in names]
-    entry = module(names[-1])
+def _compile(name: str) -> None:
+    """Compile the loop over blocks, or a piece, into the cache folder."""
+    if name == blocks.NAME:
+        blocks.compile_blocks()
+    else:
+        objects.keep(name, *machine_code(getattr(module(name), ALIKE)))
+
+
+def load(pieces: Pieces) -> Kernel:
+    """A kernel from its pieces, the last of which is entered; what is not in the cache folder is
+    compiled there."""
+    for name in pieces.names:
+        if not objects.is_kept(name):
+            _compile(name)
+    addresses = [objects.link(name) for name in pieces.names]
     return Kernel(
         addresses[-1],
-        entry.SIZE_W,
+        pieces.size,
         table(addresses),
-        entry.GUARDS,
-        entry.STAGES,
-        entry.CHANGES,
-        entry.METHODS,
+        pieces.guards,
+        pieces.stages,
+        pieces.changes,
+        pieces.methods,
     )
 
 
-def missing(names: Sequence[str]) -> list[str]:
-    """What the disk cache does not hold: the loop over blocks, modules of these pieces; what takes
-    longest first."""
-    if config.DISABLE_JIT:
-        return []
-    held = {path.name.partition(".")[0] for path in CACHE_FOLDER.glob("*/sepmc_piece_*.nbi")}
-    left = [name for name in dict.fromkeys(names) if name not in held]
+def missing(pieces: Pieces) -> list[str]:
+    """What the cache folder does not hold: the loop over blocks, modules of these pieces; what
+    takes longest first."""
+    left = [name for name in dict.fromkeys(pieces.names) if not objects.is_kept(name)]
     left.sort(key=_takes, reverse=True)
-    return left if is_module_cached(_BLOCKS) else [_BLOCKS, *left]
+    return left if objects.is_kept(blocks.NAME) else [blocks.NAME, *left]
 
 
 def _takes(name: str) -> tuple[bool, int]:
@@ -112,16 +117,16 @@ def _takes(name: str) -> tuple[bool, int]:
     return any(module in text for module in _LONG), len(text)
 
 
-def compile_apart(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:
-    """Compile pieces, and the loop over blocks, into the disk cache, in processes of their own;
-    ``progress`` is told after each. Returns whether that worked.
+def compile_apart(pieces: Pieces, progress: Progress = lambda done, total: None) -> bool:
+    """Compile what is missing of pieces, and the loop over blocks, into the cache folder, in
+    processes of their own; ``progress`` is told after each. Returns whether that worked.
 
     Every campaign flies what the cache holds: code as compiled and the same code loaded can differ
     in the last bit.
     """
     try:
         with one_at_a_time("pieces"):
-            return compile_all(missing(names), progress)
+            return compile_all(missing(pieces), progress)
     except OSError:
         return False
 
@@ -135,8 +140,5 @@ def serve() -> None:
     call_types.keep()
     for line in sys.stdin:
         name = line.strip()
-        if name == _BLOCKS:
-            compile_blocks()
-        else:
-            module(name)
+        _compile(name)
         print(name, file=answers, flush=True)

@@ -295,8 +295,8 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
         return plain.load(text)
     from sepmc.engine import cache  # noqa: PLC0415
 
-    names = cache.names_of(text)
-    left = len(cache.missing(names))
+    pieces = cache.pieces_of(text)
+    left = len(cache.missing(pieces))
     if left:
         if announce:
             announce(
@@ -312,10 +312,10 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
 
         begun = time.monotonic()
         try:
-            cache.compile_apart(names, progress)
+            cache.compile_apart(pieces, progress)
         finally:
             _waited.append(time.monotonic() - begun)
-    return cache.load(names)
+    return cache.load(pieces)
 
 
 def waited_for_compilers() -> float:

@@ -5,13 +5,14 @@ The addresses of a kernel's pieces stand in front of its workspace, so that whoe
 workspace can call them all.
 """
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numba import carray, types
 from numba.extending import intrinsic
 
-from sepmc.jit import compiled_piece, formula
+from sepmc.jit import Lean, compiled, formula
 
 _ENDLESS = 2**40  # numbers of a workspace, for who does not ask where it ends
 _TYPES = {"i": types.int64, "f": types.float64, "a": types.CPointer(types.int64)}
@@ -26,10 +27,9 @@ def workspace(address):
 
 def piece(codes: str) -> Any:
     """Compile, at once, a function of a workspace's address and numbers ("i" whole, "f" floating;
-    "a" arrays); kept on disk."""
-    return compiled_piece(
-        types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes))
-    )
+    "a" arrays)."""
+    signature = types.void(types.CPointer(types.float64), *(_TYPES[code] for code in codes))
+    return partial(compiled, signature=signature, pipeline_class=Lean)
 
 
 def callee(place: int, codes: str) -> Any:

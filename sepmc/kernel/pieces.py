@@ -12,13 +12,12 @@ their callers. Places in the workspace are numbers in it.
 import ast
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from sepmc.kernel.folding import fold, whole_numbers
 from sepmc.routines.layout import LANES
 
-ENTRY = "fly_block"
 ALIKE = "flown"  # the name of its function in every piece
-_TOLD = ("SIZE_W", "GUARDS", "STAGES", "METHODS")  # constants that who enters a kernel asks for
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
 _MARK = "keep_apart"  # called in a line that a piece has no use for
 _HEAD = '''"""Piece of a written kernel."""
@@ -40,7 +39,7 @@ class _Module:
 
     def __init__(self, text: str):
         module = ast.parse(text)
-        numbers = whole_numbers(module, LANES)
+        self.numbers = numbers = whole_numbers(module, LANES)
         self.functions: dict[str, ast.FunctionDef] = {}
         self.meanings: dict[str, ast.stmt] = {}
         for node in module.body:
@@ -65,7 +64,7 @@ class _Module:
 
     def piece(self, name: str) -> Piece:
         """The piece of a function, with the functions that it calls in the ordinary way."""
-        own, called, needed = [name], [], dict.fromkeys(_TOLD if name == ENTRY else ())
+        own, called, needed = [name], [], dict[str, None]()
         for function in own:  # which grows
             left = _used(self.functions[function], function == name)
             for used in left:
@@ -88,11 +87,32 @@ class _Module:
 
 
 @lru_cache(maxsize=16)
+def _module(text: str) -> _Module:
+    return _Module(text)
+
+
+@lru_cache(maxsize=16)
 def split(text: str) -> list[Piece]:
     """The pieces of a module in the order of their places in the table of addresses; the last is
     the one that is entered."""
-    module = _Module(text)
+    module = _module(text)
     return [module.piece(name) for name in module.places]
+
+
+def told(text: str) -> dict[str, Any]:
+    """What a kernel says of itself to who enters it: the ``size`` of its workspace, how many
+    ``guards``, ``stages`` and sudden ``changes`` it has, and names of the ``methods`` of each
+    stage."""
+    module = _module(text)
+    numbers, methods = module.numbers, module.meanings["METHODS"]
+    assert isinstance(methods, ast.Assign)
+    return {
+        "size": numbers["SIZE_W"],
+        "guards": numbers["GUARDS"],
+        "stages": numbers["STAGES"],
+        "changes": numbers["CHANGES"],
+        "methods": ast.literal_eval(methods.value),
+    }
 
 
 def _as_piece(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:

@@ -1,0 +1,82 @@
+"""Machine code of functions as object files in the cache folder, and linked into this process.
+
+A file is what Numba made for this processor, with a checksum in front: one that was cut short or
+changed counts as not there. Numba's own cache keeps beside that what is needed to compile more
+functions with it, and takes 10 ms to load one, thirty times as long.
+"""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import numba
+from llvmlite import binding
+
+from sepmc.jit import CACHE_FOLDER, load_helpers
+
+_DIGEST = hashlib.sha256().digest_size
+_linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and what holds the code
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a file such that no other process ever sees a part of it."""
+    draft = path.with_suffix(f".{os.getpid()}")
+    draft.write_bytes(content)
+    draft.replace(path)
+
+
+def keep(name: str, symbols: list[str], code: bytes) -> None:
+    """Write the object file of a function, by the first of ``symbols``; it needs the others."""
+    content = json.dumps(symbols).encode() + b"\n" + code
+    put(_path(name), hashlib.sha256(content).digest() + content)
+
+
+def is_kept(name: str) -> bool:
+    """Whether there is an object file of that name, as it was written."""
+    return name in _linked or _read(name) is not None
+
+
+def link(name: str) -> int:
+    """Address of the function of an object file in this process, or 0 if there is no such file, as
+    it was written."""
+    if name not in _linked:
+        kept = _read(name)
+        if kept is None:
+            return 0
+        _linked[name] = _link(*kept)
+    return _linked[name][0]
+
+
+def _path(name: str) -> Path:
+    return CACHE_FOLDER / f"{name}.code"
+
+
+def _read(name: str) -> tuple[list[str], bytes] | None:
+    """Symbols and machine code of an object file."""
+    try:
+        content = _path(name).read_bytes()
+    except OSError:
+        return None
+    digest, content = content[:_DIGEST], content[_DIGEST:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    symbols, _, code = content.partition(b"\n")
+    return json.loads(symbols), code
+
+
+def _link(symbols: list[str], code: bytes) -> tuple[int, binding.ExecutionEngine]:
+    """Load machine code; LLVM would let it call what it does not find, without a word."""
+    load_helpers()
+    target = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), target)
+    symbol, *needed = symbols
+    missing = [each for each in needed if not binding.address_of_symbol(each)]
+    if missing:
+        raise RuntimeError(
+            f"machine code of numba {numba.__version__} needs {', '.join(missing)}, which are not "
+            "there; install a version of numba that sepmc was tried with"
+        )
+    engine.add_object_file(binding.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine.get_function_address(symbol), engine
