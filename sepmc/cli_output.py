@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from textwrap import TextWrapper
@@ -456,55 +457,68 @@ def draw_figures(
     converging: bool = False,
     suffix: str = ".png",
     second: "Executor | None" = None,
+    alone: bool = False,
 ) -> list[Path]:
     """Draw bands of stored histories, what share of cases is beyond what is required, how means
     converge if asked for, and histograms of outcomes, of ``every`` one or of the first twelve by
-    rank, into the run folder; those of a ``page``, in one style for it, into that folder instead. A
-    ``second`` process draws a part of them. Returns their paths."""
-    from sepmc.campaign import store
-    from sepmc.report.figures import band_figures, histogram_figures
-
-    units: dict[str, Any] = {c.name: c.unit for c in loaded.outcome_columns}
-    source = loaded.file.reference.source if loaded.file.reference else "reference"
+    rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
+    in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
+    Returns their paths."""
+    units = {c.name: c.unit for c in loaded.outcome_columns}
     table = summary.statistics() if table is None else table
     about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
-    written = []
-    below = store.number_after(folder, _BANDED)
-    histories = store.read_histories(folder, below)
-    if histories is not None:
-        frame = store.read_cases(folder, below, ["case", "status"])
-        written = band_figures(
-            histories[histories["case"].isin(frame["case"][frame["status"] == "ok"])],
-            into,
-            units,
-            about=about,
-            suffix=suffix,
-            second=second,
-        )
-    bounds: dict[str, list[float]] = {}
-    for item in loaded.file.requirements:
-        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
-        bounds[item.metric] = bounds.get(item.metric, []) + at
     outcomes = telling_outcomes(loaded, table)
     shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
-    written += _share_figures(folder, loaded, verdicts, outcomes[:shown], into, suffix)
+    converged = outcomes[:shown]
     if len(outcomes) > _DRAWN and not every:
         say(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
         )
         outcomes = outcomes[:_DRAWN]
-    return written + histogram_figures(
+    bounds: dict[str, list[float]] = {}
+    for item in loaded.file.requirements:
+        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
+        bounds[item.metric] = bounds.get(item.metric, []) + at
+    histograms = partial(
+        _draw_histograms,
         {name: summary.histogram(name) for name in outcomes},
         into,
         units,
         loaded.reference,
-        source=source,
+        source=loaded.file.reference.source if loaded.file.reference else "reference",
         required=bounds,
         about=about,
         suffix=suffix,
-        alone=page is None,
-        second=second,
+        alone=alone,
     )
+    there = second.submit(histograms) if second else None
+    written = _draw_bands(folder, into, units, about, suffix)
+    written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
+    return written + (there.result() if there else histograms())
+
+
+def _draw_histograms(*given: Any, **named: Any) -> list[Path]:
+    """`sepmc.report.figures.histogram_figures`, imported by the process that draws them."""
+    from sepmc.report.figures import histogram_figures
+
+    return histogram_figures(*given, **named)
+
+
+def _draw_bands(
+    folder: Path, into: Path, units: dict[str, str], about: str, suffix: str
+) -> list[Path]:
+    """Draw bands of the histories that a run folder holds; returns their paths."""
+    from sepmc.campaign import store
+
+    below = store.number_after(folder, _BANDED)
+    histories = store.read_histories(folder, below)
+    if histories is None:
+        return []
+    from sepmc.report.figures import band_figures
+
+    frame = store.read_cases(folder, below, ["case", "status"])
+    ok = histories["case"].isin(frame["case"][frame["status"] == "ok"])
+    return band_figures(histories[ok], into, units, about=about, suffix=suffix)
 
 
 # outcomes whose mean and sigma are drawn over the number of cases, by themselves and in a report

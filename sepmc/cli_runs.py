@@ -403,8 +403,8 @@ def stats(
     help="Of the files; PNG at 300 dots an inch.",
 )
 def plot(folder: Path, every: bool, ending: str) -> None:
-    """Draw the figures of RUN again, from its files alone, fit for print, and how its means
-    converge.
+    """Draw the figures of RUN again, from its files alone, fit for print, a histogram of each
+    outcome by itself, and how its means converge.
 
     \b
     Example:
@@ -440,6 +440,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     verdicts=verdicts,
                     converging=True,
                     suffix=suffix,
+                    alone=True,
                 )
         for path in written:
             click.echo(path)

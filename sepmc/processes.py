@@ -1,5 +1,7 @@
 """Work shared out among processes of their own, which end with this one."""
 
+import atexit
+import gc
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +23,14 @@ def _uninterrupted() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _begin() -> None:
+    """What a process does first: it will hear of no interruption, and look for garbage rarely, and
+    not among what is left at its end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.set_threshold(100_000)
+    atexit.register(gc.freeze)
+
+
 @contextmanager
 def processes(count: int) -> Iterator[ProcessPoolExecutor]:
     """So many processes to hand work to; with 0 of them, one that starts if it is asked. They are
@@ -30,8 +40,7 @@ def processes(count: int) -> Iterator[ProcessPoolExecutor]:
     with ProcessPoolExecutor(
         max(count, 1),
         mp_context=get_context("spawn"),  # not forked: threads of compiled code may run
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_IGN),
+        initializer=_begin,
     ) as pool:
         try:
             with _uninterrupted():

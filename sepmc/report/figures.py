@@ -3,8 +3,8 @@ Simulation 31(4), 2019.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
 from itertools import pairwise
+from math import erf
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -21,7 +21,6 @@ from sepmc.report.style import (
     EDGES,
     GREEN,
     VERMILION,
-    Hands,
     entitle,
     in_words,
     made,
@@ -134,18 +133,16 @@ def band_figures(
     labels: Mapping[str, str] | None = None,
     about: str = "",
     suffix: str = ".png",
-    second: Executor | None = None,
 ) -> list[Path]:
     """Draw separation over time as bands over the cases; see `campaign_figures`. Failed cases are
-    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files. A
-    ``second`` process draws every other one."""
-    folder, labels, hands = made(folder), labels or {}, Hands(second)
+    the caller's to leave out. ``about``: what stands in titles; ``suffix``: of the files."""
+    folder, labels, written = made(folder), labels or {}, []
     for name, joint, words, unit in _curves(histories):
         if histories[name].notna().any():
             label = f"{labels.get(name, in_words(joint) + words)} ({units.get(name, unit)})"
             file = f"{joint}{words.removeprefix('axial ').replace(' ', '_')}{suffix}"
-            hands.draw(_bands, histories, name, label, folder / file, about)
-    return hands.paths
+            written.append(_bands(histories, name, label, folder / file, about))
+    return written
 
 
 def histogram_figures(
@@ -159,14 +156,12 @@ def histogram_figures(
     about: str = "",
     suffix: str = ".png",
     alone: bool = True,
-    second: Executor | None = None,
 ) -> list[Path]:
     """Draw histograms of outcomes side by side, and each ``alone`` too; see `campaign_figures`. An
     outcome without values (None) is left out. Bounds that are ``required`` of an outcome are
-    marked. ``about``: what stands in titles; ``suffix``: of the files. A ``second`` process draws
-    every other one."""
+    marked. ``about``: what stands in titles; ``suffix``: of the files."""
     folder, reference, labels = made(folder), reference or {}, labels or {}
-    required, hands = required or {}, Hands(second)
+    required, written = required or {}, []
     values = {name: found for name, found in histograms.items() if found}
     words_of = {name: labels.get(name, in_words(name, units.get(name, ""))) for name in values}
     ordered = sorted(values, key=lambda name: name not in required)  # what is required comes first
@@ -186,8 +181,9 @@ def histogram_figures(
             )
             for name in names
         ]
-        hands.draw(_histograms, panels, folder / f"{file}{suffix}", about, file == "histograms")
-    return hands.paths
+        path = folder / f"{file}{suffix}"
+        written.append(_histograms(panels, path, about, file == "histograms"))
+    return written
 
 
 def _histograms(
@@ -456,9 +452,8 @@ _UNLIKE = 0.06  # probability that may lie elsewhere, beyond what chance moves
 
 def _is_bell(found: Histogram) -> bool:
     """Whether a histogram is much like a normal law of its mean and sigma."""
-    from scipy.special import ndtr  # noqa: PLC0415  (0.1 s)
-
-    law = np.diff(ndtr((found.edges - found.mean) / found.sigma))
+    below = [erf(x) for x in (found.edges - found.mean) / (found.sigma * np.sqrt(2.0))]
+    law = 0.5 * np.diff(below)
     chance = np.sqrt(len(law) / (2.0 * np.pi * found.n))
     apart = 0.5 * np.abs(found.counts / found.n - law).sum()
     return bool(apart < _UNLIKE + chance)

@@ -5,8 +5,7 @@ carry the same message in grey print. Legends, phase names and numbers stand out
 nothing covers data. No pyplot: a figure here has no window and no state.
 """
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -38,26 +37,6 @@ def dots(per_inch: int) -> Iterator[None]:
         yield
     finally:
         _dots = before
-
-
-class Hands:
-    """Draw figures one after the other, every other one in a ``second`` process if there is one."""
-
-    def __init__(self, second: Executor | None = None):
-        self.second = second
-        self._drawn: list[Path | Future[Path]] = []
-
-    def draw(self, figure: Callable[..., Path], *given: Any) -> None:
-        """Draw by a function of some module, which returns the path of the file."""
-        if self.second is not None and len(self._drawn) % 2 == 1:
-            self._drawn.append(self.second.submit(figure, *given))
-        else:
-            self._drawn.append(figure(*given))
-
-    @property
-    def paths(self) -> list[Path]:
-        """The files, in the order in which they were asked for, when all are written."""
-        return [one if isinstance(one, Path) else one.result() for one in self._drawn]
 
 
 def made(folder: Path) -> Path:
