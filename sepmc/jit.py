@@ -219,9 +219,26 @@ _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 BARE = "SEPMC_BARE"  # set in the environment of such a process
 _WRAPPED = _BARE if os.environ.get(BARE) else {}
 _CALLED: dict[str, Any] = {"fastmath": _FASTMATH, "error_model": "numpy", "pipeline_class": Callee}
-# A formula on scalars and tuples: callable from Python for tests, and always copied into its
-# caller, since a loop over cases with a call in it is not vectorised.
-formula = numba.njit(forceinline=True, **_CALLED, **_WRAPPED)
+
+
+def for_any_numbers(function):
+    """Compile a function once, and not anew for whole numbers that stand in calls of it. (Where
+    these say how long a loop is, code made for them is faster.)"""
+    if config.DISABLE_JIT:
+        return function
+    template = function.get_call_template
+    function.get_call_template = lambda args, kws: template(
+        [numba.types.unliteral(arg) for arg in args], kws
+    )
+    return function
+
+
+def formula(function) -> Any:
+    """Compile a formula on scalars and tuples: callable from Python for tests, and always copied
+    into its caller, since a loop over cases with a call in it is not vectorised."""
+    return for_any_numbers(numba.njit(forceinline=True, **_CALLED, **_WRAPPED)(function))
+
+
 # A formula too large for that.
 long_formula = numba.njit(**_CALLED, **_WRAPPED)
 # What works on a workspace: called from compiled code only.

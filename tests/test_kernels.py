@@ -679,7 +679,7 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 @pytest.mark.parametrize(
     ("settings", "history", "apart"),
     [
-        ({}, True, {"fly_block"}),
+        ({}, True, {"begin", "fly_block"}),
         (
             {"solver.step_s": 0.05},
             False,
@@ -695,8 +695,12 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
                 "settle",
             },
         ),
-        ({"solver.method": "rk4"}, False, {"advance_sharp9", "advance_tp7", "fly_block"}),
-        ({"output.tip_off": ["pins"]}, False, {"fly_block"}),
+        (
+            {"solver.method": "rk4"},
+            False,
+            {"advance_sharp9", "advance_tp7", "begin", "finish", "fly_block"},
+        ),
+        ({"output.tip_off": ["pins"]}, False, {"begin", "finish", "leave_phase2"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )

@@ -26,29 +26,51 @@ _GOES_ON = "w[LOST + l] <= 0.0"
 # does not
 _LEAST_SHARE = 2.0**-16
 _CONSISTENT = 1e-9  # m, rad, m/s, rad/s: how far the start may be off the joints
-_ARGUMENTS = (
-    (
-        "nominal, slots, draws, steps, usual",
-        "vector(a, 0), indices(a, 1), table(a, 2), indices(a, 3), vector(a, 4)",
-    ),
-    ("outcomes, ends, status", "table(a, 6), table(a, 7), indices(a, 9)"),
-    (
-        "numbers, pace, times, methods",
-        "vector(a, 12), vector(a, 13), indices(a, 14), indices(a, 15)",
-    ),
+_COMES = "nominal, slots, draws = vector(a, 0), indices(a, 1), table(a, 2)"
+_STEPS = (
+    "steps, usual, pace = indices(a, 3), vector(a, 4), vector(a, 13)",
+    "times, methods = indices(a, 14), indices(a, 15)",
 )
+_GOES = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), indices(a, 9)"
 
 
 def emit_block(out: Text, c: Context) -> None:
     """The function that flies a block, with its arrays in the order of
-    `sepmc.engine.blocks.fly`."""
+    `sepmc.engine.blocks.fly`, and those that it calls between steps: a piece that an output changes
+    is the shorter to compile."""
+    parts = Text()
+    _begin(parts, c)
     says = (
         "Fly the cases of a block, LANES from number ``first`` on; ``a`` holds the arrays that "
         "come in and go out."
     )
-    text = out.function("fly_block(w, first: int, a: Arrays)", says)
-    for names, arrays in _ARGUMENTS:
-        text(f"{names} = {arrays}")
+    block = Text()
+    text = block.function("fly_block(w, first: int, a: Arrays)", says)
+    text(*_STEPS, "begin(w, first, a)")
+    for number, stage in enumerate(c.shape.stages):
+        text(f"# {stage.name}", f"enter_{stage.name}(w)")
+        _enter(parts, c, number, stage)
+        if stage.stops > 1:
+            _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
+        else:
+            _stretch(text, c, number, stage)
+        text(f"leave_{stage.name}(w)")
+        _leave(parts, c, number, stage)
+    text("finish(w, first, a)")
+    says = "Outcomes of a block, and what is told of its cases, into the arrays that go out."
+    results = parts.function("finish(w, first: int, a: Arrays)", says)
+    results(_GOES)
+    emit_results(results, c)
+    out.lines += parts.lines + block.lines
+
+
+def _begin(out: Text, c: Context) -> None:
+    """The function that puts the cases of a block into the workspace, as they start."""
+    text = out.function(
+        "begin(w, first: int, a: Arrays)",
+        "Put the cases of a block into the workspace, as they start.",
+    )
+    text(_COMES, "numbers = vector(a, 12)")
     text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
     text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
     text.lanes()("w[UNSOUND + l] = 0.0")
@@ -78,14 +100,11 @@ def emit_block(out: Text, c: Context) -> None:
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
         )
     text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
-    for number, stage in enumerate(c.shape.stages):
-        _phase(text, c, number, stage)
-    emit_results(text, c)
 
 
-def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
-    """Flight through a phase, in as many stretches as it may have."""
-    text(f"# {stage.name}")
+def _enter(out: Text, c: Context, number: int, stage: Stage) -> None:
+    """The function of what is so as a phase begins."""
+    text = out.function(f"enter_{stage.name}(w)", "What is so as a phase begins.")
     if number == 0 and stage.rows:
         text(f"correct_{stage.name}(w)")
         _check_start(text, c)
@@ -106,9 +125,11 @@ def _phase(text: Text, c: Context, number: int, stage: Stage) -> None:
         text.lanes()("w[DONE + l] = 0.0")
         if stage.clauses:
             _begin_clauses(text, c, stage)
-        _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
-    else:
-        _stretch(text, c, number, stage)
+
+
+def _leave(out: Text, c: Context, number: int, stage: Stage) -> None:
+    """The function of what is so as a phase ends."""
+    text = out.function(f"leave_{stage.name}(w)", "What is so as a phase ends.")
     if stage.rows:
         text(f"correct_{stage.name}(w)")
         text.block("for e in range(4 * LANES):")(

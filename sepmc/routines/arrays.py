@@ -7,7 +7,7 @@ import numba
 from numba import carray, types
 from numba.extending import intrinsic
 
-from sepmc.jit import config, formula, routine
+from sepmc.jit import config, for_any_numbers, formula, routine
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import STRUCTURE
 
@@ -65,6 +65,7 @@ def record(a, k):
     return carray(_records(a[4 * k]), (1,))[0]
 
 
+@for_any_numbers
 @routine
 def get_column(w, slab, table, k, first):
     """Row k of a table, from number ``first`` on, into a slab; the last block of lanes is filled up
@@ -78,6 +79,7 @@ def get_column(w, slab, table, k, first):
             w[slab + l] = table[k, min(first + l, last)]
 
 
+@for_any_numbers
 @routine
 def put_columns(table, k, w, slab, count, first):
     """So many quantities of a slab into rows k, k + 1, ... of a table, from number ``first`` on, as
