@@ -115,10 +115,9 @@ def fly_cases(
     phases end, and joints that are late have let go.
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
-    outcomes, status = (
-        np.full((len(columns) + kernel.guards, n), np.nan),
-        np.zeros(n, dtype=np.int64),
-    )
+    # kernels write all of it but the estimate of the error, the last of the columns
+    outcomes, status = np.empty((len(columns) + kernel.guards, n)), np.empty(n, dtype=np.int64)
+    outcomes[len(columns) - 1] = np.nan
     ends = np.empty((kernel.stages, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
