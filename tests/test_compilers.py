@@ -82,11 +82,14 @@ def test_how_a_kernel_is_split_is_kept(monkeypatch):
     monkeypatch.setattr(cache, "split", lambda text: calls.append(text) or split(text))
     assert cache.pieces_of(text) == pieces
     assert calls == []
+    monkeypatch.setattr(objects, "is_kept", lambda name: False)  # as if none was compiled
     lost = cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
     kept = lost.read_text(encoding="utf-8")
-    lost.unlink()
-    assert cache.pieces_of(text) == pieces
-    assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
+    for damage in (lost.unlink, lambda: lost.write_text(kept[:-9], encoding="utf-8")):
+        damage()
+        assert cache.pieces_of(text) == pieces
+        assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
+        calls.clear()
 
 
 def flown_by(name):
@@ -150,5 +153,11 @@ def test_a_text_is_written_once(monkeypatch):
     assert kernel_text(campaign, "rk4") != first
     assert kernel_text(campaign, history=True) != first
     assert all(write(*given) == kernel_text(campaign, *given[1:]) for given in list(calls))
+    calls.clear()
+    for path in cache.CACHE_FOLDER.glob("text_*.sealed"):
+        if first.encode() in path.read_bytes():
+            path.write_bytes(path.read_bytes()[:-2])
+    assert kernel_text(campaign) == first
+    assert len(calls) == 1
     other = sepmc.load("table2", {**quiet, "phase": [{"name": "free"}]})
     assert kernel_text(other) != first

@@ -1,7 +1,6 @@
 """Kernels written for one scene (`sepmc.kernel.emit`): kept on disk in pieces, compiled apart and
 side by side, loaded."""
 
-import contextlib
 import gc
 import hashlib
 import importlib.util
@@ -40,13 +39,14 @@ class Pieces(msgspec.Struct, frozen=True):
 def pieces_of(text: str) -> Pieces:
     """The pieces of a kernel, whose modules are written into the cache folder unless they are
     known: to split a kernel takes as long as to write it."""
-    known = CACHE_FOLDER / f"kernel_{_digest(text)}.json"
-    with contextlib.suppress(OSError, msgspec.DecodeError):
-        found = msgspec.json.decode(known.read_bytes(), type=Pieces)
-        if all((CACHE_FOLDER / f"{name}.py").is_file() for name in found.names):
+    known = CACHE_FOLDER / f"kernel_{_digest(text)}.sealed"
+    kept = objects.read_sealed(known)
+    if kept is not None:
+        found = msgspec.json.decode(kept, type=Pieces)
+        if all(objects.is_kept(name) or _is_written(name) for name in found.names):
             return found
     found = Pieces(tuple(write([piece.text for piece in split(text)])), **told(text))
-    objects.put(known, msgspec.json.encode(found))
+    objects.put_sealed(known, msgspec.json.encode(found))
     return found
 
 
@@ -55,16 +55,27 @@ def write(texts: Sequence[str]) -> list[str]:
     names, digests of the texts."""
     names = []
     for text in texts:
-        name = f"sepmc_piece_{_digest(text)}"
-        path = CACHE_FOLDER / f"{name}.py"
-        if not path.is_file():
-            objects.put(path, text.encode())
+        name = _name_of(text)
+        if not _is_written(name):
+            objects.put(CACHE_FOLDER / f"{name}.py", text.encode())
         names.append(name)
     return names
 
 
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _name_of(text: str) -> str:
+    return f"sepmc_piece_{_digest(text)}"
+
+
+def _is_written(name: str) -> bool:
+    """Whether a module is in the cache folder, with the text that its name stands for."""
+    try:
+        return _name_of((CACHE_FOLDER / f"{name}.py").read_text(encoding="utf-8")) == name
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def module(name: str) -> ModuleType:

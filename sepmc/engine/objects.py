@@ -1,8 +1,8 @@
-"""Machine code of functions as object files in the cache folder, and linked into this process.
+"""Files of the cache folder, sealed by a checksum: one that was cut short or changed counts as not
+there. Machine code of functions as such files, and linked into this process.
 
-A file is what Numba made for this processor, with a checksum in front: one that was cut short or
-changed counts as not there. Numba's own cache keeps beside that what is needed to compile more
-functions with it, and takes 10 ms to load one, thirty times as long.
+Code is what Numba made for this processor. Numba's own cache keeps beside that what is needed to
+compile more functions with it, and takes 10 ms to load one, thirty times as long.
 """
 
 import hashlib
@@ -26,10 +26,24 @@ def put(path: Path, content: bytes) -> None:
     draft.replace(path)
 
 
+def put_sealed(path: Path, content: bytes) -> None:
+    """Write a file with a checksum in front."""
+    put(path, hashlib.sha256(content).digest() + content)
+
+
+def read_sealed(path: Path) -> bytes | None:
+    """The content of a sealed file; None if it is not there as it was written."""
+    try:
+        written = path.read_bytes()
+    except OSError:
+        return None
+    digest, content = written[:_DIGEST], written[_DIGEST:]
+    return content if hashlib.sha256(content).digest() == digest else None
+
+
 def keep(name: str, symbols: list[str], code: bytes) -> None:
     """Write the object file of a function, by the first of ``symbols``; it needs the others."""
-    content = json.dumps(symbols).encode() + b"\n" + code
-    put(_path(name), hashlib.sha256(content).digest() + content)
+    put_sealed(_path(name), json.dumps(symbols).encode() + b"\n" + code)
 
 
 def is_kept(name: str) -> bool:
@@ -54,12 +68,8 @@ def _path(name: str) -> Path:
 
 def _read(name: str) -> tuple[list[str], bytes] | None:
     """Symbols and machine code of an object file."""
-    try:
-        content = _path(name).read_bytes()
-    except OSError:
-        return None
-    digest, content = content[:_DIGEST], content[_DIGEST:]
-    if hashlib.sha256(content).digest() != digest:
+    content = read_sealed(_path(name))
+    if content is None:
         return None
     symbols, _, code = content.partition(b"\n")
     return json.loads(symbols), code

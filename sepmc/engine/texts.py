@@ -4,8 +4,6 @@ thousand cases with it."""
 import hashlib
 import pickle
 
-from sepmc.engine.objects import put
-from sepmc.jit import CACHE_FOLDER, digest_of
 from sepmc.kernel.shape import Shape
 from sepmc.routines.layout import NO_HISTORY
 
@@ -15,17 +13,20 @@ _WRITERS = ("kernel/*.py", "schema.py")
 
 def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
     """The text of a kernel, as `sepmc.kernel.emit.emit` writes it, once."""
+    # imported here: numba
+    from sepmc.engine.objects import put_sealed, read_sealed  # noqa: PLC0415
+    from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
+
     shaped = shape.plan, shape.names, sorted(shape.dispersed), shape.care
     asked = pickle.dumps((*shaped, method_name, history))
     digest = hashlib.sha256(asked + digest_of(_WRITERS)).hexdigest()[:32]
-    kept = CACHE_FOLDER / f"text_{digest}.py"
-    try:
-        return kept.read_text(encoding="utf-8")
-    except OSError:
-        pass
-    # imported here: it brings all formulas
+    path = CACHE_FOLDER / f"text_{digest}.sealed"
+    kept = read_sealed(path)
+    if kept is not None:
+        return kept.decode()
+    # all formulas
     from sepmc.kernel.emit import emit  # noqa: PLC0415
 
     text = emit(shape, method_name, history)
-    put(kept, text.encode())
+    put_sealed(path, text.encode())
     return text
