@@ -16,6 +16,8 @@ _MOST_STEPS = 2048  # of a stage
 _REFINED = 4  # times as many as there are at first, if that is more
 _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
+# of an outcome, what cases of a given step differ by from finer ones however short it is
+_ROUND_OFF = 2e-12
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
 
 # Steps, methods and draws to outcomes (n, o), and of which cases a kernel vouches for them (n,): 1
@@ -100,7 +102,7 @@ class Search:
         None if the kernel cannot vouch for most of the cases."""
         steps = np.ones(stages, dtype=np.int64)
         self.reference, self.verdict = self.flown(_FINER * steps, self.draws)
-        self.of_reference = np.zeros(len(self.scale))
+        self.of_reference = np.full(len(self.scale), _ROUND_OFF)
         return steps if mostly(self.verdict) else None
 
     def largest(self, steps: np.ndarray) -> np.ndarray:
