@@ -4,6 +4,7 @@ is."""
 import dataclasses
 import importlib
 import json
+import time
 
 import numpy as np
 import pandas as pd
@@ -330,6 +331,13 @@ def test_rounds_take_turns():
     found = clock.rounds({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 2)
     assert order == list("ababab")
     assert {name: len(times) for name, times in found.items()} == {"a": 2, "b": 2}
+
+
+def test_what_takes_long_is_repeated_less(monkeypatch):
+    """Once at least, besides the first time."""
+    monkeypatch.setattr(clock, "_MOST_S", 0.05)
+    found = clock.rounds({"long": lambda: time.sleep(0.03), "short": lambda: None}, 4)
+    assert [len(found[name]) for name in ("long", "short")] == [1, 4]
 
 
 def test_defaults():

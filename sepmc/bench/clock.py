@@ -13,18 +13,22 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def rounds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
-    """Wall times, s, of several works by name: each once untimed, then ``repeats`` rounds of all.
+    """Wall times, s, of several works by name: each once that does not count, then ``repeats``
+    rounds of all; fewer of what takes more than `_MOST_S` together, but one at least.
 
     In rounds, because what slows a machine for a second then slows all works alike, and ratios
     between them stay fair.
     """
     found: dict[str, list[float]] = {name: [] for name in works}
-    for work in works.values():
-        work()
-    for _ in range(repeats):
+    first = {name: seconds(work) for name, work in works.items()}
+    for k in range(repeats):
         for name, work in works.items():
-            found[name].append(seconds(work))
+            if k == 0 or (k + 1) * first[name] <= _MOST_S:
+                found[name].append(seconds(work))
     return found
+
+
+_MOST_S = 15.0
 
 
 def spread(times: Sequence[float]) -> float:

@@ -12,12 +12,13 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
 from sepmc.campaign.pilot import Flight, plan_flight
-from sepmc.engine.door import Block
+from sepmc.engine.door import Block, now_and_then
 from sepmc.kernel.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
 ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
 PER = 10_000  # cases that times are told for
+_EVERY_S = 20.0  # between two words on how far the ways are
 _MOST_AGAIN = 0.5  # of the cases may be flown again: then the steps are not those of the way
 _MOST = 25  # times as many evaluations as by default are left out
 
@@ -41,9 +42,10 @@ def _without(reference: Reference, study: Study, ways: list[Way]) -> list[Way]:
 
 def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame:
     """Fly some ways and time them, in rounds; a row each."""
-    flown = []
-    for way in ways:
+    flown, tell = [], now_and_then(study.say, _EVERY_S)
+    for number, way in enumerate(ways):
         block = way.fly(study.draws)
+        tell(partial(_so_far, number + 1, len(ways)))
         if way.default or _flown_again(block) <= _MOST_AGAIN:
             flown.append((way, block))
         else:
@@ -58,6 +60,10 @@ def rows_of(study: Study, reference: Reference, ways: list[Way]) -> pd.DataFrame
         error, worst = study.error(block, reference.outcomes, reference.sound)
         rows.append(_row(way, times[str(i)], error, worst, way.cases < study.cases))
     return pd.DataFrame(rows)
+
+
+def _so_far(done: int, total: int, seconds: float) -> str:
+    return f"{done} of {total} ways flown in {seconds:.0f} s ..."
 
 
 def _flown_again(block: Block) -> float:
