@@ -41,6 +41,7 @@ for _command in (
     cli_runs.replay,
     cli_runs.stats,
     cli_runs.plot,
+    cli_runs.doctor,
     cli_runs.drivers,
     cli_runs.laws,
     cli_runs.compare,

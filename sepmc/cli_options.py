@@ -88,8 +88,9 @@ def load_campaign(
     warn: bool = True,
     sampler: str | None = None,
     plan: Path | None = None,
+    verify: bool = True,
 ) -> "Campaign":
-    """Read and validate, before anything is written."""
+    """Read and validate, before anything is written; a run folder ``verify``-ed too."""
     from sepmc.scene.messages import SceneWarning
     from sepmc.scene.read import parse_setting
 
@@ -102,7 +103,7 @@ def load_campaign(
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load
 
-        loaded = load(file, given)
+        loaded = load(file, given, verify)
     for warning in caught if warn else ():
         click.echo(f"warning: {warning.message}", err=True)
     return loaded

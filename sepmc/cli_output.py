@@ -235,8 +235,12 @@ def tell_results(
         )
     if verdicts:
         say(requirements.text(verdicts, units, width))
+    written = [folder / "statistics.csv", folder / "statistics.json"]
     if plots:
-        draw_figures(folder, loaded, summary, table, say=say, verdicts=verdicts, second=second)
+        written += draw_figures(
+            folder, loaded, summary, table, say=say, verdicts=verdicts, second=second
+        )
+    store.note(folder, written)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),

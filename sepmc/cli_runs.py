@@ -120,7 +120,7 @@ def campaign(
             raise click.UsageError(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
-        loaded = load_campaign(file, settings, sampler=sampler, plan=plan)
+        loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store
         from sepmc.engine.door import check_threads
@@ -442,8 +442,43 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     suffix=suffix,
                     alone=True,
                 )
+                store.note(folder, written)
         for path in written:
             click.echo(path)
+
+
+@click.command(short_help="Say what is wrong with RUN, file by file.")
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--repair", is_flag=True, help="Fly, count and draw again what is gone, or was changed."
+)
+@QUIET
+def doctor(folder: Path, repair: bool, quiet: bool) -> None:
+    """Say what is wrong with RUN, file by file: what is gone, was cut short or changed since it was
+    written, and what was never finished. Exit code 1 if something is. With --repair it is flown,
+    counted and drawn again, to the same bits, but for the campaign itself.
+
+    \b
+    Example:
+      sepmc doctor runs/windy --repair
+    """
+    say = speaker(quiet)
+    with plain_errors(quiet):
+        from sepmc.campaign import store
+
+        found = store.diagnose(folder)
+        for finding in found:
+            click.echo(finding.said)
+        if not found:
+            say(f"{folder}: is as it was written")
+            return
+        if not repair:
+            click.echo(f"to mend it: sepmc doctor {folder} --repair", err=True)
+            sys.exit(1)
+        from sepmc.cli_doctor import mend
+
+        code = mend(folder, found, say)
+    sys.exit(code)
 
 
 @click.command(short_help="What drives the outcomes of RUN, and what its failures have in common.")

@@ -43,11 +43,11 @@ def tell_single(
     folder = out or store.next_folder(
         loaded.name if number is None else f"{loaded.name}-case{number}"
     )
-    store.open_folder(folder, overwrite, resumable=False)
-    start = time.perf_counter()
-    history = loaded.simulate(case, every_s, say)
-    seconds = time.perf_counter() - start
-    _write(folder, loaded, case, history, number, seed)
+    with store.opened(folder, overwrite, resumable=False):
+        start = time.perf_counter()
+        history = loaded.simulate(case, every_s, say)
+        seconds = time.perf_counter() - start
+        _write(folder, loaded, case, history, number, seed)
     flown = history.attrs
     status = schema.Status[flown["status"].upper().replace("-", "_")]
     say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
@@ -111,7 +111,7 @@ def _write(
         "joints": list(loaded.plan.joints),
         **store.versions(),
     }
-    store.write_json(folder / store.MANIFEST, manifest)
+    store.write_manifest(folder, manifest)
 
 
 _TOLD = ("status", "compiled", "outcomes", "errors", "notes")

@@ -69,6 +69,7 @@ def test_run_folder(campaign):
     files = [
         "campaign.toml",
         "cases",
+        "checksums.jsonl",
         "histories",
         "manifest.json",
         "statistics.csv",

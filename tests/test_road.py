@@ -2,6 +2,7 @@
 --stats-only keeps no rows."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -77,16 +78,15 @@ def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monke
 def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
     """A full disk in the second part: a sentence, no traceback, and the finished part goes on from
     there."""
-    folder, write, written = tmp_path / "run", store.pq.write_table, []
+    folder, write = tmp_path / "run", Path.write_bytes
 
-    def full(table, path, **options):
+    def full(path, content):
         if "cases" in str(path) and "0000000020" in str(path):
             raise OSError(28, "No space left on device")
-        written.append(path)
-        write(table, path, **options)
+        return write(path, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(store.pq, "write_table", full)
+        patch.setattr(Path, "write_bytes", full)
         with pytest.raises(
             StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"
         ):
@@ -115,7 +115,7 @@ def test_a_part_whose_histories_are_gone_is_flown_again(campaign, result, tmp_pa
     count, said = pq.read_metadata(tmp_path / "cases" / part.name).num_rows, []
     part.unlink()
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True, announce=said.append), result)
-    assert f"{tmp_path}: the histories of {count} cases are gone, so these are flown again" in said
+    assert any(f"{count} cases, or their histories, are gone" in text for text in said)
 
 
 def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_path, monkeypatch):
@@ -213,10 +213,7 @@ def test_a_folder_of_statistics_only(tmp_path):
     for refused in (["stats", folder], ["plot", folder], ["campaign", *options, "--resume"]):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
-    manifest = json.loads((folder / store.MANIFEST).read_text(encoding="utf-8"))
-    (folder / store.MANIFEST).write_text(
-        json.dumps(manifest | {"complete": False}), encoding="utf-8"
-    )
+    store.write_manifest(folder, store.read_manifest(folder) | {"complete": False})
     assert "nothing was kept" in call("stats", folder).stderr
     assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
     assert (

@@ -4,6 +4,8 @@ was written."""
 import json
 import re
 import shutil
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +18,7 @@ from hypothesis import strategies as st
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import store
+from sepmc.campaign import ledger, store
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.replay import check_row, flown_before
 from sepmc.campaign.store import StoreError
@@ -140,7 +142,7 @@ def test_parts_are_named_by_their_first_case(run_folder):
 
 def test_table_round_trip(tmp_path):
     for first in (3, 0):  # written in any order, read in order of case
-        store.write_parquet(store.part_path(tmp_path, store.CASES, first), COLUMNS, part(first, 3))
+        store.write_part(tmp_path, store.CASES, first, 3, COLUMNS, part(first, 3), {})
     frame = store.read_cases(tmp_path)
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
@@ -160,19 +162,52 @@ def test_next_folder(tmp_path):
 
 
 def test_open_folder(tmp_path):
-    folder = store.open_folder(tmp_path / "deep" / "run")
-    assert folder.is_dir()
-    store.open_folder(folder)  # empty: nothing to lose
+    with store.opened(tmp_path / "deep" / "run") as folder:
+        assert folder.is_dir()
+    (folder / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(StoreError, match=r"no manifest\.json, so it is not a run"):
+        enter(folder)
+    (folder / "notes.txt").unlink()
+    enter(folder)  # empty: nothing to lose
     store.write_json(folder / store.MANIFEST, {})
     with pytest.raises(StoreError, match=r"exists; add --overwrite.*--out"):
-        store.open_folder(folder)  # no cases to go on from
+        enter(folder)  # no cases to go on from
     (folder / store.CASES).mkdir()
     with pytest.raises(StoreError, match=r"--resume.*--overwrite.*--out"):
-        store.open_folder(folder)
-    store.open_folder(folder, resume=True)
+        enter(folder)
+    enter(folder, resume=True)
     assert (folder / store.MANIFEST).exists()
-    store.open_folder(folder, overwrite=True)
+    enter(folder, overwrite=True)
     assert not (folder / store.MANIFEST).exists()
+
+
+def enter(folder, **how):
+    with store.opened(folder, **how):
+        pass
+
+
+HOLDS = """
+import sys, time
+from pathlib import Path
+from sepmc.campaign import ledger, store
+with store.opened(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_one_process_writes(tmp_path):
+    """A second one is refused, until the first is through, or killed."""
+    command = [sys.executable, "-c", HOLDS, str(tmp_path / "run")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    for end in (lambda one: one.communicate(""), lambda one: one.kill()):
+        with subprocess.Popen(command, **pipes) as other:
+            assert other.stdout.readline() == "held\n"
+            with pytest.raises(StoreError, match="another process writes into it"):
+                enter(tmp_path / "run")
+            end(other)
+            other.wait()
+        enter(tmp_path / "run")
 
 
 def test_a_write_that_fails_leaves_the_old_text(tmp_path, monkeypatch):
@@ -207,7 +242,7 @@ def test_overwrite_takes_only_what_a_run_made(tmp_path, mine):
     for name in (mine, *made):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("x", encoding="utf-8")
-    store.open_folder(tmp_path, overwrite=True)
+    enter(tmp_path, overwrite=True)
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == [tmp_path / mine]
 
 
@@ -225,13 +260,14 @@ def test_numbers_left(cases, done, chunk):
     assert all(b[0] > a[1] or a[1] - a[0] == chunk for a, b in pairwise(ranges))
 
 
-@pytest.mark.parametrize("read", [store.read_cases, store.cases_done])
-def test_broken_part(tmp_path, read):
-    """A sentence, not pyarrow's traceback."""
+def test_broken_part(tmp_path):
+    """A sentence, not pyarrow's traceback, where the checksum is that of junk too."""
     (tmp_path / "cases").mkdir()
-    (tmp_path / "cases" / "part-0000000000.parquet").write_bytes(b"PAR1 junk PAR1")
+    junk = b"PAR1 junk PAR1"
+    (tmp_path / "cases" / "part-0000000000.parquet").write_bytes(junk)
+    ledger.add(tmp_path, ledger.entry("cases/part-0000000000.parquet", junk, 0, 3))
     with pytest.raises(StoreError, match="cannot be read"):
-        read(tmp_path)
+        store.read_cases(tmp_path)
 
 
 def test_statistics_files(tmp_path):
@@ -289,9 +325,12 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     """Its statistics and replays stay, but it is not continued: parts would not fit together."""
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
-    for part in (folder / "cases").iterdir():
-        table = pq.ParquetFile(part).read()
-        pq.write_table(table.drop_columns(["error"]), part)
+    manifest = store.read_manifest(folder)
+    for one in store.parts(folder, "cases"):
+        path = folder / one.file
+        pq.write_table(pq.ParquetFile(path).read().drop_columns(["error"]), path)
+        ledger.add(folder, ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
+    store.write_manifest(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)

@@ -14,13 +14,14 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import causes, drivers, laws, requirements
+from sepmc.analysis.compare import differences
 from sepmc.analysis.given import names_of, where
 from sepmc.analysis.precision import Until, read_until
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.chunks import Chunks, Draws
+from sepmc.campaign.chunks import Chunks, Draws, Earlier
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
@@ -29,6 +30,8 @@ from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
+from sepmc.campaign.tally import Tally
+from sepmc.campaign.tally import read as read_tally
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
@@ -37,11 +40,14 @@ from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign, read_campaign
 from sepmc.schema import Status, is_yes_or_no
 
+_TOLD = 8  # differences between two campaigns
 _LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
 
-def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign":
+def load(
+    path: str | Path, settings: dict[str, Any] | None = None, verify: bool = True
+) -> "Campaign":
     """Read a campaign.
 
     Parameters
@@ -50,12 +56,18 @@ def load(path: str | Path, settings: dict[str, Any] | None = None) -> "Campaign"
         A campaign file, a run folder, or the bare name of a shipped campaign.
     settings : dict, optional
         Values to put in place, by TOML path: ``{"solver.formulation": "full"}``.
+    verify : bool
+        Whether the campaign of a run folder must be as it was flown.
 
     Raises
     ------
     SceneError
         If anything in the file cannot be flown, with every problem and its place.
+    StoreError
+        If it is that of a run folder, and was changed since it was flown.
     """
+    if verify and (Path(path) / store.MANIFEST).is_file():
+        store.read_manifest(Path(path))
     return Campaign(read_campaign(path, settings, read_input_table))
 
 
@@ -359,14 +371,33 @@ class Campaign(Definition):
         Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
         ``resume=True`` goes on from there.
         """
-        settings = self.scene.run
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
         stop = None if until is None else self.until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
-        folder = store.open_folder(Path(out), overwrite, resume) if out is not None else None
+        given = numbers, total, seed, threads, stop, resume, stats_only, progress, announce
+        if out is None:
+            return self._run(None, *given)
+        with store.opened(Path(out), overwrite, resume) as folder:
+            return self._run(folder, *given)
+
+    def _run(
+        self,
+        folder: Path | None,
+        numbers: Numbers,
+        total: int,
+        seed: int,
+        threads: int | None,
+        stop: Until | None,
+        resume: bool,
+        stats_only: bool,
+        progress: Progress | None,
+        announce: Callable[[str], None] | None,
+    ) -> Result:
+        """`run`, in memory or into a folder that is open."""
+        settings = self.scene.run
         done = (
             self._resumed(folder, seed, numbers, total, announce)
             if folder and resume
@@ -390,10 +421,10 @@ class Campaign(Definition):
             "kernel": 0.0,
             "write": 0.0,
         }
-        earlier = None
+        earlier = Earlier()
         if folder and len(done):
-            held, failed = store.cases_held(folder, Status.OK.label)
-            earlier = store.read_manifest(folder) | {"cases_held": held, "failures": failed}
+            tally = sum((read_tally(text) for text in store.tallies(folder)), Tally())
+            earlier = Earlier(len(done), tally, tuple(store.made_by(folder).get("sessions", ())))
         wanted = numbers.without(done)
         left = wanted.count
         draws = Draws(seed, numbers, total)
@@ -452,29 +483,33 @@ class Campaign(Definition):
         total: int,
         announce: Callable[[str], None] | None,
     ) -> np.ndarray:
-        """Cases a folder already holds, if it is the same campaign."""
-        if not (folder / store.MANIFEST).is_file():
+        """Cases a folder already holds whole, if it is the same campaign."""
+        if not store.is_run(folder):
             return np.empty(0, dtype=np.int64)
-        manifest = store.read_manifest(folder)
+        manifest = store.made_by(folder)
         if manifest.get("stats_only"):
             raise store.StoreError(
                 f"{folder}: holds statistics only, so there are no cases to go on from; use "
                 "--overwrite or another --out"
             )
-        for key, here in (("digest", self.digest), ("seed", seed)):
-            if manifest.get(key) != here:
-                what = "campaign" if key == "digest" else f"seed ({manifest.get(key)}, not {seed})"
-                raise store.StoreError(
-                    f"{folder}: was flown with another {what}, so its cases cannot be continued; "
-                    "use --overwrite or another --out"
-                )
+        if manifest.get("digest") not in (None, self.digest):
+            raise store.StoreError(
+                f"{folder}: was flown with another campaign, so its cases cannot be continued; use "
+                f"--overwrite or another --out. {self._differences(folder)}"
+            )
+        if manifest.get("seed") not in (None, seed):
+            raise store.StoreError(
+                f"{folder}: was flown with another seed ({manifest.get('seed')}, not {seed}), so "
+                "its cases cannot be continued; use --overwrite or another --out"
+            )
         sampler, held = self.scene.run.sampler, manifest.get("of", manifest.get("cases"))
-        if sampler in OF_ITS_SIZE and held != total:
+        if sampler in OF_ITS_SIZE and held not in (None, total):
             what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
             raise store.StoreError(
                 f"{folder}: is {what} of {held} cases, which cannot be continued to {total}; use "
                 "--overwrite or another --out"
             )
+        dropped = store.drop_damaged(folder, self.has_histories)
         done, own = store.cases_done(folder), [column.name for column in self.columns]
         if len(done) and (other := set(own).symmetric_difference(store.CaseColumns(folder))):
             raise store.StoreError(
@@ -487,14 +522,22 @@ class Campaign(Definition):
                 f"{folder}: holds cases up to {done[-1]}; --cases {_said(numbers)} would leave "
                 "some out"
             )
-        dropped = store.drop_incomplete(folder) if self.has_histories else 0
-        if not dropped:
-            return done
-        if announce:
+        if dropped and announce:
             announce(
-                f"{folder}: the histories of {dropped} cases are gone, so these are flown again"
+                f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
+                "written, so these are flown again"
             )
-        return store.cases_done(folder)
+        return done
+
+    def _differences(self, folder: Path) -> str:
+        """What differs from the campaign of a run folder, key by key."""
+        try:
+            other = read_campaign(str(folder))
+        except InputError:
+            return f"What differs is not known, as its {store.CAMPAIGN} cannot be read."
+        found = differences(other.tree, self.file.tree)
+        more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+        return f"It differs in {'; '.join(found[:_TOLD])}{more}"
 
 
 def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:

@@ -1,13 +1,11 @@
 """The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies;
 the manifest says how far the run got."""
 
-import math
 import os
 import time
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -22,8 +20,9 @@ from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.remarks import least_at_the_end, sampled, still_near, unmet, unsettled
+from sepmc.campaign.remarks import sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
+from sepmc.campaign.tally import Tally, count
 from sepmc.engine.door import waited_for_compilers
 from sepmc.schema import Column, Status
 
@@ -46,6 +45,16 @@ class Draws:
     total: int
 
 
+@dataclass(frozen=True)
+class Earlier:
+    """What a run that is resumed holds already: how many cases, what was counted of them, and by
+    which commands they were flown."""
+
+    held: int = 0
+    tally: Tally = field(default_factory=Tally)
+    sessions: tuple[dict[str, Any], ...] = ()
+
+
 class Chunks:
     """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
     raises what went wrong there."""
@@ -57,27 +66,20 @@ class Chunks:
         draws: Draws,
         timing: dict[str, float],
         folder: Path | None = None,
-        earlier: dict[str, Any] | None = None,
+        earlier: Earlier | None = None,
         stats_only: bool = False,
         announce: Say | None = None,
     ):
         self.campaign, self.flight, self.draws = campaign, flight, draws
         self.timing, self.folder = timing, folder
-        self.wanted = draws.numbers.count - (earlier or {}).get("cases_held", 0)
+        self.earlier = earlier or Earlier()
+        self.wanted = draws.numbers.count - self.earlier.held
         self._known = ""  # how well a statistic is known that decides how many cases are flown
         self._stopped: list[str] = []  # the same if it is not enough
         self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
-        self.held, self.failures_held = 0, 0  # those that the sink has taken
-        self.earlier = earlier or {}  # the manifest of the run that is resumed
-        self.implausible = self.earlier.get("implausible_inertias", 0)
-        how = self.earlier.get("accuracy", {})
-        self.finer = how.get("finer_cases", 0)  # flown again at finer steps than the others
-        self.spare = how.get("spare_cases", 0)  # flown by spare kernels
-        self.unsettled = how.get("unsettled_cases", 0)  # of both
-        # cases in which a clearance is least at the end, by clearance
-        self.least_at_the_end = Counter[str](self.earlier.get("least_at_the_end", {}))
-        self._error = np.zeros(len(campaign.outcome_columns))  # the largest of every outcome
+        self.held = 0  # those that the sink has taken
+        self.tally = self.earlier.tally
         self.started = datetime.now(UTC)
         joints = list(campaign.plan.joints)
         self.separation = (
@@ -141,24 +143,13 @@ class Chunks:
         campaign, clock = self.campaign, time.perf_counter
         t0 = clock()
         drawn = campaign.draw(first, end - first, self.draws.seed, self.draws.total)
-        self.implausible += campaign.implausible_inertias(drawn)
         t1, waited = clock(), waited_for_compilers()
         block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
-        if block.again:
-            self.spare, self.unsettled = (
-                self.spare + block.again.spare,
-                self.unsettled + block.again.unsettled,
-            )
-            self.finer += block.again.finer
-            self._error = np.maximum(self._error, block.again.error)
-        outcomes = zip(campaign.outcome_columns, block.outcomes.T, strict=False)
-        by_name = {column.name: x for column, x in outcomes}
-        self.least_at_the_end += least_at_the_end(by_name, campaign.scene.run.end_time)
         waited = waited_for_compilers() - waited  # for a kernel that few cases need
         self.timing["sample"] += t1 - t0
         self.timing["compile"] += waited
         self.timing["kernel"] += clock() - t1 - waited
-        return Piece(first, drawn, block)
+        return Piece(first, drawn, block, count(campaign, drawn, block))
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
@@ -172,9 +163,7 @@ class Chunks:
         start = time.perf_counter()
         self.sink.take(pieces)
         self.held += sum(len(piece.drawn) for piece in pieces)
-        self.failures_held += sum(
-            int(np.count_nonzero(piece.block.status != Status.OK)) for piece in pieces
-        )
+        self.tally = sum((piece.tally for piece in pieces), self.tally)
         self.timing["write"] += time.perf_counter() - start
 
     def _wait(self) -> None:
@@ -195,19 +184,19 @@ class Chunks:
             **self._which,
             "complete": complete,
             "stats_only": self.stats_only,
-            "cases_held": self.earlier.get("cases_held", 0) + (0 if self.stats_only else self.held),
-            "failures": self.earlier.get("failures", 0) + self.failures_held,
-            "implausible_inertias": self.implausible,
+            "cases_held": self.earlier.held + (0 if self.stats_only else self.held),
+            "failures": self.tally.failures,
+            "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
-            "least_at_the_end": dict(self.least_at_the_end),
+            "least_at_the_end": self.tally.least_at_the_end,
             **({"until": self._known} if self._known else {}),
-            "sessions": [*self.earlier.get("sessions", []), self._session(threads)],
+            "sessions": [*self.earlier.sessions, self._session(threads)],
         }
         try:
             text = store.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
             store.write_text(self.folder / store.CAMPAIGN, text)
-            store.write_json(self.folder / store.MANIFEST, manifest)
+            store.write_manifest(self.folder, manifest)
         except OSError as error:
             raise store.StoreError(
                 f"{self.folder}: cannot be written: {error.strerror or error}"
@@ -238,19 +227,9 @@ class Chunks:
         told = self.flight.achieved
         assert told is not None
         # no trial case tells anything, but cases that were flown again do
-        if not told.cases and self.finer:
+        if not told.cases and self.tally.finer:
             told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-        own = {
-            c.name: float(x)
-            for c, x in zip(self.campaign.outcome_columns, self._error, strict=True)
-        }
-        return told.with_errors(own).with_errors(self._earlier_errors)
-
-    @property
-    def _earlier_errors(self) -> dict[str, float]:
-        """Errors that the manifest tells, in which what is infinite is null."""
-        told = self.earlier.get("accuracy", {}).get("errors", {})
-        return {name: math.inf if error is None else error for name, error in told.items()}
+        return told.with_errors(dict(self.tally.errors))
 
     def _accuracy(self) -> dict[str, Any]:
         flight, told = self.flight, self.accuracy
@@ -268,11 +247,11 @@ class Chunks:
         said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
         if told.history is not None:
             said |= {"history": told.history}
-        if self.finer:
-            said |= {"finer_cases": self.finer}
-            said |= {"unsettled_cases": self.unsettled}
-        if self.spare:
-            said |= {"spare_cases": self.spare}
+        if self.tally.finer:
+            said |= {"finer_cases": self.tally.finer}
+            said |= {"unsettled_cases": self.tally.unsettled}
+        if self.tally.spare:
+            said |= {"spare_cases": self.tally.spare}
         if self.campaign.scene.solver.step is None:
             said |= {"asked": told.asked, "met": told.met}
         if told.worst_place:
@@ -283,13 +262,13 @@ class Chunks:
     def notes(self) -> list[str]:
         """What a person should know of the run."""
         told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
-        note = implausible_note(self.implausible, self.earlier.get("cases_held", 0) + self.flown)
+        note = implausible_note(self.tally.implausible, self.earlier.held + self.held)
         found = [
             *([note] if note else []),
             *sampled(self.campaign, self.draws.numbers),
             *unmet(told, fixed),
-            *unsettled(self.unsettled, self.finer),
-            *still_near(self.least_at_the_end),
+            *unsettled(self.tally.unsettled, self.tally.finer),
+            *still_near(self.tally.least_at_the_end),
             *self._stopped,
         ]
         return found + [note for note in self.flight.notes if note not in found]

@@ -13,6 +13,7 @@ from sepmc.analysis.rows import Rows, summarise
 from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.tally import Tally
 from sepmc.engine.door import Block
 from sepmc.schema import Column, Status
 
@@ -21,11 +22,12 @@ _LABELS = [status.label for status in Status]
 
 class Piece(NamedTuple):
     """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
-    and what the kernel gave."""
+    what the kernel gave, and what is counted of them."""
 
     first: int
     drawn: np.ndarray
     block: Block
+    tally: Tally
 
 
 @dataclass
@@ -88,11 +90,13 @@ class InFolder:
     def take(self, pieces: list[Piece]) -> None:
         """Write a part of histories, if there are any, and then one of cases."""
         campaign, first = self.campaign, pieces[0].first
+        count = sum(len(piece.drawn) for piece in pieces)
         about = {
             "campaign": campaign.name,
             "digest": campaign.digest,
             "seed": str(self.seed),
             "sepmc": __version__,
+            "tally": sum((piece.tally for piece in pieces), Tally()).text,
         }
         if self.separation:  # before the cases, which say what is done
             columns = [
@@ -100,14 +104,12 @@ class InFolder:
                 Column("time_s", "s", "time since the start of the case"),
                 *self.separation,
             ]
-            path = store.part_path(self.folder, store.HISTORIES, first)
-            store.write_parquet(path, columns, _histories(pieces, self.separation), about)
+            over_time = _histories(pieces, self.separation)
+            store.write_part(self.folder, store.HISTORIES, first, count, columns, over_time, about)
         table: dict[str, Any] = _table(campaign, pieces) | {
             "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
         }
-        store.write_parquet(
-            store.part_path(self.folder, store.CASES, first), campaign.columns, table, about
-        )
+        store.write_part(self.folder, store.CASES, first, count, campaign.columns, table, about)
 
     def kept(self) -> Kept:
         """Statistics of the folder's cases, and their columns."""
@@ -170,11 +172,11 @@ def _histories(pieces: list[Piece], separation: list[Column]) -> dict[str, np.nd
     numbers = np.concatenate(
         [
             np.repeat(np.arange(first, first + len(drawn)), block.rows)
-            for first, drawn, block in pieces
+            for first, drawn, block, _ in pieces
         ]
     )
     start = 0
-    for _, _, block in pieces:
+    for _, _, block, _ in pieces:
         n, room = block.times.shape
         times, history = block.times.ravel(), block.history.reshape(n * room, -1)
         if not (block.rows == room).all():

@@ -1,14 +1,16 @@
 """The run folder: case parts in Parquet, histories, manifest, resolved campaign. The only place
 that knows pyarrow."""
 
+import contextlib
+import hashlib
 import json
 import math
 import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -20,12 +22,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sepmc import __version__
+from sepmc.campaign import ledger
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
-PLAN = "plan.parquet"
+PLAN, HISTORY = "plan.parquet", "history.parquet"
 _OURS = (CASES, HISTORIES)
 _FIGURES = (
     "hist_*",
@@ -47,9 +50,10 @@ _OUR_FILES = (
     MANIFEST,
     CAMPAIGN,
     PLAN,
+    ledger.LEDGER,
     "statistics.csv",
     "statistics.json",
-    "history.parquet",
+    HISTORY,
     "drivers.csv",
     "causes.csv",
     "report.html",
@@ -71,16 +75,18 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
     return root / f"{name}-{n}"
 
 
-def open_folder(
+@contextlib.contextmanager
+def opened(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
-) -> Path:
-    """Make ``folder`` ready to be written, without losing anything unasked; see `check_folder`.
-    Raises StoreError, too, if it cannot be written."""
+) -> Iterator[Path]:
+    """A folder that may be written, by this process alone, without losing anything unasked; see
+    `check_folder`. Raises StoreError, too, if it cannot be written."""
     check_folder(folder, overwrite, resume, resumable)
-    if overwrite and folder.is_dir():
-        _clear(folder)
     make_writable(folder)
-    return folder
+    with _held(folder):
+        if overwrite:
+            _clear(folder)
+        yield folder
 
 
 def check_folder(
@@ -97,6 +103,11 @@ def check_folder(
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give --out a folder")
     if folder.is_dir() and any(folder.iterdir()):
+        if not is_run(folder):
+            raise StoreError(
+                f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
+                "another --out"
+            )
         if not (overwrite or resume):
             ways = (
                 "add --resume to fly its missing cases, --overwrite to replace it,"
@@ -104,16 +115,41 @@ def check_folder(
                 else "add --overwrite to replace it"
             )
             raise StoreError(f"{folder}: exists; {ways} or choose another --out")
-        if not (folder / MANIFEST).is_file():
-            raise StoreError(
-                f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
-                "another --out"
-            )
     for name in () if overwrite else _OURS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(
                 f"{folder / name}: is a file where a run keeps a folder; choose another --out"
             )
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder is that of a run, if a damaged one."""
+    return (folder / MANIFEST).is_file() or (folder / ledger.LEDGER).is_file()
+
+
+@contextlib.contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Let no other process write into a folder meanwhile, where a folder can be locked. Raises
+    StoreError if one does."""
+    try:
+        import fcntl  # noqa: PLC0415  (not on every system)
+    except ImportError:
+        yield
+        return
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        raise StoreError(
+            f"{folder}: another process writes into it; wait for it, or choose another --out"
+        ) from None
+    except OSError:  # some shared folders cannot be
+        pass
+    try:
+        yield
+    finally:
+        os.close(lock)
 
 
 def make_writable(folder: Path) -> None:
@@ -160,8 +196,181 @@ def _finite(data: Any) -> Any:
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
+def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest of a run folder, with a checksum of itself, of the campaign beside it and
+    of all parts."""
+    parts = [one for one in ledger.read(folder).values() if one.cases]
+    sealed = {
+        **manifest,
+        "parts": len(parts),
+        "parts_sha256": ledger.digest(parts),
+        "campaign_sha256": _checksum((folder / CAMPAIGN).read_bytes()),
+    }
+    write_json(folder / MANIFEST, {**sealed, "sha256": _seal(sealed)})
+
+
+def _seal(manifest: Mapping[str, Any]) -> str:
+    """The checksum of a manifest, of all that it says besides."""
+    said = {key: value for key, value in manifest.items() if key != "sha256"}
+    return _checksum(json.dumps(_finite(said), sort_keys=True).encode())
+
+
+def _checksum(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def forget(folder: Path, endings: tuple[str, ...]) -> list[str]:
+    """Take files that are not as they were written out of the ledger of a folder, if their names
+    end so. Returns their names."""
+    held = ledger.read(folder)
+    lost = [
+        name for name, one in held.items() if name.endswith(endings) and not _is_whole(folder, one)
+    ]
+    if lost:
+        ledger.rewrite(folder, [one for name, one in held.items() if name not in lost])
+    return lost
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong with a run folder: a sentence, the file there if it is one that follows from
+    the cases, and whether flying, counting or drawing again mends it."""
+
+    said: str
+    file: str = ""
+    mends: bool = True
+
+
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a run. Raises StoreError if there is none or it cannot be read."""
+    """The manifest of a run, as it was written, beside the campaign that was flown. Raises
+    StoreError if there is none, or if either was changed."""
+    manifest = _manifest(folder)
+    for finding in changed(folder, manifest):
+        raise StoreError(finding.said)
+    return manifest
+
+
+def made_by(folder: Path) -> dict[str, Any]:
+    """By what the cases of a run folder were made: its manifest or, where that was changed, what
+    its parts say: ``digest`` and ``seed``."""
+    try:
+        manifest = _manifest(folder)
+        if manifest.get("sha256") == _seal(manifest):
+            return manifest
+    except StoreError:
+        pass
+    for one in parts(folder, CASES):
+        if _is_whole(folder, one):
+            said = pq.read_schema(folder / one.file).metadata
+            return {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
+    return {}
+
+
+def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
+    """What is wrong with the manifest of a folder, with what was flown, and its list of parts."""
+    if "sha256" not in manifest:
+        said = (
+            f"{folder}: was flown by a version of sepmc that kept no checksums; fly it again, or "
+            f"trust it as it is: sepmc doctor {folder} --repair"
+        )
+        return [Finding(said)]
+    if _seal(manifest) != manifest["sha256"]:
+        said = "was changed since it was written: its checksum is another"
+        return [Finding(f"{folder / MANIFEST}: {said}")]
+    return [*_not_as_flown(folder, manifest), *_parts_lost(folder, manifest)]
+
+
+def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the campaign of a folder, or the table of its inputs, is not what was flown."""
+    try:
+        written = _checksum((folder / CAMPAIGN).read_bytes())
+    except OSError as error:
+        said = f"{folder / CAMPAIGN}: cannot be read: {error.strerror or error}"
+        yield Finding(said, mends=False)
+    else:
+        if written != manifest["campaign_sha256"]:
+            said = (
+                "is not the campaign that was flown; to fly it as it is now, copy it to another "
+                "place"
+            )
+            yield Finding(f"{folder / CAMPAIGN}: {said}", mends=False)
+    plan = ledger.read(folder).get(PLAN)
+    try:
+        if plan:
+            ledger.whole(folder, plan)
+    except ValueError as error:
+        said = f"{folder / PLAN}: {error}; it gave inputs of the cases: put it back"
+        yield Finding(said, mends=False)
+
+
+def _parts_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the ledger of a run that is complete tells of other parts."""
+    held = [one for one in ledger.read(folder).values() if one.cases]
+    if manifest.get("complete") and ledger.digest(held) != manifest["parts_sha256"]:
+        yield Finding(
+            f"{folder / ledger.LEDGER}: was changed: it tells of {len(held)} parts, and there were "
+            f"{manifest['parts']}. To fly again what is not sure: sepmc campaign {folder} --out "
+            f"{folder} --resume"
+        )
+
+
+def note(folder: Path, files: Iterable[Path]) -> None:
+    """Note what follows from the cases of a run, statistics and figures, in its ledger."""
+    names = [path.relative_to(folder).as_posix() for path in files]
+    ledger.add(folder, *(ledger.entry(name, (folder / name).read_bytes()) for name in names))
+
+
+def diagnose(folder: Path) -> list[Finding]:
+    """All that is wrong with a run folder, file by file."""
+    try:
+        manifest = _manifest(folder)
+    except StoreError as error:
+        return [Finding(str(error), mends=bool(made_by(folder)))]
+    sealed = manifest.get("sha256") == _seal(manifest)
+    found = changed(folder, manifest)
+    held, lost = ledger.read(folder), ledger.lost_lines(folder)
+    if lost:
+        said = f"{lost} of its lines were cut short or changed"
+        found.append(Finding(f"{folder / ledger.LEDGER}: {said}"))
+    for one in held.values():
+        if one.file != PLAN:
+            try:
+                ledger.whole(folder, one)
+            except ValueError as error:
+                of = f", with {one.numbers}" if one.cases else ""
+                found.append(Finding(f"{folder / one.file}: {error}{of}", one.file))
+    for kind in _OURS:
+        for path in sorted((folder / kind).glob("part-*")):
+            if f"{kind}/{path.name}" not in held:
+                found.append(Finding(f"{path}: is not in {ledger.LEDGER}: it was not finished"))
+    if sealed and "cases" in manifest and not manifest.get("stats_only"):
+        there = sum(one.cases for one in parts(folder, CASES))
+        if there < manifest["cases"]:
+            found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
+    return found
+
+
+def trust(folder: Path) -> None:
+    """Take a run folder of a version that kept no checksums as it is."""
+    try:
+        manifest = _manifest(folder)
+    except StoreError:
+        return
+    if "sha256" in manifest or (folder / ledger.LEDGER).is_file():
+        return
+    found = []
+    for kind in _OURS:
+        for path in sorted((folder / kind).glob("part-*.parquet")):
+            numbers = np.unique(pq.read_table(path, columns=["case"])["case"].to_numpy())
+            name = f"{kind}/{path.name}"
+            one = ledger.entry(name, path.read_bytes(), int(numbers[0]), len(numbers))
+            found.append(one)
+    ledger.rewrite(folder, found)
+    write_manifest(folder, manifest)
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run, whatever it says. Raises StoreError if there is none."""
     path = folder / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -223,11 +432,16 @@ def _array(values: Any) -> pa.Array | pa.ChunkedArray:
 
 def write_parquet(
     path: Path, columns: list[Column], data: dict[str, Any], about: dict[str, str] | None = None
-) -> None:
+) -> bytes:
     """Write one Parquet file atomically.
 
     Dictionary encoding only where text repeats: floats take 7 times longer with it. Snappy takes 60
     % of the time of zstd, for files 4 to 10 % larger: numbers that are dispersed do not compress.
+
+    Returns
+    -------
+    bytes
+        What was written.
 
     Raises
     ------
@@ -235,14 +449,35 @@ def write_parquet(
         If it cannot be written, a full disk say.
     """
     temporary = path.with_name(path.name + ".tmp")
-    written = table(columns, data, about)
+    written, content = table(columns, data, about), pa.BufferOutputStream()
     text = [field.name for field in written.schema if pa.types.is_dictionary(field.type)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(written, temporary, compression="snappy", use_dictionary=text or False)
+        pq.write_table(written, content, compression="snappy", use_dictionary=text or False)
+        whole = content.getvalue().to_pybytes()
+        temporary.write_bytes(whole)
         os.replace(temporary, path)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be written: {error}") from None
+    return whole
+
+
+def write_part(
+    folder: Path,
+    kind: str,
+    first: int,
+    cases: int,
+    columns: list[Column],
+    data: dict[str, Any],
+    about: dict[str, str],
+) -> None:
+    """Write the part of a run that begins with case ``first``, and note it in the ledger."""
+    path = part_path(folder, kind, first)
+    content = write_parquet(path, columns, data, about)
+    try:
+        ledger.add(folder, ledger.entry(f"{kind}/{path.name}", content, first, cases))
+    except OSError as error:
+        raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
 def part_path(folder: Path, kind: str, first: int) -> Path:
@@ -250,30 +485,75 @@ def part_path(folder: Path, kind: str, first: int) -> Path:
     return folder / kind / f"part-{first:010d}.parquet"
 
 
-def _parts(folder: Path, kind: str) -> list[Path]:
+def parts(folder: Path, kind: str) -> list[ledger.Entry]:
     """Parts of a run, in order of their first case."""
-    return sorted((folder / kind).glob("part-*.parquet"))
+    held = [one for one in ledger.read(folder).values() if one.file.startswith(f"{kind}/")]
+    return sorted((one for one in held if one.cases), key=lambda one: one.first)
 
 
-def _read_part(part: Path, columns: Sequence[str] | None = None, metadata: Any = None) -> pa.Table:
+_whole: set[tuple[str, int, int, str]] = set()  # files that were seen as they were written
+
+
+def _path(folder: Path, one: ledger.Entry) -> Path:
+    """Path of a part, which is as it was written. Raises StoreError if it is not, with the file,
+    its cases and what to do."""
+    path = folder / one.file
+    try:
+        state = path.stat()
+        known = (str(path.absolute()), state.st_mtime_ns, state.st_size, one.sha256)
+        if known not in _whole:
+            ledger.whole(folder, one)
+            _whole.add(known)
+    except OSError:
+        problem = "is gone"
+    except ValueError as error:
+        problem = str(error)
+    else:
+        return path
+    raise StoreError(
+        f"{path}: {problem}; it held {one.numbers}. To fly these again: sepmc campaign {folder} "
+        f"--out {folder} --resume"
+    )
+
+
+def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = None) -> pa.Table:
     """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery
     for it (30 ms)."""
+    path = _path(folder, one)
     try:
-        with pq.ParquetFile(part, metadata=metadata) as file:
+        with pq.ParquetFile(path) as file:
             return file.read(columns=columns)
     except (OSError, pa.ArrowException) as error:
-        raise StoreError(f"{part.parent}: cannot be read: {error}") from None
+        raise StoreError(f"{path}: cannot be read: {error}") from None
 
 
-def drop_incomplete(folder: Path) -> int:
-    """Delete the parts of cases whose part of histories is gone, so that they are flown again.
-    Returns how many cases that are."""
-    dropped = 0
-    for part in _parts(folder, CASES):
-        if not (folder / HISTORIES / part.name).is_file():
-            dropped += _read_part(part, ["case"]).num_rows
-            part.unlink()
+def drop_damaged(folder: Path, with_histories: bool) -> int:
+    """Forget parts that are gone or not as they were written, and those of cases whose histories
+    are, if they should have some, so that these are flown again. Returns how many cases that
+    are."""
+    held = ledger.read(folder)
+    sound = {one.file: one for one in held.values() if _is_whole(folder, one)}
+    kept, dropped = {name: one for name, one in held.items() if not one.cases}, 0
+    for one in parts(folder, CASES):
+        over_time = f"{HISTORIES}/{Path(one.file).name}"
+        if one.file in sound and (over_time in sound or not with_histories):
+            kept |= {name: sound[name] for name in (one.file, over_time) if name in sound}
+        else:
+            dropped += one.cases
+    ledger.rewrite(folder, kept.values())
+    for kind in _OURS:
+        for path in (folder / kind).glob("part-*"):
+            if f"{kind}/{path.name}" not in kept:
+                path.unlink()
     return dropped
+
+
+def _is_whole(folder: Path, one: ledger.Entry) -> bool:
+    try:
+        _path(folder, one)
+    except StoreError:
+        return False
+    return True
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
@@ -289,17 +569,14 @@ def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> 
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
-    write_parquet(folder / PLAN, columns, {CASE: table.numbers, **table.columns})
+    content = write_parquet(folder / PLAN, columns, {CASE: table.numbers, **table.columns})
+    ledger.add(folder, ledger.entry(PLAN, content))
 
 
 def cases_done(folder: Path) -> np.ndarray:
     """Numbers of the cases a run folder holds, sorted; shape (n,)."""
-    parts = _parts(folder, CASES)
-    if not parts:
-        return np.empty(0, dtype=np.int64)
-    return np.sort(
-        np.concatenate([_read_part(part, ["case"])["case"].to_numpy() for part in parts])
-    )
+    held = [np.arange(one.first, one.first + one.cases) for one in parts(folder, CASES)]
+    return np.concatenate(held) if held else np.empty(0, dtype=np.int64)
 
 
 def number_after(folder: Path, count: int) -> int | None:
@@ -309,16 +586,16 @@ def number_after(folder: Path, count: int) -> int | None:
     return int(done[count]) if len(done) > count else None
 
 
-def cases_held(folder: Path, ok: str) -> tuple[int, int]:
-    """Number of cases a run folder holds, and how many of them have another status than ``ok``."""
-    counts = [
-        row
-        for part in _parts(folder, CASES)
-        for row in _read_part(part, ["status"])["status"].value_counts().to_pylist()
-    ]
-    return sum(row["counts"] for row in counts), sum(
-        row["counts"] for row in counts if row["values"] != ok
-    )
+def tallies(folder: Path) -> Iterator[str]:
+    """What was counted of the cases of each part of a run: `sepmc.campaign.tally.Tally.text`."""
+    for one in parts(folder, CASES):
+        said = pq.read_schema(_path(folder, one)).metadata
+        if b"tally" not in said:
+            raise StoreError(
+                f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
+                "be continued; use --overwrite or another --out"
+            )
+        yield said[b"tally"].decode()
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
@@ -333,15 +610,12 @@ class CaseColumns(Mapping[str, np.ndarray]):
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self._parts = _parts(folder, CASES)
+        self._parts = parts(folder, CASES)
         if not self._parts:
-            raise StoreError(f"{folder}: no {CASES}/part-*.parquet here; give the folder of a run")
-        try:
-            self._metadata = [pq.read_metadata(part) for part in self._parts]
-        except (OSError, pa.ArrowException) as error:
-            raise StoreError(f"{folder}/{CASES}: cannot be read: {error}") from None
-        self.rows = sum(metadata.num_rows for metadata in self._metadata)
-        self._names = self._metadata[0].schema.to_arrow_schema().names
+            raise StoreError(f"{folder}: holds no cases; give the folder of a run")
+        self.rows = sum(part.cases for part in self._parts)
+        with pq.ParquetFile(_path(folder, self._parts[0])) as file:
+            self._names = file.schema_arrow.names
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
@@ -361,20 +635,15 @@ class CaseColumns(Mapping[str, np.ndarray]):
         return self._read(None)
 
     def _read(self, names: list[str] | None) -> pa.Table:
-        return pa.concat_tables(
-            [
-                _read_part(part, names, metadata)
-                for part, metadata in zip(self._parts, self._metadata, strict=True)
-            ]
-        )
+        return pa.concat_tables([_read_part(self.folder, part, names) for part in self._parts])
 
     def batches(
         self, names: Sequence[str]
     ) -> Iterator[tuple[np.ndarray, pd.Categorical, np.ndarray]]:
         """Part by part: numbers and statuses, shape (n,), and the columns asked for, shape
         (len(names), n)."""
-        for part, metadata in zip(self._parts, self._metadata, strict=True):
-            read = _read_part(part, ["case", "status", *names], metadata)
+        for part in self._parts:
+            read = _read_part(self.folder, part, ["case", "status", *names])
             columns = np.empty((len(names), read.num_rows))
             for row, name in zip(columns, names, strict=True):
                 row[:] = read[name].to_numpy()
@@ -391,20 +660,18 @@ def read_cases(
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
     """The row of a case of a run. Raises StoreError if the run does not hold it."""
-    for part in reversed(_parts(folder, CASES)):
-        if part.name <= part_path(folder, CASES, number).name:
-            frame = _read_part(part).to_pandas()
+    for part in parts(folder, CASES):
+        if part.first <= number < part.first + part.cases:
+            frame = _read_part(folder, part).to_pandas()
             found = frame[frame["case"] == number]
-            if len(found):
-                return {str(name): found[name].iloc[0] for name in found}
-            break
+            return {str(name): found[name].iloc[0] for name in found}
     raise StoreError(f"{folder}: does not hold case {number}")
 
 
 def read_histories(folder: Path, below: int | None = None) -> pd.DataFrame | None:
     """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if
     given, or None if it kept none."""
-    if not (folder / HISTORIES).is_dir():
+    if not parts(folder, HISTORIES):
         return None
     return _read(folder, HISTORIES, ["case", "time_s"], below)
 
@@ -416,12 +683,17 @@ def _read(
     below: int | None = None,
     columns: list[str] | None = None,
 ) -> pd.DataFrame:
-    parts = _parts(folder, kind)
-    if not parts:
-        raise StoreError(f"{folder}: no {kind}/part-*.parquet here; give the folder of a run")
-    if below is not None:
-        parts = [part for part in parts if part.name < part_path(folder, kind, below).name]
-    frame = pd.concat([_read_part(part, columns).to_pandas() for part in parts], ignore_index=True)
+    held = parts(folder, kind)
+    if not held:
+        raise StoreError(f"{folder}: holds no {kind}; give the folder of a run")
+    frame = pd.concat(
+        [
+            _read_part(folder, part, columns).to_pandas()
+            for part in held
+            if below is None or part.first < below
+        ],
+        ignore_index=True,
+    )
     if "status" in frame:
         frame["status"] = frame["status"].astype(str)
     if below is not None:
@@ -431,12 +703,12 @@ def _read(
 
 def units(folder: Path, kind: str = CASES) -> dict[str, str]:
     """Unit of each column, from the metadata of the first part."""
-    part = next(iter(sorted((folder / kind).glob("part-*.parquet"))), None)
+    part = next(iter(parts(folder, kind)), None)
     if part is None:
         return {}
     return {
         field.name: (field.metadata or {}).get(b"unit", b"").decode()
-        for field in pq.read_schema(part)
+        for field in pq.read_schema(_path(folder, part))
     }
 
 
@@ -493,8 +765,8 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
         Column(str(name), history.attrs["units"][name], meanings.get(str(name), ""))
         for name in history.columns
     ]
-    path = folder / "history.parquet"
-    write_parquet(
+    path = folder / HISTORY
+    content = write_parquet(
         path,
         columns,
         {
@@ -502,14 +774,19 @@ def write_history(folder: Path, history: pd.DataFrame, meanings: dict[str, str])
             for c in columns
         },
     )
+    ledger.rewrite(folder, [ledger.entry(HISTORY, content)])
     return path
 
 
 def read_history(folder: Path) -> pd.DataFrame | None:
     """The time history of a single run, or None if the folder holds none."""
-    path = folder / "history.parquet"
-    if not path.is_file():
+    one = ledger.read(folder).get(HISTORY)
+    if one is None:
         return None
-    frame = pq.read_table(path).to_pandas()
+    try:
+        content = ledger.whole(folder, one)
+    except ValueError as error:
+        raise StoreError(f"{folder / HISTORY}: {error}; fly it again with --overwrite") from None
+    frame = pq.read_table(pa.BufferReader(content)).to_pandas()
     frame["phase"] = frame["phase"].astype(str)
     return frame

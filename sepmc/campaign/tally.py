@@ -1,0 +1,69 @@
+"""What is counted of cases as they are flown: of a part, and of all that a run holds."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from typing import Self
+
+import msgspec
+import numpy as np
+
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.remarks import least_at_the_end
+from sepmc.engine.door import Block
+from sepmc.schema import Status
+
+
+class Tally(msgspec.Struct, frozen=True):
+    """How many cases have another status than ok, an inertia that no solid body has, were flown
+    again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
+    each clearance is least at the end; the largest error of every outcome."""
+
+    failures: int = 0
+    implausible: int = 0
+    finer: int = 0
+    spare: int = 0
+    unsettled: int = 0
+    least_at_the_end: Mapping[str, int] = {}
+    errors: Mapping[str, float] = {}
+
+    def __add__(self, other: Self) -> "Tally":
+        names = dict.fromkeys([*self.errors, *other.errors])
+        return Tally(
+            self.failures + other.failures,
+            self.implausible + other.implausible,
+            self.finer + other.finer,
+            self.spare + other.spare,
+            self.unsettled + other.unsettled,
+            dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
+            {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
+        )
+
+    @property
+    def text(self) -> str:
+        """As `read` takes it."""
+        return json.dumps(msgspec.to_builtins(self))
+
+
+def read(text: str | bytes) -> Tally:
+    """A tally of `Tally.text`; an error may be infinite there, which JSON has no number for."""
+    return msgspec.convert(json.loads(text), Tally)
+
+
+def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
+    """The tally of cases that were flown together, from draws (n, d) in the units of the file."""
+    columns, again = campaign.outcome_columns, block.again
+    outcomes = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
+    errors = np.zeros(len(columns)) if again is None else again.error
+    return Tally(
+        int(np.count_nonzero(block.status != Status.OK)),
+        campaign.implausible_inertias(drawn),
+        again.finer if again else 0,
+        again.spare if again else 0,
+        again.unsettled if again else 0,
+        dict(least_at_the_end(outcomes, campaign.scene.run.end_time)),
+        {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
+    )
+
+
+__all__ = ["Tally", "count", "read"]

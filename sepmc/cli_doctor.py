@@ -1,0 +1,52 @@
+"""What `sepmc doctor --repair` does to a run folder."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from sepmc.campaign import store
+from sepmc.campaign.campaign import load
+from sepmc.cli_output import tell_results
+
+FIGURES = (".png", ".svg", ".pdf")
+
+
+def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None]) -> int:
+    """Make anew what was found wrong with a run folder; returns the exit code: 1 if it is not as it
+    was afterwards.
+
+    Raises
+    ------
+    StoreError
+        If what was flown is gone or was changed: nothing tells what it was.
+    """
+    for finding in found:
+        if not finding.mends:
+            raise store.StoreError(f"{finding.said}. Nothing else tells what was flown")
+    store.trust(folder)
+    manifest = store.made_by(folder)
+    if manifest.get("stats_only") or "case" in manifest:
+        raise store.StoreError(
+            f"{folder}: holds no cases that could be flown one by one; fly it again with "
+            "--overwrite"
+        )
+    loaded = load(folder, verify=False)
+    result = loaded.run(
+        manifest.get("numbers") or manifest.get("cases"),
+        manifest.get("seed"),
+        out=folder,
+        resume=True,
+        announce=say,
+    )
+    flown = sum(result.status_counts.values()) - result.resumed
+    figures = any(finding.file.endswith(FIGURES) for finding in found)
+    tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
+    say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
+    lost = store.forget(folder, FIGURES)
+    if lost:
+        say(f"not drawn again: {', '.join(lost)}; sepmc plot {folder} draws them for print")
+    left = store.diagnose(folder)
+    for finding in left:
+        click.echo(finding.said, err=True)
+    return 1 if left else 0

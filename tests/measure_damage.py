@@ -1,0 +1,139 @@
+"""Damage a run folder in every way and see that it is told: ``python tests/measure_damage.py
+[--count 10000] [--mended 200] [--seed 1]``.
+
+Files are deleted, cut short, flipped in some bits, swapped, edited or added to, one or several at
+once. Of each damage it is asked: does `sepmc doctor` tell it; do rows and histories that can still
+be read have the bits they had; and of some, does ``--repair`` bring all bits back? Exit code 1 if
+not.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+
+from sepmc import cli
+from sepmc.campaign import store
+
+SETTINGS = {"run.chunk": 4, "run.history_step_s": 0.1}
+WAYS = ("deleted", "cut short", "flipped", "swapped", "edited", "grown")
+
+
+def fly(folder):
+    """A small run with all kinds of files; returns it."""
+    settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
+    call("campaign", "table2.toml", "--cases", "14", "--quiet", "--out", str(folder), *settings)
+    return folder
+
+
+def call(*words):
+    """Exit code of a command."""
+    done = CliRunner().invoke(cli.main, words)
+    if done.exception and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    return done.exit_code
+
+
+def files(folder):
+    """Files of a run, by their paths in it."""
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+
+
+def damage(folder, rng):
+    """Damage a file of a run folder, or two; returns how, and which."""
+    way, name = str(rng.choice(WAYS)), str(rng.choice(files(folder)))
+    path = folder / name
+    content = bytearray(path.read_bytes())
+    if way == "deleted":
+        path.unlink()
+    elif way == "cut short":
+        path.write_bytes(content[: int(rng.integers(0, len(content)))])
+    elif way == "flipped":
+        for place in rng.integers(0, len(content), int(rng.integers(1, 65))):
+            content[place] ^= 1 << int(rng.integers(0, 8))
+        path.write_bytes(content)
+    elif way == "swapped":
+        other = folder / str(rng.choice([one for one in files(folder) if one != name]))
+        path.write_bytes(other.read_bytes())
+        other.write_bytes(content)
+    elif way == "edited":  # a digit is another
+        digits = [k for k, byte in enumerate(content) if 48 <= byte <= 57]
+        place = int(rng.choice(digits)) if digits else 0
+        content[place] = 48 + (content[place] - 47) % 10
+        path.write_bytes(content)
+    else:
+        path.write_bytes(content + rng.bytes(int(rng.integers(1, 100))))
+    return way, name
+
+
+def rows(folder):
+    """All rows and histories, as bytes; None if the folder is refused."""
+    try:
+        read = store.read_cases(folder), store.read_histories(folder)
+    except store.StoreError:
+        return None
+    return tuple(b"" if frame is None else frame.to_json().encode() for frame in read)
+
+
+def contents(folder):
+    """What a mended folder must have again: all but times of day and of work."""
+    found = {name: (folder / name).read_bytes() for name in files(folder)}
+    del found[store.MANIFEST], found[store.ledger.LEDGER]
+    return found
+
+
+def is_told(folder, before, was):
+    """Whether a damage is told, or did nothing, and no other numbers are read than before."""
+    changed = {name: (folder / name).read_bytes() for name in files(folder)} != before
+    told = store.diagnose(folder)
+    found = rows(folder)
+    return (bool(told) or not changed) and (found is None or found == was or bool(told))
+
+
+def is_mended(folder, before):
+    """Whether ``--repair`` brings back all but the campaign that was flown."""
+    code = call("doctor", str(folder), "--repair", "--quiet")
+    path = folder / store.CAMPAIGN
+    if not path.is_file() or path.read_bytes() != before[store.CAMPAIGN]:
+        return code == 2
+    return code == 0 and contents(folder) == before
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--mended", type=int, default=200, help="of how many it is tried")
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    rng, seen, missed = np.random.default_rng(asked.seed), Counter(), []
+    with tempfile.TemporaryDirectory() as temporary:
+        whole = fly(Path(temporary) / "whole")
+        before = {name: (whole / name).read_bytes() for name in files(whole)}
+        was, kept, folder = rows(whole), contents(whole), Path(temporary) / "damaged"
+        for number in range(asked.count):
+            shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(whole, folder)
+            done = [damage(folder, rng) for _ in range(int(rng.integers(1, 4)))]
+            seen.update(done)
+            if not is_told(folder, before, was):
+                missed.append(("not told", done))
+            if number < asked.mended and not is_mended(folder, kept):
+                missed.append(("not mended", done))
+    by_way = Counter()
+    for (way, _), count in seen.items():
+        by_way[way] += count
+    print(json.dumps({"damages": sum(seen.values()), **by_way}))
+    print(f"{asked.count} folders, {asked.mended} of them mended: {len(missed)} missed")
+    for one in missed[:20]:
+        print(*one)
+    sys.exit(1 if missed else 0)
+
+
+if __name__ == "__main__":
+    main()
