@@ -24,6 +24,7 @@ def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None
     for finding in found:
         if not finding.mends:
             raise store.StoreError(f"{finding.said}. Nothing else tells what was flown")
+    known = store.knows_all(folder)
     store.trust(folder)
     manifest = store.made_by(folder)
     if manifest.get("stats_only") or "case" in manifest:
@@ -40,7 +41,7 @@ def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None
         announce=say,
     )
     flown = sum(result.status_counts.values()) - result.resumed
-    figures = any(finding.file.endswith(FIGURES) for finding in found)
+    figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
     tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
     say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
     lost = store.forget(folder, FIGURES)

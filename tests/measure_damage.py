@@ -110,6 +110,7 @@ def main():
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--mended", type=int, default=200, help="of how many it is tried")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kept", type=Path, help="where folders go that were not mended")
     asked = parser.parse_args()
     rng, seen, missed = np.random.default_rng(asked.seed), Counter(), []
     with tempfile.TemporaryDirectory() as temporary:
@@ -125,6 +126,8 @@ def main():
                 missed.append(("not told", done))
             if number < asked.mended and not is_mended(folder, kept):
                 missed.append(("not mended", done))
+                if asked.kept:
+                    shutil.copytree(folder, asked.kept / str(number))
     by_way = Counter()
     for (way, _), count in seen.items():
         by_way[way] += count

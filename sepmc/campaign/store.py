@@ -122,9 +122,18 @@ def check_folder(
             )
 
 
+def knows_all(folder: Path) -> bool:
+    """Whether the list of the files of a folder is as it was written."""
+    return _has_ledger(folder) and not ledger.lost_lines(folder)
+
+
+def _has_ledger(folder: Path) -> bool:
+    return (folder / ledger.LEDGER).is_file()
+
+
 def is_run(folder: Path) -> bool:
     """Whether a folder is that of a run, if a damaged one."""
-    return (folder / MANIFEST).is_file() or (folder / ledger.LEDGER).is_file()
+    return (folder / MANIFEST).is_file() or _has_ledger(folder)
 
 
 @contextlib.contextmanager
@@ -259,9 +268,9 @@ def made_by(folder: Path) -> dict[str, Any]:
             return manifest
     except StoreError:
         pass
-    for one in parts(folder, CASES):
-        if _is_whole(folder, one):
-            said = pq.read_schema(folder / one.file).metadata
+    for path in sorted((folder / CASES).glob("part-*.parquet")):
+        with contextlib.suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
+            said = pq.read_schema(path).metadata
             return {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
     return {}
 
@@ -324,10 +333,10 @@ def diagnose(folder: Path) -> list[Finding]:
     """All that is wrong with a run folder, file by file."""
     try:
         manifest = _manifest(folder)
+        found = changed(folder, manifest)
     except StoreError as error:
-        return [Finding(str(error), mends=bool(made_by(folder)))]
+        manifest, found = {}, [Finding(str(error), mends=bool(made_by(folder)))]
     sealed = manifest.get("sha256") == _seal(manifest)
-    found = changed(folder, manifest)
     held, lost = ledger.read(folder), ledger.lost_lines(folder)
     if lost:
         said = f"{lost} of its lines were cut short or changed"
@@ -356,7 +365,7 @@ def trust(folder: Path) -> None:
         manifest = _manifest(folder)
     except StoreError:
         return
-    if "sha256" in manifest or (folder / ledger.LEDGER).is_file():
+    if "sha256" in manifest or _has_ledger(folder):
         return
     found = []
     for kind in _OURS:
@@ -378,8 +387,8 @@ def _manifest(folder: Path) -> dict[str, Any]:
         raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(manifest, dict):
-        raise StoreError(f"{path}: cannot be read: it holds no table")
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("digest"), str):
+        raise StoreError(f"{path}: cannot be read: it holds no manifest")
     return manifest
 
 
