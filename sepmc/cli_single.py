@@ -98,7 +98,6 @@ def _write(
     store.write_history(folder, history, meanings)
     if loaded.file.input_table:
         store.write_input_table(folder, loaded.file.input_table, loaded.input_columns)
-    store.write_text(folder / store.CAMPAIGN, store.campaign_text(loaded.file))
     own = loaded.scene.run.seed if seed is None else seed
     manifest = {
         "campaign": loaded.name,
@@ -111,7 +110,7 @@ def _write(
         "joints": list(loaded.plan.joints),
         **store.versions(),
     }
-    store.write_manifest(folder, manifest)
+    store.write_manifest(folder, manifest, store.campaign_text(loaded.file))
 
 
 _TOLD = ("status", "compiled", "outcomes", "errors", "notes")

@@ -195,8 +195,7 @@ class Chunks:
         }
         try:
             text = store.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
-            store.write_text(self.folder / store.CAMPAIGN, text)
-            store.write_manifest(self.folder, manifest)
+            store.write_manifest(self.folder, manifest, text)
         except OSError as error:
             raise store.StoreError(
                 f"{self.folder}: cannot be written: {error.strerror or error}"

@@ -205,17 +205,18 @@ def _finite(data: Any) -> Any:
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
-def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Write the manifest of a run folder, with a checksum of itself, of the campaign beside it and
-    of all parts."""
+def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
+    """Write the manifest of a run folder, with a checksum of itself, of the text of the campaign,
+    which is put beside it, and of all parts. The manifest comes first: it makes a folder a run."""
     parts = [one for one in ledger.read(folder).values() if one.cases]
     sealed = {
         **manifest,
         "parts": len(parts),
         "parts_sha256": ledger.digest(parts),
-        "campaign_sha256": _checksum((folder / CAMPAIGN).read_bytes()),
+        "campaign_sha256": _checksum(campaign.encode()),
     }
     write_json(folder / MANIFEST, {**sealed, "sha256": _seal(sealed)})
+    write_text(folder / CAMPAIGN, campaign)
 
 
 def _seal(manifest: Mapping[str, Any]) -> str:
@@ -375,7 +376,7 @@ def trust(folder: Path) -> None:
             one = ledger.entry(name, path.read_bytes(), int(numbers[0]), len(numbers))
             found.append(one)
     ledger.rewrite(folder, found)
-    write_manifest(folder, manifest)
+    write_manifest(folder, manifest, (folder / CAMPAIGN).read_text(encoding="utf-8"))
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

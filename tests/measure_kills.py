@@ -1,0 +1,90 @@
+"""Kill a run at random moments and resume it: ``python tests/measure_kills.py [--kills 500]
+[--seed 1]``.
+
+Each run is killed (SIGKILL, or SIGINT and not waited for) after a random part of the time it takes,
+resumed, killed again, and so on until it comes to its end; then its rows and histories must be
+those of a run that was left alone, to the last bit, each case once. Exit code 1 if not.
+"""
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+
+from sepmc.campaign import store
+
+OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
+OPTIONS += ["--set", "run.history_step_s=0.1"]
+
+
+def command(folder, *more):
+    return [sys.executable, "-m", "sepmc", "campaign", *OPTIONS, "--out", str(folder), *more]
+
+
+def table(folder, kind, order):
+    """All parts of a run, in order."""
+    parts = [pq.read_table(folder / one.file) for one in store.parts(folder, kind)]
+    frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
+    frame["status"] = frame["status"].astype(str) if "status" in frame else ""
+    return frame.sort_values(order, ignore_index=True)
+
+
+def same(one, other):
+    """Whether two runs hold the same bits."""
+    return all(
+        table(one, kind, order).equals(table(other, kind, order))
+        for kind, order in (("cases", ["case"]), ("histories", ["case", "time_s"]))
+    )
+
+
+def killed(folder, rng, longest):
+    """Start or resume a run and kill it; returns whether it came to its end before."""
+    there = store.is_run(folder)
+    run = subprocess.Popen(
+        command(folder, *(["--resume"] if there else [])),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        _, said = run.communicate(timeout=float(rng.uniform(0.2, longest)))
+    except subprocess.TimeoutExpired:
+        run.send_signal(signal.SIGKILL if rng.random() < 0.7 else signal.SIGINT)
+        run.communicate()
+        return False
+    if run.returncode:
+        raise RuntimeError(said)
+    return True
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    rng, kills, runs, wrong = np.random.default_rng(asked.seed), 0, 0, 0
+    with tempfile.TemporaryDirectory() as temporary:
+        whole = Path(temporary) / "whole"
+        subprocess.run(command(whole), check=True)
+        began = time.perf_counter()
+        subprocess.run(command(whole, "--overwrite"), check=True)
+        takes = time.perf_counter() - began
+        while kills < asked.kills:
+            folder, runs = Path(temporary) / f"run-{runs}", runs + 1
+            while not killed(folder, rng, 1.3 * takes):
+                kills += 1
+            wrong += not same(whole, folder) or bool(store.diagnose(folder))
+    print(json.dumps({"kills": kills, "runs": runs, "seconds a run": round(takes, 2)}))
+    print(f"{wrong} of {runs} runs differ from one that was left alone")
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

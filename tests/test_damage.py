@@ -1,0 +1,93 @@
+"""Run folders that were damaged: every damage is told, and mended but for the campaign itself. Ten
+thousand of them: ``python tests/measure_damage.py``."""
+
+import shutil
+
+import numpy as np
+import pytest
+from measure_damage import call, contents, damage, files, fly, is_mended, is_told, rows
+
+import sepmc
+from sepmc.campaign import ledger, store
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return fly(tmp_path_factory.mktemp("damage") / "whole")
+
+
+@pytest.fixture
+def folder(whole, tmp_path):
+    return shutil.copytree(whole, tmp_path / "run")
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_every_damage_is_told(whole, folder, seed):
+    rng = np.random.default_rng(1000 + seed)
+    before = {name: (whole / name).read_bytes() for name in files(whole)}
+    done = [damage(folder, rng) for _ in range(int(rng.integers(1, 4)))]
+    assert is_told(folder, before, rows(whole)), done
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_damaged_is_mended(whole, folder, seed):
+    rng = np.random.default_rng(2000 + seed)
+    done = [damage(folder, rng) for _ in range(2)]
+    assert is_mended(folder, contents(whole)), done
+
+
+def test_another_campaign_is_not_replayed(folder):
+    """One edited number in the run's own file: neither a case nor the run goes on with it."""
+    path = folder / store.CAMPAIGN
+    path.write_text(path.read_text(encoding="utf-8").replace("458", "459", 1), encoding="utf-8")
+    with pytest.raises(store.StoreError, match="is not the campaign that was flown"):
+        sepmc.load(folder)
+    for words in (["run", folder, "--case", "5"], ["stats", folder], ["doctor", folder]):
+        assert call(*map(str, words)) in (1, 2)
+
+
+def test_a_part_that_is_gone_is_told_with_its_cases(folder):
+    part = folder / "cases" / "part-0000000004.parquet"
+    part.unlink()
+    said = rf"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .* --out {folder} --"
+    with pytest.raises(store.StoreError, match=said):
+        store.read_cases(folder)
+    assert call("stats", str(folder)) == 2
+
+
+def test_what_differs_is_named(folder):
+    with pytest.raises(store.StoreError, match=r"upper\.mass_kg: 458.* -> 460"):
+        sepmc.load("table2", {"body.upper.mass_kg": 460.0, "run.history_step_s": 0.1}).run(
+            cases=14, out=folder, resume=True
+        )
+
+
+def test_a_run_that_was_killed_knows_its_errors(whole, folder):
+    """Without a last manifest: what was counted of its parts stands in them."""
+    told = store.read_manifest(folder)
+    lost = store.parts(folder, store.CASES)[-1]
+    ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
+    said = told | {"complete": False, "accuracy": {}, "failures": 0}
+    store.write_manifest(folder, said, file_of(folder))
+    campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
+    campaign.run(cases=14, out=folder, resume=True)
+    again = store.read_manifest(folder)
+    assert again["accuracy"] == told["accuracy"]
+    assert [again[key] for key in ("failures", "complete", "cases_held")] == [0, True, 14]
+
+
+def test_a_folder_without_checksums_is_trusted_if_asked(folder):
+    """As other versions left it."""
+    told = store.read_manifest(folder)
+    (folder / ledger.LEDGER).unlink()
+    kept = ("sha256", "parts", "parts_sha256", "campaign_sha256")
+    store.write_json(folder / store.MANIFEST, {k: v for k, v in told.items() if k not in kept})
+    assert call("stats", str(folder)) == 2
+    assert call("doctor", str(folder)) == 1
+    assert call("doctor", str(folder), "--repair") == 0
+    assert call("stats", str(folder)) == 0
+
+
+def file_of(folder):
+    """The text of the campaign of a run."""
+    return (folder / store.CAMPAIGN).read_text(encoding="utf-8")
