@@ -1,5 +1,7 @@
 """A case of a run flown again: the one that is asked for, its row to the last bit, its film."""
 
+import shutil
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 import sepmc
-from sepmc.campaign import store
+from sepmc.campaign import ledger, store
 from sepmc.cli import main
 from sepmc.report import animation
 from sepmc.report.animation import _Shot
@@ -71,16 +73,20 @@ def test_the_case_that_is_asked_for(folder, tmp_path, words, which):
 
 
 def test_a_row_that_was_changed(folder, tmp_path):
-    """One bit in one column of a row is found, and named."""
-    part = next((folder / "cases").iterdir())
-    kept, table = part.read_bytes(), pd.read_parquet(part)
+    """One bit in one column of a row is found, and named, though the checksum is of what is
+    there."""
+    folder = shutil.copytree(folder, tmp_path / "run")
+    manifest, (one,) = store.read_manifest(folder), store.parts(folder, "cases")
+    table = pd.read_parquet(folder / one.file)
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
-    table.to_parquet(part)
-    try:
-        words = ("--case", 7, "--out", tmp_path / "a", "--no-plots", "--every-s", 0.01)
-        code, said = command("replay", folder, *words)
-    finally:
-        part.write_bytes(kept)
+    table.to_parquet(folder / one.file)
+    words = ("--case", 7, "--out", tmp_path / "a", "--no-plots", "--every-s", 0.01)
+    code, said = command("replay", folder, *words)
+    assert (code, "was changed" in said) == (2, True), said
+    content = (folder / one.file).read_bytes()
+    ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
+    store.write_manifest(folder, manifest, (folder / store.CAMPAIGN).read_text(encoding="utf-8"))
+    code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
 
 

@@ -37,7 +37,7 @@ from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, RunWarning, nearest
 from sepmc.scene.model import Requirement
-from sepmc.scene.read import parse_campaign, read_campaign
+from sepmc.scene.read import find_file, parse_campaign, read_campaign
 from sepmc.schema import Status, is_yes_or_no
 
 _TOLD = 8  # differences between two campaigns
@@ -66,8 +66,9 @@ def load(
     StoreError
         If it is that of a run folder, and was changed since it was flown.
     """
-    if verify and (Path(path) / store.MANIFEST).is_file():
-        store.read_manifest(Path(path))
+    file = find_file(path)
+    if verify and file.name == store.CAMPAIGN and store.is_run(file.parent):
+        store.read_manifest(file.parent)
     return Campaign(read_campaign(path, settings, read_input_table))
 
 
