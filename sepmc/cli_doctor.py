@@ -23,18 +23,13 @@ def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None
     """
     for finding in found:
         if not finding.mends:
-            raise store.StoreError(f"{finding.said}. Nothing else tells what was flown")
+            raise store.StoreError(f"{finding.said}. It cannot be mended; fly it again")
     known = store.knows_all(folder)
     store.trust(folder)
     manifest = store.made_by(folder)
-    if manifest.get("stats_only") or "case" in manifest:
-        raise store.StoreError(
-            f"{folder}: holds no cases that could be flown one by one; fly it again with "
-            "--overwrite"
-        )
     loaded = load(folder, verify=False)
     result = loaded.run(
-        manifest.get("numbers") or manifest.get("cases"),
+        manifest.get("numbers", manifest.get("cases")),
         manifest.get("seed"),
         out=folder,
         resume=True,

@@ -127,6 +127,8 @@ def campaign(
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
+        if resume and cases is None:  # those that are flown there
+            cases = store.made_by(folder).get("numbers")
         numbers, _ = loaded.asked(cases)
         if dry_run:
             from sepmc.cli_plan import tell_plan
@@ -137,45 +139,46 @@ def campaign(
                 click.echo(f"stops as soon as {until} is known, of at most:")
             tell_plan(loaded, cases, seed, folder, stats_only, click.echo)
             return
-        with progress_bar(numbers.count, quiet) as progress:
-            try:
-                result = loaded.run(
-                    cases,
-                    seed,
-                    threads,
-                    folder,
-                    overwrite=overwrite,
-                    resume=resume,
-                    stats_only=stats_only,
-                    until=until,
-                    progress=progress,
-                    announce=say,
-                )
-            except KeyboardInterrupt:
-                own = numbers == loaded.numbers or numbers.are_first
-                which = "" if own else f" --cases {numbers}"
-                what = (
-                    f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
-                    f"{folder} --resume{which}"
-                )
-                if stats_only:
-                    what = "with --stats-only nothing is kept"
-                elif not (folder / store.MANIFEST).is_file():
-                    what = "no case was flown yet"
-                click.echo(f"\ninterrupted; {what}", err=True)
-                sys.exit(INTERRUPTED)
-        for note in result.notes + redundant(loaded) + undispersed(loaded):
-            click.echo(f"warning: {note}", err=True)
-        say(timing_line(result))
-        code = tell_results(
-            folder,
-            loaded,
-            result.kept.summary,
-            say,
-            plots=not no_plots,
-            check=must_pass,
-            second=second,
-        )
+        with store.opened(folder, overwrite, resume):  # until all is written
+            with progress_bar(numbers.count, quiet) as progress:
+                try:
+                    result = loaded.run(
+                        cases,
+                        seed,
+                        threads,
+                        folder,
+                        overwrite=overwrite,
+                        resume=resume,
+                        stats_only=stats_only,
+                        until=until,
+                        progress=progress,
+                        announce=say,
+                    )
+                except KeyboardInterrupt:
+                    own = numbers == loaded.numbers or numbers.are_first
+                    which = "" if own else f" --cases {numbers}"
+                    what = (
+                        f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
+                        f"{folder} --resume{which}"
+                    )
+                    if stats_only:
+                        what = "with --stats-only nothing is kept"
+                    elif not (folder / store.MANIFEST).is_file():
+                        what = "no case was flown yet"
+                    click.echo(f"\ninterrupted; {what}", err=True)
+                    sys.exit(INTERRUPTED)
+            for note in result.notes + redundant(loaded) + undispersed(loaded):
+                click.echo(f"warning: {note}", err=True)
+            say(timing_line(result))
+            code = tell_results(
+                folder,
+                loaded,
+                result.kept.summary,
+                say,
+                plots=not no_plots,
+                check=must_pass,
+                second=second,
+            )
     sys.exit(code)
 
 
@@ -473,7 +476,9 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
             say(f"{folder}: is as it was written")
             return
         if not repair:
-            click.echo(f"to mend it: sepmc doctor {folder} --repair", err=True)
+            mends = all(finding.mends for finding in found)
+            how = f"to mend it: sepmc doctor {folder} --repair" if mends else "fly it again"
+            click.echo(how, err=True)
             sys.exit(1)
         from sepmc.cli_doctor import mend
 

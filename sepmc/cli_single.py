@@ -61,11 +61,12 @@ def tell_single(
     how = "compiled" if flown["compiled"] else "in plain Python"
     say(f"flown by the kernel written for it, {how}, in {seconds:.2f} s; {len(history)} rows")
     same = True if run is None or number is None else _check_row(loaded, run, number, say)
+    written: list[Path] = []
     if plots:
         from sepmc.report.figures import run_figures
 
         behind = None if run is None else loaded.simulate(None, every_s, say)
-        run_figures(
+        written += run_figures(
             history,
             folder,
             loaded.plan.bodies,
@@ -78,6 +79,8 @@ def tell_single(
 
         path = folder / f"film.{film}"
         animation.film(history, case.scene, f"{loaded.name}, {about}", path)
+        written.append(path)
+    store.note(folder, written)
     say(f"wrote {folder}")
     return 0 if status is schema.Status.OK and same else 1
 

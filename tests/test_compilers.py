@@ -127,6 +127,17 @@ def test_damaged_code_is_compiled_again(damage):
     assert flown_by(name) == number
 
 
+def test_no_file_stands_in_for_another():
+    """Whole by itself, under the name of another: it counts as not there."""
+    one, other = cache.write([SHORT.format(201), SHORT.format(202)])
+    assert compilers.compile_all([one, other])
+    paths = [cache.CACHE_FOLDER / f"{name}.code" for name in (one, other)]
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, reversed(contents), strict=True):
+        path.write_bytes(content)
+    assert [objects.link(name) for name in (one, other)] == [0, 0]
+
+
 def test_code_that_needs_what_is_not_there():
     """LLVM would load it, and the process would end when it calls."""
     (name,) = cache.write([SHORT.format(7)])

@@ -80,12 +80,54 @@ def test_a_folder_without_checksums_is_trusted_if_asked(folder):
     """As other versions left it."""
     told = store.read_manifest(folder)
     (folder / ledger.LEDGER).unlink()
-    kept = ("sha256", "parts", "parts_sha256", "campaign_sha256")
+    kept = ("sha256", "files", "files_sha256", "campaign_sha256")
     store.write_json(folder / store.MANIFEST, {k: v for k, v in told.items() if k not in kept})
     assert call("stats", str(folder)) == 2
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
     assert call("stats", str(folder)) == 0
+
+
+def test_the_cases_that_are_flown_stay(tmp_path):
+    """Those of a run of some cases only, though its manifest is gone, or one of its parts."""
+    for lost in (store.MANIFEST, "cases/part-0000000020.parquet"):
+        folder = tmp_path / lost.partition("/")[0]
+        sepmc.load("table2", {"run.history_step_s": 0.0}).run("5:9,20", out=folder)
+        assert call("stats", str(folder)) == 0
+        before = contents(folder)
+        (folder / lost).unlink()
+        assert call("doctor", str(folder), "--repair") == 0
+        assert contents(folder) == before
+        (folder / lost).unlink()
+        again = ["campaign", str(folder), "--out", str(folder), "--resume", "--no-plots", "--quiet"]
+        assert call(*again) == 0
+        assert store.cases_done(folder).tolist() == [5, 6, 7, 8, 20]
+
+
+@pytest.mark.parametrize("left", [0, 1])
+@pytest.mark.parametrize("kind", ["cases", "single", "statistics"])
+def test_a_shorter_list_of_files_is_told(folder, tmp_path, kind, left):
+    """Cut at the end of a line, where every line that is left is whole."""
+    if kind != "cases":
+        folder = tmp_path / kind
+        words = ["run", "table1.toml", "--every-s", "0.05"]
+        words = words if kind == "single" else ["campaign", "table2.toml", "--stats-only"]
+        words += ["--cases", "20"] if kind == "statistics" else []
+        assert call(*words, "--quiet", "--out", str(folder)) == 0
+    assert store.diagnose(folder) == []
+    lines = (folder / ledger.LEDGER).read_bytes().splitlines(keepends=True)
+    assert len(lines) > left
+    (folder / ledger.LEDGER).write_bytes(b"".join(lines[:left]))
+    assert store.diagnose(folder)
+    assert call("doctor", str(folder)) == 1
+
+
+def test_figures_of_a_single_run_are_told(tmp_path):
+    folder = str(tmp_path / "one")
+    assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
+    (tmp_path / "one" / "angles.png").write_bytes(b"")
+    (told,) = store.diagnose(tmp_path / "one")
+    assert "angles.png: was changed" in told.said
 
 
 def file_of(folder):

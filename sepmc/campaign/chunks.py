@@ -90,7 +90,9 @@ class Chunks:
         self.sink: Sink = (
             InStatistics(campaign)
             if stats_only
-            else InFolder(campaign, self.separation, folder, draws.seed)
+            else InFolder(
+                campaign, self.separation, folder, draws.seed, self._which.get("numbers", "")
+            )
             if folder
             else InMemory(campaign, self.separation)
         )

@@ -86,6 +86,7 @@ class InFolder:
     separation: list[Column]
     folder: Path
     seed: int
+    numbers: str  # which cases are flown; none: the first ones
 
     def take(self, pieces: list[Piece]) -> None:
         """Write a part of histories, if there are any, and then one of cases."""
@@ -96,6 +97,7 @@ class InFolder:
             "digest": campaign.digest,
             "seed": str(self.seed),
             "sepmc": __version__,
+            "numbers": self.numbers,
             "tally": sum((piece.tally for piece in pieces), Tally()).text,
         }
         if self.separation:  # before the cases, which say what is done

@@ -75,18 +75,31 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
     return root / f"{name}-{n}"
 
 
+_ours: set[Path] = set()  # folders that this process has open
+
+
 @contextlib.contextmanager
 def opened(
     folder: Path, overwrite: bool = False, resume: bool = False, resumable: bool = True
 ) -> Iterator[Path]:
     """A folder that may be written, by this process alone, without losing anything unasked; see
     `check_folder`. Raises StoreError, too, if it cannot be written."""
-    check_folder(folder, overwrite, resume, resumable)
-    make_writable(folder)
-    with _held(folder):
-        if overwrite:
-            _clear(folder)
+    if folder.resolve() in _ours:  # it is open already
         yield folder
+        return
+    check_folder(folder, overwrite, resume, resumable)
+    is_new = not folder.exists()
+    make_writable(folder)
+    try:
+        with _held(folder):
+            if overwrite:
+                _clear(folder)
+            _ours.add(folder.resolve())
+            yield folder
+    finally:
+        _ours.discard(folder.resolve())
+        if is_new and not any(folder.iterdir()):  # nothing came of it
+            folder.rmdir()
 
 
 def check_folder(
@@ -207,12 +220,12 @@ def _finite(data: Any) -> Any:
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
     """Write the manifest of a run folder, with a checksum of itself, of the text of the campaign,
-    which is put beside it, and of all parts. The manifest comes first: it makes a folder a run."""
-    parts = [one for one in ledger.read(folder).values() if one.cases]
+    which is put beside it, and of the ledger. The manifest comes first: it makes a folder a run."""
+    files = ledger.read(folder).values()
     sealed = {
         **manifest,
-        "parts": len(parts),
-        "parts_sha256": ledger.digest(parts),
+        "files": len(files),
+        "files_sha256": ledger.digest(files),
         "campaign_sha256": _checksum(campaign.encode()),
     }
     write_json(folder / MANIFEST, {**sealed, "sha256": _seal(sealed)})
@@ -238,6 +251,7 @@ def forget(folder: Path, endings: tuple[str, ...]) -> list[str]:
     ]
     if lost:
         ledger.rewrite(folder, [one for name, one in held.items() if name not in lost])
+        _seal_again(folder)
     return lost
 
 
@@ -262,7 +276,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 def made_by(folder: Path) -> dict[str, Any]:
     """By what the cases of a run folder were made: its manifest or, where that was changed, what
-    its parts say: ``digest`` and ``seed``."""
+    its parts say: ``digest``, ``seed`` and, if they are not the first ones, ``numbers``."""
     try:
         manifest = _manifest(folder)
         if manifest.get("sha256") == _seal(manifest):
@@ -272,7 +286,9 @@ def made_by(folder: Path) -> dict[str, Any]:
     for path in sorted((folder / CASES).glob("part-*.parquet")):
         with contextlib.suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
             said = pq.read_schema(path).metadata
-            return {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
+            found = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
+            numbers = said[b"numbers"].decode()
+            return found | ({"numbers": numbers} if numbers else {})
     return {}
 
 
@@ -287,7 +303,7 @@ def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
     if _seal(manifest) != manifest["sha256"]:
         said = "was changed since it was written: its checksum is another"
         return [Finding(f"{folder / MANIFEST}: {said}")]
-    return [*_not_as_flown(folder, manifest), *_parts_lost(folder, manifest)]
+    return [*_not_as_flown(folder, manifest), *_files_lost(folder, manifest)]
 
 
 def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
@@ -313,25 +329,37 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
         yield Finding(said, mends=False)
 
 
-def _parts_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
-    """Whether the ledger of a run that is complete tells of other parts."""
-    held = [one for one in ledger.read(folder).values() if one.cases]
-    if manifest.get("complete") and ledger.digest(held) != manifest["parts_sha256"]:
-        yield Finding(
-            f"{folder / ledger.LEDGER}: was changed: it tells of {len(held)} parts, and there were "
-            f"{manifest['parts']}. To fly again what is not sure: sepmc campaign {folder} --out "
-            f"{folder} --resume"
-        )
+def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the ledger of a run that is complete tells of other files."""
+    files = ledger.read(folder).values()
+    if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
+        said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
+        how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
+        yield Finding(f"{folder / ledger.LEDGER}: {said}{how if holds_cases(manifest) else ''}")
+
+
+def holds_cases(manifest: Mapping[str, Any]) -> bool:
+    """Whether a run holds rows of cases, which can be flown one by one: it is no single flight, and
+    not one of statistics only."""
+    return "case" not in manifest and not manifest.get("stats_only")
 
 
 def note(folder: Path, files: Iterable[Path]) -> None:
     """Note what follows from the cases of a run, statistics and figures, in its ledger."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.entry(name, (folder / name).read_bytes()) for name in names))
+    _seal_again(folder)
+
+
+def _seal_again(folder: Path) -> None:
+    """Put the checksum of the ledger, as it is now, into the manifest."""
+    write_manifest(folder, _manifest(folder), (folder / CAMPAIGN).read_text(encoding="utf-8"))
 
 
 def diagnose(folder: Path) -> list[Finding]:
     """All that is wrong with a run folder, file by file."""
+    if not is_run(folder):
+        return [Finding(f"{folder}: no {MANIFEST} here; give the folder of a run", mends=False)]
     try:
         manifest = _manifest(folder)
         found = changed(folder, manifest)
@@ -350,13 +378,16 @@ def diagnose(folder: Path) -> list[Finding]:
                 of = f", with {one.numbers}" if one.cases else ""
                 found.append(Finding(f"{folder / one.file}: {error}{of}", one.file))
     for kind in _OURS:
-        for path in sorted((folder / kind).glob("part-*")):
+        for path in sorted((folder / kind).glob("*")):
             if f"{kind}/{path.name}" not in held:
-                found.append(Finding(f"{path}: is not in {ledger.LEDGER}: it was not finished"))
-    if sealed and "cases" in manifest and not manifest.get("stats_only"):
+                said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
+                found.append(Finding(f"{path}: {said}"))
+    if sealed and holds_cases(manifest):
         there = sum(one.cases for one in parts(folder, CASES))
         if there < manifest["cases"]:
             found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
+    if not holds_cases(manifest):  # it is flown again as a whole
+        found = [replace(one, mends=False) for one in found]
     return found
 
 
@@ -552,7 +583,7 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
             dropped += one.cases
     ledger.rewrite(folder, kept.values())
     for kind in _OURS:
-        for path in (folder / kind).glob("part-*"):
+        for path in (folder / kind).glob("part-*.parquet*"):
             if f"{kind}/{path.name}" not in kept:
                 path.unlink()
     return dropped

@@ -15,7 +15,7 @@ from llvmlite import binding
 
 from sepmc.jit import CACHE_FOLDER, load_helpers
 
-_DIGEST = hashlib.sha256().digest_size
+_DIGEST = hashlib.sha256().digest_size  # bytes
 _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and what holds the code
 
 
@@ -27,8 +27,8 @@ def put(path: Path, content: bytes) -> None:
 
 
 def put_sealed(path: Path, content: bytes) -> None:
-    """Write a file with a checksum in front."""
-    put(path, hashlib.sha256(content).digest() + content)
+    """Write a file with a checksum in front, of its name too: no file stands in for another."""
+    put(path, _digest(path, content) + content)
 
 
 def read_sealed(path: Path) -> bytes | None:
@@ -38,7 +38,11 @@ def read_sealed(path: Path) -> bytes | None:
     except OSError:
         return None
     digest, content = written[:_DIGEST], written[_DIGEST:]
-    return content if hashlib.sha256(content).digest() == digest else None
+    return content if _digest(path, content) == digest else None
+
+
+def _digest(path: Path, content: bytes) -> bytes:
+    return hashlib.sha256(path.name.encode() + b"\n" + content).digest()
 
 
 def keep(name: str, symbols: list[str], code: bytes) -> None:
