@@ -127,7 +127,7 @@ def campaign(
 
         check_threads(threads)
         folder = out or store.next_folder(loaded.name)
-        if resume and cases is None:  # those that are flown there
+        if resume and cases is None and _is_of(file, folder):  # those that it is a run of
             cases = store.made_by(folder).get("numbers")
         numbers, _ = loaded.asked(cases)
         if dry_run:
@@ -180,6 +180,13 @@ def campaign(
                 second=second,
             )
     sys.exit(code)
+
+
+def _is_of(file: str, folder: Path) -> bool:
+    """Whether a campaign is given as that of a run folder."""
+    from sepmc.scene.read import find_file
+
+    return find_file(file).parent.resolve() == folder.resolve()
 
 
 @click.command(short_help="Write the table of inputs of FILE's cases.")

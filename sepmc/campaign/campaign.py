@@ -372,8 +372,6 @@ class Campaign(Definition):
         Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
         ``resume=True`` goes on from there.
         """
-        if resume and cases is None and out is not None:  # those that are flown there
-            cases = store.made_by(Path(out)).get("numbers")
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
