@@ -5,12 +5,9 @@ Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line 
 or the accuracy asked was not met, 130 interrupted.
 """
 
-import atexit
-import gc
-
 import click
 
-from sepmc import __version__, cli_checks, cli_runs
+from sepmc import __version__, cli_checks, cli_runs, garbage
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -28,10 +25,7 @@ def main() -> None:
     --check: a requirement is not shown), 2 bad input, 3 flown but the audit failed or the accuracy
     asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
-    # imports leave 160,000 objects that stay: to look for garbage among them, now and then and at
-    # the end, took a quarter of a short command
-    gc.set_threshold(100_000)
-    atexit.register(gc.freeze)
+    garbage.put_off()
 
 
 for _command in (

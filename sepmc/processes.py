@@ -1,12 +1,12 @@
 """Work shared out among processes of their own, which end with this one."""
 
-import atexit
-import gc
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, resource_tracker
+
+from sepmc import garbage
 
 
 @contextmanager
@@ -24,11 +24,9 @@ def _uninterrupted() -> Iterator[None]:
 
 
 def _begin() -> None:
-    """What a process does first: it will hear of no interruption, and look for garbage rarely, and
-    not among what is left at its end."""
+    """What a process does first: it will hear of no interruption, and puts off garbage."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    gc.set_threshold(100_000)
-    atexit.register(gc.freeze)
+    garbage.put_off()
 
 
 @contextmanager

@@ -68,7 +68,7 @@ def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     lost = store.parts(folder, store.CASES)[-1]
     ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
     said = told | {"complete": False, "accuracy": {}, "failures": 0}
-    store.write_manifest(folder, said, file_of(folder))
+    store.seal(folder, said)
     campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
     campaign.run(cases=14, out=folder, resume=True)
     again = store.read_manifest(folder)
@@ -128,8 +128,3 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     (tmp_path / "one" / "angles.png").write_bytes(b"")
     (told,) = store.diagnose(tmp_path / "one")
     assert "angles.png: was changed" in told.said
-
-
-def file_of(folder):
-    """The text of the campaign of a run."""
-    return (folder / store.CAMPAIGN).read_text(encoding="utf-8")

@@ -85,7 +85,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     assert (code, "was changed" in said) == (2, True), said
     content = (folder / one.file).read_bytes()
     ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
-    store.write_manifest(folder, manifest, (folder / store.CAMPAIGN).read_text(encoding="utf-8"))
+    store.seal(folder, manifest)
     code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
 

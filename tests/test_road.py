@@ -213,7 +213,7 @@ def test_a_folder_of_statistics_only(tmp_path):
     for refused in (["stats", folder], ["plot", folder], ["campaign", *options, "--resume"]):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
-    store.write_manifest(folder, store.read_manifest(folder) | {"complete": False}, file_of(folder))
+    store.seal(folder, store.read_manifest(folder) | {"complete": False})
     assert "nothing was kept" in call("stats", folder).stderr
     assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
     assert (
@@ -292,8 +292,3 @@ def test_numba_does_not_import_linear_algebra():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert done.stdout == "False\n5.0\n"
-
-
-def file_of(folder):
-    """The text of the campaign of a run."""
-    return (folder / store.CAMPAIGN).read_text(encoding="utf-8")

@@ -332,7 +332,7 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
         path = folder / one.file
         pq.write_table(pq.ParquetFile(path).read().drop_columns(["error"]), path)
         ledger.add(folder, ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
-    store.write_manifest(folder, manifest, file_of(folder))
+    store.seal(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)
@@ -340,8 +340,3 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
     assert (found.flown, found.columns) == (True, ())
     assert CliRunner().invoke(cli.main, ["stats", str(folder)]).exit_code == 0
-
-
-def file_of(folder):
-    """The text of the campaign of a run."""
-    return (folder / store.CAMPAIGN).read_text(encoding="utf-8")

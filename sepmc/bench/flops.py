@@ -8,8 +8,8 @@ flying it with the JIT off. The sums of the stages follow from the method's tabl
 that a phase integrates two for every coefficient that is not zero, and one to scale by the step.
 Not counted are the set-up, corrections, foretelling of events, and outcomes.
 
-Numba shows the code of what it has compiled itself, not of what it has loaded, so a process
-compiles the kernel again in an empty cache folder; the count is kept beside the kernel.
+Numba shows the code of what it has compiled itself, not of what was linked, so a process compiles
+the function again; the count is kept beside the kernel.
 """
 
 import collections

@@ -4,6 +4,7 @@ alone."""
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -378,11 +379,11 @@ class Campaign(Definition):
         stop = None if until is None else self.until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
-        given = numbers, total, seed, threads, stop, resume, stats_only, progress, announce
-        if out is None:
-            return self._run(None, *given)
-        with store.opened(Path(out), overwrite, resume) as folder:
-            return self._run(folder, *given)
+        place = nullcontext() if out is None else store.opened(Path(out), overwrite, resume)
+        with place as folder:
+            return self._run(
+                folder, numbers, total, seed, threads, stop, resume, stats_only, progress, announce
+            )
 
     def _run(
         self,
@@ -429,7 +430,7 @@ class Campaign(Definition):
         wanted = numbers.without(done)
         left = wanted.count
         draws = Draws(seed, numbers, total)
-        chunks = Chunks(self, flight, draws, timing, folder, earlier, stats_only, announce)
+        chunks = Chunks(self, flight, draws, timing, earlier, folder, stats_only, announce)
         if folder:
             if self.file.input_table:
                 store.write_input_table(folder, self.file.input_table, self.input_columns)

@@ -65,21 +65,20 @@ class Chunks:
         flight: Flight,
         draws: Draws,
         timing: dict[str, float],
+        earlier: Earlier,
         folder: Path | None = None,
-        earlier: Earlier | None = None,
         stats_only: bool = False,
         announce: Say | None = None,
     ):
         self.campaign, self.flight, self.draws = campaign, flight, draws
-        self.timing, self.folder = timing, folder
-        self.earlier = earlier or Earlier()
-        self.wanted = draws.numbers.count - self.earlier.held
+        self.timing, self.earlier, self.folder = timing, earlier, folder
+        self.wanted = draws.numbers.count - earlier.held
         self._known = ""  # how well a statistic is known that decides how many cases are flown
         self._stopped: list[str] = []  # the same if it is not enough
         self.stats_only, self.announce = stats_only, announce
         self.flown, self.failures = 0, 0
         self.held = 0  # those that the sink has taken
-        self.tally = self.earlier.tally
+        self.tally = earlier.tally
         self.started = datetime.now(UTC)
         joints = list(campaign.plan.joints)
         self.separation = (

@@ -31,7 +31,7 @@ class Entry(msgspec.Struct, frozen=True):
     def line(self) -> str:
         """How it stands in the ledger."""
         said = msgspec.json.encode(self).decode()
-        return f"{said} {_checksum(said.encode())[:_OF_A_LINE]}\n"
+        return f"{said} {checksum(said.encode())[:_OF_A_LINE]}\n"
 
     @property
     def numbers(self) -> str:
@@ -39,13 +39,21 @@ class Entry(msgspec.Struct, frozen=True):
         return f"cases {self.first} to {self.first + self.cases - 1}"
 
 
-def _checksum(content: bytes) -> str:
+def checksum(content: bytes) -> str:
+    """The checksum of a content."""
     return hashlib.sha256(content).hexdigest()
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write a file so that a reader sees the old or the new content, never a part."""
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_bytes(content)
+    os.replace(temporary, path)
 
 
 def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
     """The entry of a file with this content."""
-    return Entry(file, len(content), _checksum(content), first, cases)
+    return Entry(file, len(content), checksum(content), first, cases)
 
 
 def add(folder: Path, *entries: Entry) -> None:
@@ -56,9 +64,7 @@ def add(folder: Path, *entries: Entry) -> None:
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
     """Put these files into the ledger of a folder, and no others."""
-    draft = folder / f"{LEDGER}.tmp"
-    draft.write_text("".join(one.line for one in entries), encoding="utf-8")
-    os.replace(draft, folder / LEDGER)
+    put(folder / LEDGER, "".join(one.line for one in entries).encode())
 
 
 def read(folder: Path) -> Mapping[str, Entry]:
@@ -81,8 +87,8 @@ def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
 
 
 def _is_whole(line: bytes) -> bool:
-    said, _, checksum = line.rpartition(b" ")
-    return _checksum(said)[:_OF_A_LINE].encode() == checksum
+    said, _, end = line.rpartition(b" ")
+    return checksum(said)[:_OF_A_LINE].encode() == end
 
 
 def lost_lines(folder: Path) -> int:
@@ -97,7 +103,7 @@ def lost_lines(folder: Path) -> int:
 
 def digest(entries: Iterable[Entry]) -> str:
     """A checksum of files, in whatever order."""
-    return _checksum("".join(sorted(one.line for one in entries)).encode())
+    return checksum("".join(sorted(one.line for one in entries)).encode())
 
 
 def whole(folder: Path, one: Entry) -> bytes:
@@ -111,6 +117,6 @@ def whole(folder: Path, one: Entry) -> bytes:
         raise ValueError(f"cannot be read: {error.strerror or error}") from None
     if len(content) != one.bytes:
         raise ValueError(f"was changed: it has {len(content)} bytes, and had {one.bytes}")
-    if _checksum(content) != one.sha256:
+    if checksum(content) != one.sha256:
         raise ValueError("was changed: its checksum is another")
     return content

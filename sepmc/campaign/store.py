@@ -2,7 +2,6 @@
 that knows pyarrow."""
 
 import contextlib
-import hashlib
 import json
 import math
 import os
@@ -195,9 +194,7 @@ def _clear(folder: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file so that a reader sees the old or the new text, never a part."""
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    ledger.put(path, text.encode())
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -219,39 +216,39 @@ def _finite(data: Any) -> Any:
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
-    """Write the manifest of a run folder, with a checksum of itself, of the text of the campaign,
-    which is put beside it, and of the ledger. The manifest comes first: it makes a folder a run."""
-    files = ledger.read(folder).values()
-    sealed = {
-        **manifest,
-        "files": len(files),
-        "files_sha256": ledger.digest(files),
-        "campaign_sha256": _checksum(campaign.encode()),
-    }
-    write_json(folder / MANIFEST, {**sealed, "sha256": _seal(sealed)})
+    """Write the manifest of a run folder, sealed, with a checksum of the text of the campaign,
+    which is put beside it. The manifest comes first: it makes a folder a run."""
+    seal(folder, {**manifest, "campaign_sha256": ledger.checksum(campaign.encode())})
     write_text(folder / CAMPAIGN, campaign)
+
+
+def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest of a run folder with checksums of the ledger, as it is now, and of
+    itself."""
+    files = ledger.read(folder).values()
+    sealed = {**manifest, "files": len(files), "files_sha256": ledger.digest(files)}
+    write_json(folder / MANIFEST, {**sealed, "sha256": _seal(sealed)})
 
 
 def _seal(manifest: Mapping[str, Any]) -> str:
     """The checksum of a manifest, of all that it says besides."""
     said = {key: value for key, value in manifest.items() if key != "sha256"}
-    return _checksum(json.dumps(_finite(said), sort_keys=True).encode())
+    return ledger.checksum(json.dumps(_finite(said), sort_keys=True).encode())
 
 
-def _checksum(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def _is_sealed(manifest: Mapping[str, Any]) -> bool:
+    """Whether a manifest is as it was written."""
+    return manifest.get("sha256") == _seal(manifest)
 
 
 def forget(folder: Path, endings: tuple[str, ...]) -> list[str]:
     """Take files that are not as they were written out of the ledger of a folder, if their names
     end so. Returns their names."""
     held = ledger.read(folder)
-    lost = [
-        name for name, one in held.items() if name.endswith(endings) and not _is_whole(folder, one)
-    ]
+    lost = [name for name, one in held.items() if name.endswith(endings) and _problem(folder, one)]
     if lost:
         ledger.rewrite(folder, [one for name, one in held.items() if name not in lost])
-        _seal_again(folder)
+        seal(folder, _manifest(folder))
     return lost
 
 
@@ -279,7 +276,7 @@ def made_by(folder: Path) -> dict[str, Any]:
     its parts say: ``digest``, ``seed`` and, if they are not the first ones, ``numbers``."""
     try:
         manifest = _manifest(folder)
-        if manifest.get("sha256") == _seal(manifest):
+        if _is_sealed(manifest):
             return manifest
     except StoreError:
         pass
@@ -293,14 +290,14 @@ def made_by(folder: Path) -> dict[str, Any]:
 
 
 def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
-    """What is wrong with the manifest of a folder, with what was flown, and its list of parts."""
+    """What is wrong with the manifest of a folder, with what was flown, and its list of files."""
     if "sha256" not in manifest:
         said = (
             f"{folder}: was flown by a version of sepmc that kept no checksums; fly it again, or "
             f"trust it as it is: sepmc doctor {folder} --repair"
         )
         return [Finding(said)]
-    if _seal(manifest) != manifest["sha256"]:
+    if not _is_sealed(manifest):
         said = "was changed since it was written: its checksum is another"
         return [Finding(f"{folder / MANIFEST}: {said}")]
     return [*_not_as_flown(folder, manifest), *_files_lost(folder, manifest)]
@@ -309,7 +306,7 @@ def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
 def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     """Whether the campaign of a folder, or the table of its inputs, is not what was flown."""
     try:
-        written = _checksum((folder / CAMPAIGN).read_bytes())
+        written = ledger.checksum((folder / CAMPAIGN).read_bytes())
     except OSError as error:
         said = f"{folder / CAMPAIGN}: cannot be read: {error.strerror or error}"
         yield Finding(said, mends=False)
@@ -321,11 +318,8 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
             )
             yield Finding(f"{folder / CAMPAIGN}: {said}", mends=False)
     plan = ledger.read(folder).get(PLAN)
-    try:
-        if plan:
-            ledger.whole(folder, plan)
-    except ValueError as error:
-        said = f"{folder / PLAN}: {error}; it gave inputs of the cases: put it back"
+    if plan and (problem := _problem(folder, plan)):
+        said = f"{folder / PLAN}: {problem}; it gave inputs of the cases: put it back"
         yield Finding(said, mends=False)
 
 
@@ -348,12 +342,7 @@ def note(folder: Path, files: Iterable[Path]) -> None:
     """Note what follows from the cases of a run, statistics and figures, in its ledger."""
     names = [path.relative_to(folder).as_posix() for path in files]
     ledger.add(folder, *(ledger.entry(name, (folder / name).read_bytes()) for name in names))
-    _seal_again(folder)
-
-
-def _seal_again(folder: Path) -> None:
-    """Put the checksum of the ledger, as it is now, into the manifest."""
-    write_manifest(folder, _manifest(folder), (folder / CAMPAIGN).read_text(encoding="utf-8"))
+    seal(folder, _manifest(folder))
 
 
 def diagnose(folder: Path) -> list[Finding]:
@@ -365,7 +354,6 @@ def diagnose(folder: Path) -> list[Finding]:
         found = changed(folder, manifest)
     except StoreError as error:
         manifest, found = {}, [Finding(str(error), mends=bool(made_by(folder)))]
-    sealed = manifest.get("sha256") == _seal(manifest)
     held, lost = ledger.read(folder), ledger.lost_lines(folder)
     if lost:
         said = f"{lost} of its lines were cut short or changed"
@@ -382,7 +370,7 @@ def diagnose(folder: Path) -> list[Finding]:
             if f"{kind}/{path.name}" not in held:
                 said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 found.append(Finding(f"{path}: {said}"))
-    if sealed and holds_cases(manifest):
+    if _is_sealed(manifest) and holds_cases(manifest):
         there = sum(one.cases for one in parts(folder, CASES))
         if there < manifest["cases"]:
             found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
@@ -489,15 +477,13 @@ def write_parquet(
     StoreError
         If it cannot be written, a full disk say.
     """
-    temporary = path.with_name(path.name + ".tmp")
     written, content = table(columns, data, about), pa.BufferOutputStream()
     text = [field.name for field in written.schema if pa.types.is_dictionary(field.type)]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(written, content, compression="snappy", use_dictionary=text or False)
         whole = content.getvalue().to_pybytes()
-        temporary.write_bytes(whole)
-        os.replace(temporary, path)
+        ledger.put(path, whole)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be written: {error}") from None
     return whole
@@ -535,9 +521,8 @@ def parts(folder: Path, kind: str) -> list[ledger.Entry]:
 _whole: set[tuple[str, int, int, str]] = set()  # files that were seen as they were written
 
 
-def _path(folder: Path, one: ledger.Entry) -> Path:
-    """Path of a part, which is as it was written. Raises StoreError if it is not, with the file,
-    its cases and what to do."""
+def _problem(folder: Path, one: ledger.Entry) -> str:
+    """What is wrong with a file; nothing, if it is as it was written, which is seen once."""
     path = folder / one.file
     try:
         state = path.stat()
@@ -546,15 +531,21 @@ def _path(folder: Path, one: ledger.Entry) -> Path:
             ledger.whole(folder, one)
             _whole.add(known)
     except OSError:
-        problem = "is gone"
+        return "is gone"
     except ValueError as error:
-        problem = str(error)
-    else:
-        return path
-    raise StoreError(
-        f"{path}: {problem}; it held {one.numbers}. To fly these again: sepmc campaign {folder} "
-        f"--out {folder} --resume"
-    )
+        return str(error)
+    return ""
+
+
+def _path(folder: Path, one: ledger.Entry) -> Path:
+    """Path of a part, which is as it was written. Raises StoreError if it is not, with the file,
+    its cases and what to do."""
+    if problem := _problem(folder, one):
+        raise StoreError(
+            f"{folder / one.file}: {problem}; it held {one.numbers}. To fly these again: sepmc "
+            f"campaign {folder} --out {folder} --resume"
+        )
+    return folder / one.file
 
 
 def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = None) -> pa.Table:
@@ -573,7 +564,7 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
     are, if they should have some, so that these are flown again. Returns how many cases that
     are."""
     held = ledger.read(folder)
-    sound = {one.file: one for one in held.values() if _is_whole(folder, one)}
+    sound = {one.file: one for one in held.values() if not _problem(folder, one)}
     kept, dropped = {name: one for name, one in held.items() if not one.cases}, 0
     for one in parts(folder, CASES):
         over_time = f"{HISTORIES}/{Path(one.file).name}"
@@ -587,14 +578,6 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
             if f"{kind}/{path.name}" not in kept:
                 path.unlink()
     return dropped
-
-
-def _is_whole(folder: Path, one: ledger.Entry) -> bool:
-    try:
-        _path(folder, one)
-    except StoreError:
-        return False
-    return True
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:

@@ -142,9 +142,7 @@ def compile_blocks() -> None:
 def _loop() -> Any:
     """The loop over blocks; it is compiled if it is not in the cache folder."""
     get_num_threads()  # which lets machine code find Numba's threads
-    if not objects.is_kept(NAME):
-        compile_blocks()
-    return PYFUNCTYPE(None, *5 * (c_int64,))(objects.link(NAME))
+    return PYFUNCTYPE(None, *5 * (c_int64,))(objects.link_or_make(NAME, compile_blocks))
 
 
 def max_threads() -> int:

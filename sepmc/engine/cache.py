@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from types import ModuleType
 
 import msgspec
@@ -99,10 +100,7 @@ def _compile(name: str) -> None:
 def load(pieces: Pieces) -> Kernel:
     """A kernel from its pieces, the last of which is entered; what is not in the cache folder is
     compiled there."""
-    for name in pieces.names:
-        if not objects.is_kept(name):
-            _compile(name)
-    addresses = [objects.link(name) for name in pieces.names]
+    addresses = [objects.link_or_make(name, partial(_compile, name)) for name in pieces.names]
     return Kernel(
         addresses[-1],
         pieces.size,

@@ -8,6 +8,7 @@ compile more functions with it, and takes 10 ms to load one, thirty times as lon
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -16,6 +17,7 @@ from llvmlite import binding
 from sepmc.jit import CACHE_FOLDER, load_helpers
 
 _DIGEST = hashlib.sha256().digest_size  # bytes
+_seen: dict[str, tuple[list[str], bytes]] = {}  # symbols and code that are not linked yet
 _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and what holds the code
 
 
@@ -63,7 +65,15 @@ def link(name: str) -> int:
         if kept is None:
             return 0
         _linked[name] = _link(*kept)
+        del _seen[name]
     return _linked[name][0]
+
+
+def link_or_make(name: str, make: Callable[[], None]) -> int:
+    """`link`; a file that is not there is made first."""
+    if not is_kept(name):
+        make()
+    return link(name)
 
 
 def _path(name: str) -> Path:
@@ -71,12 +81,14 @@ def _path(name: str) -> Path:
 
 
 def _read(name: str) -> tuple[list[str], bytes] | None:
-    """Symbols and machine code of an object file."""
-    content = read_sealed(_path(name))
-    if content is None:
-        return None
-    symbols, _, code = content.partition(b"\n")
-    return json.loads(symbols), code
+    """Symbols and machine code of an object file, which is read once."""
+    if name not in _seen:
+        content = read_sealed(_path(name))
+        if content is None:
+            return None
+        symbols, _, code = content.partition(b"\n")
+        _seen[name] = json.loads(symbols), code
+    return _seen[name]
 
 
 def _link(symbols: list[str], code: bytes) -> tuple[int, binding.ExecutionEngine]:
