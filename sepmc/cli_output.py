@@ -49,6 +49,11 @@ def plain_errors(quiet: bool) -> Iterator[None]:
         for line in error.problems if isinstance(error, SceneError) else [error]:
             click.echo(f"error: {line}", err=True)
         sys.exit(2)
+    except OSError as error:  # a disk that is full, a folder that may not be written
+        if error.filename is None:
+            raise
+        click.echo(f"error: {error.filename}: {error.strerror}", err=True)
+        sys.exit(2)
     except Exception as error:
         # by name: `sepmc.campaign.store` takes a while to import
         if type(error).__name__ == "StoreError":

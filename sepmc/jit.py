@@ -1,6 +1,6 @@
-"""Every compile option, and where compiled code is kept.
+"""Every compile option, and the name of the folder of compiled code: a digest of all kernel
+sources, of the compiler and of the processor.
 
-The cache folder is named by a digest of all kernel sources, of the compiler and of the processor.
 Nothing outside this folder is cached or touched.
 """
 
@@ -8,7 +8,6 @@ import contextlib
 import hashlib
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -36,7 +35,8 @@ from numba.core.untyped_passes import (
     TranslateByteCode,
 )
 from numba.extending import lower_builtin, type_callable
-from platformdirs import user_cache_dir
+
+from sepmc.cache_folder import SETTING, cache_folder
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must
 # survive to be reported.
@@ -95,21 +95,7 @@ def digest_of(patterns: Sequence[str]) -> bytes:
     return digest.digest()
 
 
-def cache_folder() -> Path:
-    """Folder of this version's compiled kernels; a temporary one if the user's cache cannot be
-    written."""
-    base = Path(os.environ.get("SEPMC_CACHE_DIR") or user_cache_dir("sepmc"))
-    folder = base / "kernels" / sources_digest()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.gettempdir()) / "sepmc-kernels" / sources_digest()
-
-
-CACHE_FOLDER = cache_folder()
+CACHE_FOLDER = cache_folder(sources_digest())
 
 
 @contextlib.contextmanager
@@ -132,7 +118,12 @@ def compiling(program: str) -> dict[str, Any]:
     path = os.pathsep.join(each for each in sys.path if each)
     return {
         "args": [sys.executable, "-P", "-c", program],
-        "env": {**os.environ, BARE: "1", "PYTHONPATH": path},
+        "env": {
+            **os.environ,
+            BARE: "1",
+            "PYTHONPATH": path,
+            SETTING: str(CACHE_FOLDER.parent.parent),
+        },
     }
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numba
 from llvmlite import binding
 
+from sepmc.cache_folder import SETTING
 from sepmc.jit import CACHE_FOLDER, load_helpers
 
 _DIGEST = hashlib.sha256().digest_size  # bytes
@@ -24,8 +25,13 @@ _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and w
 def put(path: Path, content: bytes) -> None:
     """Write a file such that no other process ever sees a part of it."""
     draft = path.with_suffix(f".{os.getpid()}")
-    draft.write_bytes(content)
-    draft.replace(path)
+    try:
+        draft.write_bytes(content)
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        said = f"{error.strerror} in the cache of kernels; {SETTING} moves it"
+        raise OSError(error.errno, said, str(path)) from error
 
 
 def put_sealed(path: Path, content: bytes) -> None:

@@ -15,7 +15,7 @@ def contents(scene: Scene) -> Contents:
         scene.output.loads,
         {joint: pins[joint] for joint in scene.output.guide if joint in pins},
         tuple(clearance.name for clearance in scene.clearance),
-        scene.output.tip_off,
+        tuple(joint for joint in scene.output.tip_off if joint in scene.joint),
         tuple(event.name for event in scene.event),
         pins,
         scene.output.transverse,
