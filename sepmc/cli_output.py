@@ -419,7 +419,8 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
     place = accuracy.get("worst_place")
     history = f"; of histories {_error(accuracy['history'])}" if "history" in accuracy else ""
     places = (
-        f"; of times and places of extremes {_error(accuracy['errors'][place])} ({place})"
+        f"; of times and places of extremes, which nothing settles where an extreme is flat, "
+        f"{_error(accuracy['errors'][place])} ({place})"
         if place
         else ""
     )

@@ -53,6 +53,8 @@ def tell_single(
     say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
     for name, value in [*case.inputs.items(), *flown["outcomes"].items()]:
         say(f"  {name:44s} {value:.9g}")
+    if number is not None and number not in loaded.numbers:
+        say(f"case {number} is not among those of the file ({loaded.numbers}); it is drawn alike")
     for note in flown["notes"] + ([] if number is None else undispersed(loaded)):
         click.echo(f"warning: {note}", err=True)
     error = single_error_text(flown["outcomes"], flown["errors"], loaded)

@@ -127,6 +127,9 @@ def measure(name, campaign, count, seconds):
         "-" if campaign.scene.solver.step else f"{told.asked:g} {'met' if told.met else 'NOT MET'}"
     )
     ok = (own.status == 0) & (reference.status == 0)
+    if not ok.any():
+        print(f"| {name} | {len(draws)} | no case comes to its end |", flush=True)
+        return True
     with np.errstate(divide="ignore", invalid="ignore"):
         share = table[ok][:, decides].max(axis=1) / own.error[ok]
     share = np.where(np.isnan(share), 0.0, share)

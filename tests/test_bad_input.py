@@ -829,10 +829,14 @@ def test_almost_the_name_of_a_shipped_campaign(sepmc):
         (["--set", "body.upper.cg_mm.xx=3"], "xx"),  # taken for x
         (["--set", "body.upper.inertia_kg_m2.xy=3"], "xy"),  # taken for xx
         (["--set", "body.upper.mass_kg=\udcff"], "body.upper.mass_kg"),  # UnicodeEncodeError
+        (["--set", 'output.tip_off=["pinz"]'], "no such joint; did you mean 'pins'?"),
+        (["--set", "dispersion.body.upper.mass_kg=5"], "such as { uniform = 20.0 }"),
+        (["--plan", "plan.md"], "must end in .parquet, .csv"),
         (["--cases", "9" * 20, "--out", "x"], "--cases"),  # writes a manifest, then numpy's message
     ],
 )
 def test_options(sepmc, options, said):
+    Path("plan.md").write_text("a text", encoding="utf-8")
     assert said in sepmc("campaign", "table2", "--quiet", "--no-plots", "--cases", "2", *options)
 
 

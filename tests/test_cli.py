@@ -152,10 +152,14 @@ def test_options_reach_the_run(campaign, tmp_path):
         "phase.guided.until.stroke_mm=20",
         "--set",
         'dispersion."initial.yaw_deg"={ constant = 1.0 }',
+        "--set",
+        'dispersion."initial.pitch_deg".uniform=0.25',
         "--seed",
         7,
     ]
     fly(tmp_path / "b", "--cases", 4, *options)
+    law = package.load(tmp_path / "b").file.tree["dispersion"]["initial.pitch_deg"]
+    assert law == {"uniform": 0.25}
     kept = package.load(tmp_path / "b").scene
     assert (
         kept.body["upper"].mass,

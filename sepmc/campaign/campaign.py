@@ -429,6 +429,8 @@ class Campaign(Definition):
             earlier = Earlier(len(done), tally, tuple(store.made_by(folder).get("sessions", ())))
         wanted = numbers.without(done)
         left = wanted.count
+        if announce and len(done):
+            announce(f"{folder}: {len(done)} cases are there, {left} are left to fly")
         draws = Draws(seed, numbers, total)
         chunks = Chunks(self, flight, draws, timing, earlier, folder, stats_only, announce)
         if folder:

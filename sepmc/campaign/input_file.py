@@ -12,6 +12,8 @@ from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import Problems
 
 _MOST = 10**9
+_PARQUET = ".parquet"
+_ENDINGS = (_PARQUET, ".csv", ".txt")
 
 
 def read_input_table(path: Path, problems: Problems) -> InputTable | None:
@@ -21,13 +23,17 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
     if not path.exists():
         problems.add(place, "no such file", str(path))
         return None
+    ending = path.suffix.lower()
+    if ending not in _ENDINGS:
+        problems.add(place, f"must end in {', '.join(_ENDINGS)}", str(path))
+        return None
     try:
-        is_text = path.suffix.lower() in (".csv", ".txt")
-        table = csv.read_csv(path) if is_text else pq.read_table(path)
+        table = pq.read_table(path) if ending == _PARQUET else csv.read_csv(path)
         frame = table.rename_columns([name.strip() for name in table.column_names]).to_pandas()
     except (OSError, pa.ArrowException) as error:
         said = str(error).splitlines()[0]
-        problems.add(place, f"cannot be read as CSV (.csv) or Parquet: {said}", str(path))
+        kind = "Parquet" if ending == _PARQUET else "CSV"
+        problems.add(place, f"cannot be read as {kind}: {said}", str(path))
         return None
     if not len(frame):
         problems.add(place, "has no rows", str(path))

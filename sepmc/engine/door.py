@@ -299,7 +299,8 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
     if left:
         if announce:
             announce(
-                f"compiling {left} pieces of this scene's kernel, once (some seconds each) ..."
+                f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once (some "
+                "seconds each) ..."
             )
         tell = now_and_then(announce, _EVERY_S)
 

@@ -141,13 +141,7 @@ def parse_campaign(
     problems = Problems()
     tree = copy.deepcopy(tree)
     for key, given in (settings or {}).items():
-        _put(
-            tree,
-            key.split(".") if not key.startswith("dispersion.") else ["dispersion", key[11:]],
-            _builtin(given),
-            problems,
-            key,
-        )
+        _put(tree, _parts(key), _builtin(given), problems, key)
     name = tree.get("name", default_name)
     if not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
         problems.add(
@@ -294,6 +288,9 @@ def _read_laws(tree: Any, problems: Problems) -> dict[str, Law]:
                 'put the path in quotes: "body.upper.mass_kg" = { uniform = 20.0 }',
             )
             continue
+        if not isinstance(law, dict):
+            problems.add(f"dispersion.{key}", "must be a table, such as { uniform = 20.0 }", law)
+            continue
         read = read_table(Law, law, f"dispersion.{key}", problems)
         if read is not None:
             laws[key] = read
@@ -369,6 +366,17 @@ def _has_ends(law: Law) -> bool:
     )
 
 
+def _parts(key: str) -> list[str]:
+    """Keys of a TOML path: of [dispersion] the path of a parameter is one, and what its law says
+    may follow."""
+    table, _, rest = key.partition(".")
+    if table != "dispersion" or not rest:
+        return key.split(".")
+    parameter, _, last = rest.rpartition(".")
+    return [table, parameter, last] if parameter and last in _LAWS else [table, rest]
+
+
+_LAWS = frozenset(key for field in fields_of(Law).values() for key in field.keys)
 # tables whose keys are names, in which nothing is a unit
 _NAMES = ("body", "joint", "joints", "kind", "outcome")
 
