@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign.accuracy import scene_scales
+from sepmc.campaign.accuracy import decisive, scene_scales
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import Flight, fly, relative_error
 from sepmc.engine.door import Block
@@ -98,7 +98,8 @@ class Study:
 
     def error(self, found: Block, reference: np.ndarray, sound: np.ndarray) -> tuple[float, str]:
         """Largest error of the outcomes of a block, and of which; of the cases that it and the
-        reference flew to the end."""
+        reference flew to the end. Times and places of extremes, which no step settles, do not
+        count."""
         n = min(len(found.status), len(sound))
         return self.error_of(
             found.outcomes[:n, : len(self.names)], found.status[:n] == Status.OK, reference, sound
@@ -120,7 +121,7 @@ class Study:
             self.units,
             scene_scales(self.campaign.scene, self.units),
         )
-        worst = int(np.argmax(errors))
+        worst = int(np.argmax(np.where(decisive(self.campaign.outcome_columns), errors, 0.0)))
         return float(errors[worst]), self.names[worst]
 
 
