@@ -229,7 +229,17 @@ class Chunks:
         # no trial case tells anything, but cases that were flown again do
         if not told.cases and self.tally.finer:
             told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-        return told.with_errors(dict(self.tally.errors))
+        return told.with_errors(self._errors)
+
+    @property
+    def _errors(self) -> dict[str, float]:
+        """The largest error of the cases by outcome."""
+        found, estimate = dict(self.tally.errors), self.flight.estimate
+        if estimate is None or not found:
+            return found
+        names, errors = list(found), np.array(list(found.values()))
+        largest = estimate.largest(errors, np.array(self.tally.guards))
+        return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
 
     def _accuracy(self) -> dict[str, Any]:
         flight, told = self.flight, self.accuracy

@@ -245,7 +245,11 @@ def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndar
     guards = _some(block.guards, known)
     error = flight.estimate.of_cases(guards)
     block.error[known] = error
-    return Again(flight.estimate.largest(_some(guards, ~(error > flight.most))))
+    settled = _some(guards, ~(error > flight.most))
+    leading = flight.estimate.of_leading(settled)
+    return Again(
+        leading, guards=settled.max(axis=0, initial=0.0) if len(settled) else nothing.guards
+    )
 
 
 def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:

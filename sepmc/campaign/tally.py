@@ -17,7 +17,9 @@ from sepmc.schema import Status
 class Tally(msgspec.Struct, frozen=True):
     """How many cases have another status than ok, an inertia that no solid body has, were flown
     again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
-    each clearance is least at the end; the largest error of every outcome."""
+    each clearance is least at the end; the largest error of every outcome, as far as cases tell it
+    one by one, and the largest ``guards``, which tell it of the others
+    (`sepmc.campaign.estimate.Estimate.largest`)."""
 
     failures: int = 0
     implausible: int = 0
@@ -26,6 +28,7 @@ class Tally(msgspec.Struct, frozen=True):
     unsettled: int = 0
     least_at_the_end: Mapping[str, int] = {}
     errors: Mapping[str, float] = {}
+    guards: tuple[float, ...] = ()
 
     def __add__(self, other: Self) -> "Tally":
         names = dict.fromkeys([*self.errors, *other.errors])
@@ -37,6 +40,7 @@ class Tally(msgspec.Struct, frozen=True):
             self.unsettled + other.unsettled,
             dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
             {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
+            tuple(map(max, self.guards, other.guards)) or self.guards or other.guards,
         )
 
     @property
@@ -63,6 +67,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         again.unsettled if again else 0,
         dict(least_at_the_end(outcomes, campaign.scene.run.end_time)),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
+        tuple(again.guards.tolist()) if again else (),
     )
 
 

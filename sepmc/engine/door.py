@@ -6,7 +6,7 @@ import operator
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,14 +35,16 @@ def one_of(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
 
 @dataclass
 class Again:
-    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome; how many
-    were flown again at finer steps than the others, and by a spare kernel; and how many no step
-    settled."""
+    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome, as far as
+    cases tell it one by one; how many were flown again at finer steps than the others, and by a
+    spare kernel; and how many no step settled; the largest ``guards`` (g,) of those that were not
+    flown again, which tell errors of the other outcomes, or none."""
 
     error: np.ndarray
     finer: int = 0
     spare: int = 0
     unsettled: int = 0
+    guards: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def with_others(self, others: "Again") -> "Again":
         """These and others."""
@@ -51,6 +53,7 @@ class Again:
             self.finer + others.finer,
             self.spare + others.spare,
             self.unsettled + others.unsettled,
+            self.guards if len(self.guards) else others.guards,
         )
 
 
