@@ -1,7 +1,9 @@
 """Statistics of cases that pass by once are those of the whole table, whatever the chunks, in
 constant memory."""
 
+import pickle
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -15,6 +17,7 @@ from sepmc.analysis.rows import Rows
 from sepmc.analysis.sketch import ROOM, Sketch
 from sepmc.analysis.statistics import PERCENTILES
 from sepmc.analysis.stream import GRAIN, NAMED, Stream
+from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
 PERCENTS = list(PERCENTILES.values())
@@ -155,6 +158,43 @@ def test_the_same_bits_whatever_the_chunks():
         expected["case_min"],
         expected["case_max"],
     )
+
+
+@pytest.mark.parametrize("begun", [0, GRAIN, ROOM + GRAIN])
+def test_the_same_bits_by_many(begun):
+    """Ranges counted apart, in any order and after a pickle, and taken in the order of cases;
+    before and after the grid of an outcome is known, with NaN, infinities and failed cases."""
+    required = [
+        Requirement(name="slow", metric="speed_m_s", at_most=3.0),
+        Requirement(name="between", metric="release_s", at_least=-2.0, at_most=2.0),
+        Requirement(name="released", metric="never-released"),
+    ]
+    random, count = np.random.default_rng(5), ROOM + 5 * GRAIN + 77
+    codes = np.where(random.random(count) < 0.01, int(Status.NEVER_RELEASED), 0)
+    data = random.normal(size=(4, count))
+    data[1, random.random(count) < 0.5] = np.nan  # its grid comes later
+    data[0, -5:], numbers = [np.inf, 1e9, -1e9, 2.0, 2.0], np.arange(count)
+    alone, many = Stream(*COLUMNS, required), Stream(*COLUMNS, required)
+    alone.add(numbers, codes, data)
+    many.add(numbers[:begun], codes[:begun], data[:, :begun])
+    fences = [*range(begun, count, 2 * GRAIN), count]
+    kept = {}
+    for first, end in reversed(list(pairwise(fences))):
+        apart = many.apart()
+        apart.add(numbers[first:end], codes[first:end], data[:, first:end])
+        kept[first] = pickle.dumps(apart)
+    for first in sorted(kept):
+        many.take(pickle.loads(kept[first]))
+    pd.testing.assert_frame_equal(many.statistics(), alone.statistics(), check_exact=True)
+    pd.testing.assert_frame_equal(many.audit(), alone.audit(), check_exact=True)
+    assert many.counts == alone.counts
+    assert many.failed == alone.failed
+    for name in COLUMNS[0]:
+        pd.testing.assert_frame_equal(
+            pd.DataFrame(many.histogram(name)), pd.DataFrame(alone.histogram(name))
+        )
+    given = {name: (1e-9, 1.0) for name in COLUMNS[0]}, alone.audit()
+    assert many.verdicts(*given) == alone.verdicts(*given)
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])

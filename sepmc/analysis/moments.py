@@ -1,6 +1,55 @@
 """Mean, sigma, their standard errors and the extremes of values that pass by once."""
 
+from typing import NamedTuple
+
 import numpy as np
+
+
+class Group(NamedTuple):
+    """What is known of ``n`` values: the extremes with their cases, the sum of those that are
+    infinite, and of the others, how many there are, their mean and sums of the powers 2 to 4 of
+    their distance from it, over ``scale``."""
+
+    n: int
+    least: float
+    case_least: int
+    greatest: float
+    case_greatest: int
+    infinite: float
+    finite: int
+    scale: float
+    mean: float
+    powers: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, x: np.ndarray, numbers: np.ndarray) -> "Group":
+        """Of values without NaN, shape (n,), n > 0, and the numbers of their cases, rising."""
+        low, high = x.argmin(), x.argmax()
+        least, greatest, n, infinite = float(x[low]), float(x[high]), x.size, 0.0
+        ends = least, int(numbers[low]), greatest, int(numbers[high])
+        if np.isinf(least) or np.isinf(greatest):
+            with np.errstate(invalid="ignore"):
+                infinite = float(x[np.isinf(x)].sum())
+            x = x[np.isfinite(x)]
+            if not x.size:
+                return cls(n, *ends, infinite, 0, 0.0, 0.0, (0.0, 0.0, 0.0))
+            least, greatest = float(x.min()), float(x.max())
+        scale, mean = greatest - least or max(abs(least), 1.0), float(x.mean())
+        d = (x - mean) / scale
+        q = d * d
+        # einsum, as a dot product of so many wakes the threads of BLAS, which then fight with those
+        # that fly: 100 times slower
+        powers = float(q.sum()), float(np.einsum("i,i", q, d)), float(np.einsum("i,i", q, q))
+        return cls(n, *ends, infinite, x.size, scale, mean, powers)
+
+
+class Groups(list[Group]):
+    """Groups of the values of one outcome, for `Moments` to take one after the other."""
+
+    def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
+        """As `Moments.add`."""
+        if x.size:
+            self.append(Group.of(x, numbers))
 
 
 class Moments:
@@ -23,34 +72,25 @@ class Moments:
     def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
         """Take a group of values without NaN, shape (n,), and the numbers of their cases,
         rising."""
-        if not x.size:
+        if x.size:
+            self.take(Group.of(x, numbers))
+
+    def take(self, group: Group) -> None:
+        """Take a group whose cases come next."""
+        self.n += group.n
+        if group.least < self.least or self.case_least < 0:
+            self.least, self.case_least = group.least, group.case_least
+        if group.greatest > self.greatest or self.case_greatest < 0:
+            self.greatest, self.case_greatest = group.greatest, group.case_greatest
+        with np.errstate(invalid="ignore"):
+            self._infinite += group.infinite
+        if not group.finite:
             return
-        self.n += x.size
-        low, high = x.argmin(), x.argmax()
-        least, greatest = float(x[low]), float(x[high])
-        if least < self.least or self.case_least < 0:
-            self.least, self.case_least = least, int(numbers[low])
-        if greatest > self.greatest or self.case_greatest < 0:
-            self.greatest, self.case_greatest = greatest, int(numbers[high])
-        if np.isinf(least) or np.isinf(greatest):
-            with np.errstate(invalid="ignore"):
-                self._infinite += float(x[np.isinf(x)].sum())
-            x = x[np.isfinite(x)]
-            if not x.size:
-                return
         if self._scale == 0.0:
-            self._scale = float(np.ptp(x)) or max(abs(least), 1.0)
-        mean = float(x.mean())
-        d = (x - mean) / self._scale
-        q = d * d
-        # einsum, as a dot product of so many wakes the threads of BLAS, which then fight with those
-        # that fly: 100 times slower
+            self._scale = group.scale
+        share, (m2, m3, m4) = group.scale / self._scale, group.powers
         self._merge(
-            x.size,
-            mean / self._scale,
-            float(q.sum()),
-            float(np.einsum("i,i", q, d)),
-            float(np.einsum("i,i", q, q)),
+            group.finite, group.mean / self._scale, m2 * share**2, m3 * share**3, m4 * share**4
         )
 
     def _merge(self, n: int, mean: float, m2: float, m3: float, m4: float) -> None:

@@ -83,11 +83,26 @@ class Tally:
         at = int(np.argmin(margin))
         if margin[at] < self._least:
             self._least, self.worst = float(margin[at]), (float(values[at]), int(numbers[at]))
+        self._keep_near(margin)
+        return counted
+
+    def _keep_near(self, margin: np.ndarray) -> None:
         near = np.concatenate([self._near, margin])
         if len(near) > _NEAR:
             near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
         self._near = near
-        return counted
+
+    def take(self, others: "Tally") -> None:
+        """Take cases that come next, which another tally of the same requirement counted."""
+        self.cases += others.cases
+        self.violations += others.violations
+        self.missing += others.missing
+        if others._least < self._least:
+            self._least, self.worst = others._least, others.worst
+        self.first = others.first if self.first < 0 else self.first
+        if self.first_unknown < 0:
+            self.first_unknown = others.first_unknown
+        self._keep_near(others._near)
 
     def add_any(
         self, numbers: np.ndarray, counted: Sequence[tuple[np.ndarray, np.ndarray]]

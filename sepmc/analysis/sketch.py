@@ -13,6 +13,7 @@ The result depends on the order of the values alone, not on how they were groupe
 
 from collections import Counter
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -42,6 +43,26 @@ class Sketch:
             values = values[count:]
             if self._filled == ROOM:
                 self._count()
+
+    def apart(self) -> "Sketch | Values":
+        """What counts other values for this one to `take`."""
+        if self._grid is None:
+            return Values()
+        found = Sketch()
+        found._grid = self._grid.empty()
+        return found
+
+    def take(self, others: "Sketch | Values") -> None:
+        """Take values that `apart` counted, whose cases come next."""
+        if isinstance(others, Values):
+            for values in others:
+                self.add(values)
+            return
+        others._count()
+        assert self._grid is not None
+        assert others._grid is not None
+        self._count()
+        self._grid.take(others._grid)
 
     def percentiles(self, percents: Sequence[float]) -> np.ndarray:
         """Sample percentiles, linear between order statistics as `numpy.percentile` has them; NaN
@@ -80,6 +101,15 @@ class Sketch:
         if self._grid is None:
             self._grid = _Grid(x)
         self._grid.count(x)
+
+
+class Values(list[np.ndarray]):
+    """Values as they come."""
+
+    def add(self, values: np.ndarray) -> None:
+        """As `Sketch.add`."""
+        if values.size:
+            self.append(values.copy())
 
 
 class _Grid:
@@ -126,6 +156,26 @@ class _Grid:
         bins = ((x - self.start) * (1.0 / self.width)).astype(np.int64)
         np.minimum(bins, BINS - 1, out=bins)  # the product may round up to the end
         self.counts += np.bincount(bins, minlength=BINS)
+
+    def empty(self) -> "_Grid":
+        """The same grid without values."""
+        found = copy(self)
+        found.counts = np.zeros(BINS, dtype=np.int64)
+        found.tails, found.infinite = (Counter(), Counter()), [0, 0]
+        found.n, found.least, found.greatest = 0, np.inf, -np.inf
+        return found
+
+    def take(self, other: "_Grid") -> None:
+        """Count the values of the same grid."""
+        self.n += other.n
+        self.counts += other.counts
+        for own, others in zip(self.tails, other.tails, strict=True):
+            own.update(others)
+        self.infinite = [a + b for a, b in zip(self.infinite, other.infinite, strict=True)]
+        self.least, self.greatest = (
+            min(self.least, other.least),
+            max(self.greatest, other.greatest),
+        )
 
     def _count_tail(self, side: int, distance: np.ndarray) -> None:
         """Count distances from the grid: bin k holds 2^(k/64) - 1 to 2^((k+1)/64) - 1 widths of the

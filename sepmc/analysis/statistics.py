@@ -7,6 +7,7 @@ that case does not have (no release time, say): it is left out of that outcome a
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import partial
 from itertools import groupby
 from textwrap import fill
@@ -278,6 +279,18 @@ class Worst:
             self.worst, self.case, self._rank = float(x[at]), int(numbers[at]), rank
         if not np.isnan(self.bound) and not x[at] <= self.bound:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
+
+    def apart(self) -> "Worst":
+        """What counts other cases for this one to `take`."""
+        found = copy(self)
+        found.worst, found.case, found.beyond, found._rank = np.nan, -1, 0, -np.inf
+        return found
+
+    def take(self, others: "Worst") -> None:
+        """Take cases that come next, which others counted."""
+        if others.case >= 0 and (self.case < 0 or others._rank > self._rank):
+            self.worst, self.case, self._rank = others.worst, others.case, others._rank
+        self.beyond += others.beyond
 
 
 def audit(

@@ -6,11 +6,12 @@ audit columns on one thread; shared among two it takes longer, 200 ns.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.moments import Moments
+from sepmc.analysis.moments import Groups, Moments
 from sepmc.analysis.requirements import (
     Errors,
     Tally,
@@ -40,6 +41,99 @@ GRAIN = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
 NAMED = 20  # failed cases of each status that are named
 
 
+class _Takes(Protocol):
+    def add(self, x: np.ndarray, numbers: np.ndarray) -> None:
+        """Take values without NaN, shape (n,), and the numbers of their cases, rising."""
+
+
+class _Counts(Protocol):
+    def add(self, values: np.ndarray) -> None:
+        """Take values, shape (n,), in the order of their cases."""
+
+
+class _Counters:
+    """What counts cases, a grain at a time: by outcome ``moments``, ``sketches`` and, by
+    requirement of two bounds, those of ``margins``; tallies of requirements, audits, and how cases
+    ended."""
+
+    def __init__(
+        self,
+        moments: Mapping[str, _Takes],
+        sketches: Mapping[str, _Counts],
+        margins: Mapping[str, _Counts],
+        audits: Mapping[str, Worst],
+        requirements: Sequence[Requirement],
+    ):
+        self._moments, self._sketches, self._margins = moments, sketches, margins
+        self.audits, self.tallies = audits, tallies(requirements)
+        self.by_code = np.zeros(len(Status), dtype=np.int64)
+        self.failed: dict[str, list[int]] = {}
+
+    def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
+        """Take a grain: numbers and status codes, shape (n,), and columns, shape (k, n)."""
+        counts = np.bincount(codes, minlength=len(self.by_code))
+        self.by_code += counts
+        ok: slice | np.ndarray = slice(None)
+        if counts[Status.OK] < len(codes):
+            ok = codes == Status.OK
+            for code in (np.flatnonzero(counts[1:]) + 1).tolist():
+                self._name(Status(code).label, numbers[codes == code])
+        places = {name: k for k, name in enumerate(self._moments)}
+        tally_all(
+            self.tallies,
+            numbers,
+            codes == Status.OK,
+            lambda name: columns[places[name]] if name in places else None,
+            lambda name: np.isin(codes, [int(status) for status in Status if status.label == name]),
+        )
+        numbers = numbers[ok]
+        for (name, moments), column in zip(self._moments.items(), columns, strict=False):
+            x, cases = column[ok], numbers
+            lost = np.isnan(x)
+            if lost.any():
+                x, cases = x[~lost], cases[~lost]
+            moments.add(x, cases)
+            self._sketches[name].add(x)
+            for item in (tally.requirement for tally in self.tallies):
+                if item.metric == name and item.name in self._margins:
+                    self._margins[item.name].add(margins(x, item))
+        for worst, column in zip(self.audits.values(), columns[len(self._moments) :], strict=True):
+            worst.add(column[ok], numbers)
+
+    def take(self, others: "_Counters") -> None:
+        """Take what does not depend on grains of cases that come next."""
+        self.by_code += others.by_code
+        for label, numbers in others.failed.items():
+            self._name(label, np.array(numbers, dtype=np.int64))
+        for own, tally in zip(self.tallies, others.tallies, strict=True):
+            own.take(tally)
+        for name, worst in self.audits.items():
+            worst.take(others.audits[name])
+
+    def _name(self, label: str, numbers: np.ndarray) -> None:
+        """Name cases that ended so, if not enough are named."""
+        named = self.failed.setdefault(label, [])
+        named += numbers[: NAMED - len(named)].tolist()
+
+
+class Apart:
+    """Counts whole grains of cases for a `Stream`, which takes them: elsewhere, or later."""
+
+    def __init__(self, stream: "Stream"):
+        self.groups = {name: Groups() for name in stream.moments}
+        self.sketches = {name: sketch.apart() for name, sketch in stream.sketches.items()}
+        self.margins = {name: sketch.apart() for name, sketch in stream.margins.items()}
+        audits = {name: worst.apart() for name, worst in stream.audits.items()}
+        requirements = [tally.requirement for tally in stream.tallies]
+        self.counters = _Counters(self.groups, self.sketches, self.margins, audits, requirements)
+
+    def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
+        """As `Stream.add`; the first one is that of a grain."""
+        for first in range(0, len(numbers), GRAIN):
+            grain = slice(first, first + GRAIN)
+            self.counters.add(numbers[grain], codes[grain], columns[:, grain])
+
+
 class Stream:
     """Takes the cases of a campaign in their order, and gives what `Rows` of `sepmc.analysis.rows`
     gives: statistics, audit, histograms.
@@ -58,19 +152,36 @@ class Stream:
         bounds: Mapping[str, float],
         requirements: Sequence[Requirement] = (),
     ):
-        self.tallies = tallies(requirements)
         self.moments = {name: Moments() for name in outcomes}
         self.sketches = {name: Sketch() for name in outcomes}
         self.margins = {item.name: Sketch() for item in requirements if has_two_bounds(item)}
         self.audits = {name: Worst(name, bounds) for name in audits}
+        self._counters = _Counters(
+            self.moments, self.sketches, self.margins, self.audits, requirements
+        )
+        self.tallies, self.failed = self._counters.tallies, self._counters.failed
         self._held = np.empty((len(outcomes) + len(audits), GRAIN))
         self._numbers, self._codes, self._filled = (
             np.empty(GRAIN, dtype=np.int64),
             np.empty(GRAIN, dtype=np.int64),
             0,
         )
-        self._by_code = np.zeros(len(Status), dtype=np.int64)
-        self.failed: dict[str, list[int]] = {}
+
+    def apart(self) -> Apart:
+        """What counts cases for this one to `take`."""
+        return Apart(self)
+
+    def take(self, others: Apart) -> None:
+        """Take cases that come next, after whole grains, counted by what was made with `apart`."""
+        assert self._filled == 0
+        for name, moments in self.moments.items():
+            for group in others.groups[name]:
+                moments.take(group)
+        for name, sketch in self.sketches.items():
+            sketch.take(others.sketches[name])
+        for name, sketch in self.margins.items():
+            sketch.take(others.margins[name])
+        self._counters.take(others.counters)
 
     def add(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
         """Take cases: their numbers and status codes, shape (n,), and columns, shape (k, n), each
@@ -78,7 +189,7 @@ class Stream:
         done, count = 0, len(numbers)
         while done < count:
             if self._filled == 0 and count - done >= GRAIN:  # whole grains need no copy
-                self._take(
+                self._counters.add(
                     numbers[done : done + GRAIN],
                     codes[done : done + GRAIN],
                     columns[:, done : done + GRAIN],
@@ -100,50 +211,19 @@ class Stream:
         """Take what is held, a grain or the last part of one."""
         count, self._filled = self._filled, 0
         if count:
-            self._take(self._numbers[:count], self._codes[:count], self._held[:, :count])
-
-    def _take(self, numbers: np.ndarray, codes: np.ndarray, columns: np.ndarray) -> None:
-        counts = np.bincount(codes, minlength=len(self._by_code))
-        self._by_code += counts
-        ok: slice | np.ndarray = slice(None)
-        if counts[Status.OK] < len(codes):
-            ok = codes == Status.OK
-            for code in (np.flatnonzero(counts[1:]) + 1).tolist():
-                named = self.failed.setdefault(Status(code).label, [])
-                named += numbers[codes == code][: NAMED - len(named)].tolist()
-        places = {name: k for k, name in enumerate(self.moments)}
-        tally_all(
-            self.tallies,
-            numbers,
-            codes == Status.OK,
-            lambda name: columns[places[name]] if name in places else None,
-            lambda name: np.isin(codes, [int(status) for status in Status if status.label == name]),
-        )
-        numbers = numbers[ok]
-        for (name, moments), column in zip(self.moments.items(), columns, strict=False):
-            x, cases = column[ok], numbers
-            lost = np.isnan(x)
-            if lost.any():
-                x, cases = x[~lost], cases[~lost]
-            moments.add(x, cases)
-            self.sketches[name].add(x)
-            for item in (tally.requirement for tally in self.tallies):
-                if item.metric == name and item.name in self.margins:
-                    self.margins[item.name].add(margins(x, item))
-        for worst, column in zip(self.audits.values(), columns[len(self.moments) :], strict=True):
-            worst.add(column[ok], numbers)
+            self._counters.add(self._numbers[:count], self._codes[:count], self._held[:, :count])
 
     @property
     def counts(self) -> dict[str, int]:
         """Cases of each status: ok first, then the failures, most frequent first."""
         self._flush()
         failures = [
-            (int(self._by_code[status]), status.label)
+            (int(self._counters.by_code[status]), status.label)
             for status in Status
-            if status != Status.OK and self._by_code[status]
+            if status != Status.OK and self._counters.by_code[status]
         ]
         ordered = {label: count for count, label in sorted(failures, key=lambda pair: -pair[0])}
-        return {Status.OK.label: int(self._by_code[Status.OK])} | ordered
+        return {Status.OK.label: int(self._counters.by_code[Status.OK])} | ordered
 
     def statistics(
         self, reference: Mapping[str, Mapping[str, float]] | None = None
