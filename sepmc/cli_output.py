@@ -55,8 +55,8 @@ def plain_errors(quiet: bool) -> Iterator[None]:
         click.echo(f"error: {error.filename}: {error.strerror}", err=True)
         sys.exit(2)
     except Exception as error:
-        # by name: `sepmc.campaign.store` takes a while to import
-        if type(error).__name__ == "StoreError":
+        # by name: their modules take a while to import
+        if type(error).__name__ in ("StoreError", "ClusterError", "OutOfStepError"):
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise

@@ -2,6 +2,7 @@
 needs it."""
 
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +43,7 @@ from sepmc.cli_output import (
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.numbers import Numbers
+    from sepmc.cluster import DaskCrew
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
@@ -59,6 +61,16 @@ if TYPE_CHECKING:
     "--threads",
     type=click.IntRange(min=1),
     help="Threads; default all cores. The result does not depend on it.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Fly in so many processes of this machine, by Dask (extra cluster).",
+)
+@click.option(
+    "--cluster",
+    metavar="tcp://HOST:PORT",
+    help="Fly on the workers of a Dask scheduler, who all see --out under the same path.",
 )
 @SETTINGS
 @NO_PLOTS
@@ -86,6 +98,8 @@ def campaign(
     plan: Path | None,
     out: Path | None,
     threads: int | None,
+    workers: int | None,
+    cluster: str | None,
     settings: tuple[str, ...],
     no_plots: bool,
     overwrite: bool,
@@ -114,6 +128,8 @@ def campaign(
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
             )
+        if workers and cluster:
+            raise click.UsageError("--workers are of this machine; --cluster has its own")
         if resume and overwrite:
             raise click.UsageError("--resume and --overwrite exclude each other")
         if resume and stats_only:
@@ -140,7 +156,10 @@ def campaign(
             tell_plan(loaded, cases, seed, folder, stats_only, click.echo)
             return
         with store.opened(folder, overwrite, resume):  # until all is written
-            with progress_bar(numbers.count, quiet) as progress:
+            with (
+                progress_bar(numbers.count, quiet) as progress,
+                _crew(workers, cluster, threads) as crew,
+            ):
                 try:
                     result = loaded.run(
                         cases,
@@ -151,6 +170,7 @@ def campaign(
                         resume=resume,
                         stats_only=stats_only,
                         until=until,
+                        crew=crew,
                         progress=progress,
                         announce=say,
                     )
@@ -180,6 +200,23 @@ def campaign(
                 second=second,
             )
     sys.exit(code)
+
+
+def _crew(
+    workers: int | None, address: str | None, threads: int | None
+) -> "AbstractContextManager[DaskCrew | None]":
+    """Workers that are asked for, if there are any."""
+    if workers is None and address is None:
+        return nullcontext()
+    from sepmc.scene.messages import InputError
+
+    try:
+        from sepmc.cluster import crew
+    except ImportError:
+        raise InputError(
+            "--workers and --cluster need Dask, the extra cluster: pip install 'sepmc[cluster]'"
+        ) from None
+    return crew(workers, address, threads)
 
 
 def _is_of(file: str, folder: Path) -> bool:

@@ -22,17 +22,19 @@ from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.chunks import Chunks, Draws, Earlier
+from sepmc.campaign.chunks import Chunks, Earlier
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.piece import Draws
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
 from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
+from sepmc.campaign.work import Crew
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
@@ -327,6 +329,7 @@ class Campaign(Definition):
         resume: bool = False,
         stats_only: bool = False,
         until: str | None = None,
+        crew: Crew | None = None,
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
     ) -> Result:
@@ -356,6 +359,9 @@ class Campaign(Definition):
             statistic: ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its
             unit, or ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the
             share of a status.
+        crew : Crew, optional
+            Workers that fly the cases, into ``out``: those of `sepmc.cluster.crew`. Rows and
+            statistics are the same to the last bit on processors of one kind.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
             Told what begins, and that kernels must be compiled if so. Without it, notes on the run
@@ -379,10 +385,21 @@ class Campaign(Definition):
         stop = None if until is None else self.until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
+        _check_crew(crew, out, until, stats_only and not numbers.are_first)
         place = nullcontext() if out is None else store.opened(Path(out), overwrite, resume)
         with place as folder:
             return self._run(
-                folder, numbers, total, seed, threads, stop, resume, stats_only, progress, announce
+                folder,
+                numbers,
+                total,
+                seed,
+                threads,
+                stop,
+                resume,
+                stats_only,
+                crew,
+                progress,
+                announce,
             )
 
     def _run(
@@ -395,6 +412,7 @@ class Campaign(Definition):
         stop: Until | None,
         resume: bool,
         stats_only: bool,
+        crew: Crew | None,
         progress: Progress | None,
         announce: Callable[[str], None] | None,
     ) -> Result:
@@ -441,15 +459,16 @@ class Campaign(Definition):
             with chunks:
                 if progress:
                     progress(0, left, 0)
-                for some in wanted.growing(_LOOKED_AT) if stop else (wanted,):
+
+                def tell() -> None:
+                    if progress:
+                        progress(chunks.flown, left, chunks.failures)
+
+                if crew:
+                    chunks.fly_by(crew, wanted, tell)
+                for some in () if crew else wanted.growing(_LOOKED_AT) if stop else (wanted,):
                     for first, end in some.pieces(chunks.size):
-                        chunks.fly(
-                            first,
-                            end,
-                            (lambda: progress(chunks.flown, left, chunks.failures))
-                            if progress
-                            else lambda: None,
-                        )
+                        chunks.fly(first, end, tell)
                     if stop and chunks.is_known(stop):
                         break
         finally:
@@ -542,6 +561,18 @@ class Campaign(Definition):
         found = differences(other.tree, self.file.tree)
         more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
         return f"It differs in {'; '.join(found[:_TOLD])}{more}"
+
+
+def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bool) -> None:
+    """Raise InputError if workers cannot fly what is asked for."""
+    if crew is None:
+        return
+    if out is None:
+        raise InputError("crew: workers fly into a folder; give out")
+    if until is not None:
+        raise InputError(f"until = {until}: excludes workers, who fly ahead of what is known")
+    if some_counted:
+        raise InputError("stats_only of cases that are named: excludes workers")
 
 
 def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:

@@ -3,7 +3,8 @@ the manifest says how far the run got."""
 
 import os
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -15,15 +16,18 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.analysis.precision import Until
-from sepmc.campaign import store
+from sepmc.analysis.sketch import ROOM
+from sepmc.analysis.stream import GRAIN
+from sepmc.campaign import ledger, store
 from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import Flight, Say, fly, history_rows
+from sepmc.campaign.flight import Flight, Say, history_rows
 from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.remarks import sampled, still_near, unmet, unsettled
-from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Piece, Sink
-from sepmc.campaign.tally import Tally, count
-from sepmc.engine.door import waited_for_compilers
+from sepmc.campaign.piece import Draws, Piece, fly_piece
+from sepmc.campaign.remarks import mixed, sampled, still_near, unmet, unsettled
+from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Sink
+from sepmc.campaign.tally import Tally
+from sepmc.campaign.work import Crew, Flown, Job, fly_range
 from sepmc.schema import Column, Status
 
 _FIRST = 256  # cases flown first, to see how long they take
@@ -33,16 +37,9 @@ _CALL_S = 0.5
 # what took longer to fly is handed over before its chunk is full, so that little is lost with the
 # machine
 _PART_S = 5.0
+# ranges for each worker, at least; grains that are counted in one
+_FEW, _COUNTED = 4, 32
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
-
-    seed: int
-    numbers: Numbers
-    total: int
 
 
 @dataclass(frozen=True)
@@ -89,13 +86,13 @@ class Chunks:
         self.sink: Sink = (
             InStatistics(campaign)
             if stats_only
-            else InFolder(
-                campaign, self.separation, folder, draws.seed, self._which.get("numbers", "")
-            )
+            else InFolder(campaign, self.separation, folder, draws)
             if folder
             else InMemory(campaign, self.separation)
         )
         self._call = _FIRST
+        self._seconds = 1e-9  # that a worker takes for a case
+        self.kinds: Counter[str] = Counter()  # cases that workers flew, by their kind
         self._beside = ThreadPoolExecutor(1)
         self._taking: Future[None] | None = None
 
@@ -141,16 +138,78 @@ class Chunks:
             self._hand_over(pieces)
 
     def _fly(self, first: int, end: int) -> Piece:
-        campaign, clock = self.campaign, time.perf_counter
-        t0 = clock()
-        drawn = campaign.draw(first, end - first, self.draws.seed, self.draws.total)
-        t1, waited = clock(), waited_for_compilers()
-        block = fly(campaign, self.flight, campaign.in_si(drawn), self.room, self.announce)
-        waited = waited_for_compilers() - waited  # for a kernel that few cases need
-        self.timing["sample"] += t1 - t0
-        self.timing["compile"] += waited
-        self.timing["kernel"] += clock() - t1 - waited
-        return Piece(first, drawn, block, count(campaign, drawn, block))
+        return fly_piece(
+            self.campaign,
+            self.flight,
+            self.draws,
+            first,
+            end,
+            self.room,
+            self.timing,
+            self.announce,
+        )
+
+    def fly_by(self, crew: Crew, numbers: Numbers, tell: Callable[[], None]) -> None:
+        """Let others fly cases, and ``tell`` after each range that is done. Of statistics alone the
+        first ones are flown here: they lay out the grids that all are counted in."""
+        assert self.folder is not None
+        stream = self.sink.stream if isinstance(self.sink, InStatistics) else None
+        done = 0
+        if stream:
+            done = min(ROOM, numbers.end)
+            self.fly(0, done, tell)
+            self._wait()
+        text = (self.folder / store.CAMPAIGN).read_bytes()
+        job = Job(
+            self.folder.absolute(),
+            ledger.checksum(text),
+            self.flight.packed,
+            self.draws,
+            stream.apart() if stream else None,
+        )
+        left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
+        waiting: dict[int, Flown] = {}
+        for flown in crew.map(job, fly_range, self._ranges(left, crew.workers)):
+            waiting[flown.first] = flown
+            while stream and done in waiting:  # in the order of cases
+                counted = waiting.pop(done)
+                assert counted.apart is not None
+                stream.take(counted.apart)
+                self._receive(counted)
+                done += counted.cases
+            if not stream:
+                self._receive(waiting.pop(flown.first))
+            tell()
+        store.sweep_parts(self.folder)
+
+    def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
+        """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
+        a few for every worker."""
+        grain = GRAIN if self.stats_only else 1
+        most = max(grain, -(-left.count // (_FEW * workers)))
+        most = min(most, self.size if not self.stats_only else _COUNTED * GRAIN)
+        for first, end in left.ranges:
+            start = first
+            while start < end:
+                size = min(most, max(_FIRST, int(_PART_S / self._seconds)))
+                stop = min(end, start + -(-size // grain) * grain)
+                yield start, stop
+                start = stop
+
+    def _receive(self, flown: Flown) -> None:
+        """Take what a worker has flown."""
+        if flown.parts:
+            assert self.folder is not None
+            store.note_parts(self.folder, flown.parts)
+        self.tally += flown.tally
+        self.flown += flown.cases
+        self.held += flown.cases
+        self.failures += flown.tally.failures
+        for stage, seconds in flown.timing.items():
+            self.timing[stage] += seconds
+        spent = flown.timing["sample"] + flown.timing["kernel"]
+        self._seconds = max(self._seconds, spent / flown.cases)
+        self.kinds[flown.kind] += flown.cases
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
@@ -218,6 +277,7 @@ class Chunks:
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
             "threads": threads or os.cpu_count(),
+            **({"flown_by": dict(self.kinds)} if self.kinds else {}),
             **store.versions(),
         }
 
@@ -275,6 +335,7 @@ class Chunks:
         note = implausible_note(self.tally.implausible, self.earlier.held + self.held)
         found = [
             *([note] if note else []),
+            *mixed(self.kinds),
             *sampled(self.campaign, self.draws.numbers),
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),

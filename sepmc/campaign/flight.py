@@ -19,6 +19,7 @@ from sepmc.routines.layout import (
     FINER_STEPS,
     FLOW_ANGLES,
     LEAST_SQUARES,
+    USUAL,
 )
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
@@ -27,6 +28,7 @@ SAFE = 0.5  # share of the accuracy asked for that trial cases may use
 _TO_LEARN = 64  # times finer steps tell how long the phases of a case last
 _AT_ONCE = 1e-9  # of a flight
 _MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare kernel may fly it
+_NO_CALLS = np.zeros(0, dtype=np.int64)
 EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
 Say = Callable[[str], None]
@@ -57,7 +59,8 @@ class Flight:
     Within these the ``estimate`` tells what the error of a case is; more than ``most`` is too much.
     ``error`` is the largest error of the trial cases, ``achieved`` what is told of it, ``nominal``
     (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know. What the
-    kernel does not vouch for is left to ``spares``, one after the other.
+    kernel does not vouch for is left to ``spares``, one after the other; it takes some ``care``
+    itself.
     """
 
     kernel: Kernel
@@ -76,6 +79,12 @@ class Flight:
     notes: list[str] = field(default_factory=list)
     spares: tuple[Spare, ...] = ()
     methods: np.ndarray | None = None
+    care: int = USUAL
+
+    @property
+    def packed(self) -> "Flight":
+        """The same without what another process has to load for itself; see `pilot.unpacked`."""
+        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
 
     @property
     def method_names(self) -> list[str]:

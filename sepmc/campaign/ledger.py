@@ -10,6 +10,7 @@ import os
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
+from uuid import uuid4
 
 import msgspec
 
@@ -45,8 +46,9 @@ def checksum(content: bytes) -> str:
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees the old or the new content, never a part."""
-    temporary = path.with_name(path.name + ".tmp")
+    """Write a file so that a reader sees the old or the new content, never a part; of several
+    processes that write it at once, one's."""
+    temporary = path.with_name(f"{path.name}.{uuid4().hex[:8]}.tmp")
     temporary.write_bytes(content)
     os.replace(temporary, path)
 

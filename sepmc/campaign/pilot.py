@@ -182,11 +182,20 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
         left, stages = spares(campaign, history, care), stage_names(campaign, care)
         found = _choose_steps(campaign, kernel, stages, _counted(announce))
         if found is not None:
-            return _finished(campaign, replace(found, spares=left), history)
+            found = replace(found, spares=left, care=care)
+            return _finished(campaign, found, history)
         wanted = _more_care(campaign, kernel, left)
         if wanted is None:
-            return _finished(campaign, _each_by_itself(campaign, kernel, stages, left), history)
+            found = replace(_each_by_itself(campaign, kernel, stages, left), care=care)
+            return _finished(campaign, found, history)
         care = wanted
+
+
+def unpacked(campaign: Definition, flight: Flight, history: bool) -> Flight:
+    """A flight that another process planned (`Flight.packed`), with kernels of this one."""
+    text = kernel_text(campaign, history=history, care=flight.care)
+    left = spares(campaign, history, flight.care)
+    return replace(flight, kernel=load_kernel(text), spares=left)
 
 
 def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:

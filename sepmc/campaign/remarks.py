@@ -49,6 +49,17 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
     return found + together(campaign.scene, outcomes, "the nominal case")
 
 
+def mixed(kinds: Mapping[str, int]) -> list[str]:
+    """Whether workers of several kinds flew, whose rows may differ in their last bits."""
+    if len(kinds) < 2:
+        return []
+    said = "; ".join(f"{count} cases by {kind}" for kind, count in kinds.items())
+    return [
+        "workers of several kinds of processor or code flew: rows of each kind are the same to the "
+        f"last bit, those of different kinds to the accuracy asked ({said})"
+    ]
+
+
 def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other, or that a person chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count

@@ -3,31 +3,22 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
 
 from sepmc import __version__
 from sepmc.analysis.rows import Rows, summarise
-from sepmc.analysis.stream import Stream
+from sepmc.analysis.stream import Apart, Stream
 from sepmc.campaign import store
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.ledger import Entry
+from sepmc.campaign.piece import Draws, Piece
 from sepmc.campaign.tally import Tally
-from sepmc.engine.door import Block
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]
-
-
-class Piece(NamedTuple):
-    """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
-    what the kernel gave, and what is counted of them."""
-
-    first: int
-    drawn: np.ndarray
-    block: Block
-    tally: Tally
 
 
 @dataclass
@@ -85,33 +76,49 @@ class InFolder:
     campaign: Definition
     separation: list[Column]
     folder: Path
-    seed: int
-    numbers: str  # which cases are flown; none: the first ones
+    draws: Draws
 
     def take(self, pieces: list[Piece]) -> None:
-        """Write a part of histories, if there are any, and then one of cases."""
+        """Write the parts of pieces, and note them."""
+        self.note(self.write(pieces))
+
+    def note(self, parts: list[Entry]) -> None:
+        """Note parts that are written."""
+        store.note_parts(self.folder, parts)
+
+    def write(self, pieces: list[Piece]) -> list[Entry]:
+        """Write a part of histories, if there are any, and then one of cases, which says what is
+        done."""
         campaign, first = self.campaign, pieces[0].first
         count = sum(len(piece.drawn) for piece in pieces)
         about = {
             "campaign": campaign.name,
             "digest": campaign.digest,
-            "seed": str(self.seed),
+            "seed": str(self.draws.seed),
             "sepmc": __version__,
-            "numbers": self.numbers,
+            "numbers": self.draws.told,
             "tally": sum((piece.tally for piece in pieces), Tally()).text,
         }
-        if self.separation:  # before the cases, which say what is done
+        written = []
+        if self.separation:
             columns = [
                 Column("case", "1", "number of the case"),
                 Column("time_s", "s", "time since the start of the case"),
                 *self.separation,
             ]
             over_time = _histories(pieces, self.separation)
-            store.write_part(self.folder, store.HISTORIES, first, count, columns, over_time, about)
+            written.append(
+                store.write_part(
+                    self.folder, store.HISTORIES, first, count, columns, over_time, about
+                )
+            )
         table: dict[str, Any] = _table(campaign, pieces) | {
             "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
         }
-        store.write_part(self.folder, store.CASES, first, count, campaign.columns, table, about)
+        written.append(
+            store.write_part(self.folder, store.CASES, first, count, campaign.columns, table, about)
+        )
+        return written
 
     def kept(self) -> Kept:
         """Statistics of the folder's cases, and their columns."""
@@ -128,14 +135,17 @@ class InStatistics:
 
     def take(self, pieces: list[Piece]) -> None:
         """Add the cases of the pieces to the statistics."""
-        first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
-        self.stream.add(
-            np.arange(first, first + count), _codes(pieces), _results(self.campaign, pieces)
-        )
+        add_to(self.stream, self.campaign, pieces)
 
     def kept(self) -> Kept:
         """The statistics alone."""
         return Kept(self.stream)
+
+
+def add_to(stream: Stream | Apart, campaign: Definition, pieces: list[Piece]) -> None:
+    """Add the cases of pieces to statistics."""
+    first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
+    stream.add(np.arange(first, first + count), _codes(pieces), _results(campaign, pieces))
 
 
 def _codes(pieces: list[Piece]) -> np.ndarray:

@@ -29,6 +29,7 @@ from sepmc.schema import Column
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 PLAN, HISTORY = "plan.parquet", "history.parquet"
 _OURS = (CASES, HISTORIES)
+_PART = "part-*.parquet"
 _FIGURES = (
     "hist_*",
     "histograms",
@@ -93,6 +94,7 @@ def opened(
         with _held(folder):
             if overwrite:
                 _clear(folder)
+            _sweep(folder)
             _ours.add(folder.resolve())
             yield folder
     finally:
@@ -190,6 +192,14 @@ def _clear(folder: Path) -> None:
     for path in folder.iterdir():
         if path.is_file() and any(path.match(pattern) for pattern in _OUR_FILES):
             path.unlink()
+
+
+def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
+    """Remove what processes that were killed left of files they were writing."""
+    for kind in kinds:
+        for path in (folder / kind).glob("*.????????.tmp"):
+            if any(Path(path.stem).with_suffix("").match(name) for name in (*_OUR_FILES, _PART)):
+                path.unlink()
 
 
 def write_text(path: Path, text: str) -> None:
@@ -497,12 +507,17 @@ def write_part(
     columns: list[Column],
     data: dict[str, Any],
     about: dict[str, str],
-) -> None:
-    """Write the part of a run that begins with case ``first``, and note it in the ledger."""
+) -> ledger.Entry:
+    """Write the part of a run that begins with case ``first``; it counts once it is noted."""
     path = part_path(folder, kind, first)
     content = write_parquet(path, columns, data, about)
+    return ledger.entry(f"{kind}/{path.name}", content, first, cases)
+
+
+def note_parts(folder: Path, parts: Iterable[ledger.Entry]) -> None:
+    """Note parts of a run in its ledger, in the order in which they count."""
     try:
-        ledger.add(folder, ledger.entry(f"{kind}/{path.name}", content, first, cases))
+        ledger.add(folder, *parts)
     except OSError as error:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
@@ -510,6 +525,11 @@ def write_part(
 def part_path(folder: Path, kind: str, first: int) -> Path:
     """Path of the part that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
+
+
+def sweep_parts(folder: Path) -> None:
+    """Remove what workers that were lost left of parts they were writing."""
+    _sweep(folder, _OURS)
 
 
 def parts(folder: Path, kind: str) -> list[ledger.Entry]:
