@@ -38,7 +38,7 @@ _CALL_S = 0.5
 # machine
 _PART_S = 5.0
 # ranges for each worker, at least; grains that are counted in one
-_FEW, _COUNTED = 4, 32
+_FEW, _COUNTED = 4, 8
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 
 
