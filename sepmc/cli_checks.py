@@ -179,6 +179,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
     """
     with plain_errors(False):
         loaded = load_campaign(file, settings)
+        from sepmc.campaign.label import of_settings
         from sepmc.report.drawing import drawing
         from sepmc.scene.messages import InputError
 
@@ -188,6 +189,7 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
         if path.exists() and not overwrite:
             raise InputError(f"{path}: is there already; give another name, or --overwrite")
         title = f"{loaded.name}: {loaded.file.title}" if loaded.file.title else loaded.name
+        title += of_settings(loaded.settings)
         try:
             click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
         except OSError as error:

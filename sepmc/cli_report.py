@@ -26,9 +26,9 @@ from sepmc.analysis.stream import Stream
 from sepmc.campaign import store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.label import of_run, of_settings
 from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
-    about_run,
     accuracy_text,
     draw_figures,
     folded,
@@ -179,7 +179,8 @@ def draw_drivers(
     paths."""
     if not driven.drivers:
         return []
-    units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
+    units = {c.name: c.unit for c in loaded.outcome_columns}
+    about = of_run(store.read_manifest(folder))
     cases = store.CaseColumns(folder)
     ok = ok_rows(cases)
     by_metric: dict[str, np.ndarray] = {}
@@ -318,7 +319,7 @@ def _found(
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     driven = find_drivers(folder, loaded, summary, table)
-    about, texts = about_run(folder), driven.texts(WIDTH)
+    texts = driven.texts(WIDTH)
     units = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
@@ -327,8 +328,9 @@ def _found(
     report = page.Report(
         name=loaded.name,
         title=loaded.file.title,
-        facts=f"{about}, sampler {loaded.scene.run.sampler}; flown {last['finished'][:10]} by "
-        f"sepmc {last['sepmc']}; campaign {manifest['digest']}",
+        facts=f"{loaded.name}, {manifest['cases']} cases, seed {manifest['seed']}, sampler "
+        f"{loaded.scene.run.sampler}; flown {last['finished'][:10]} by sepmc {last['sepmc']}; "
+        f"campaign {manifest['digest']}{of_settings(loaded.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(loaded)],
         verdicts=verdicts,
         counts=every.partition("\n")[0],

@@ -459,6 +459,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
     """
     with plain_errors(False):
         from sepmc.campaign import store
+        from sepmc.campaign.label import of_case
         from sepmc.report.figures import run_figures
         from sepmc.report.style import PRINTED, dots
 
@@ -466,8 +467,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
         with dots(PRINTED):
             if history is not None:
                 told = store.read_manifest(folder)
-                which = "nominal case" if told["case"] is None else f"case {told['case']}"
-                about = f"{told['campaign']}, {which}"
+                about = of_case(told["campaign"], told["case"], told.get("settings", {}))
                 written = run_figures(
                     history, folder, told["bodies"], told["joints"], about, suffix
                 )

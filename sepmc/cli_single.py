@@ -65,6 +65,7 @@ def tell_single(
     same = True if run is None or number is None else _check_row(loaded, run, number, say)
     written: list[Path] = []
     if plots:
+        from sepmc.campaign.label import of_case
         from sepmc.report.figures import run_figures
 
         behind = None if run is None else loaded.simulate(None, every_s, say)
@@ -73,7 +74,7 @@ def tell_single(
             folder,
             loaded.plan.bodies,
             list(loaded.plan.joints),
-            f"{loaded.name}, {about}",
+            of_case(loaded.name, number, loaded.settings),
             behind=behind,
         )
     if film:
@@ -109,6 +110,7 @@ def _write(
         "digest": loaded.digest,
         "case": number,
         "seed": None if number is None else own,
+        "settings": loaded.settings,
         "inputs": case.inputs,
         **{key: history.attrs[key] for key in _TOLD},
         "bodies": loaded.plan.bodies,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 from sepmc.analysis.statistics import histogram
-from sepmc.report.figures import campaign_figures, histogram_figures, run_figures
+from sepmc.report.figures import band_figures, campaign_figures, histogram_figures, run_figures
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
 REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
@@ -124,7 +124,7 @@ def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, draw
     (bars,) = ax.patches
     heights, edges, _ = bars.get_data()
     assert heights @ np.diff(edges) == pytest.approx(1.0)
-    (normal,) = line(ax, "normal, same mean and sigma")
+    (normal,) = line(ax, "normal, same mean and sigma, if alike")
     x, density = normal.get_data()
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-3)
     assert x[density.argmax()] == pytest.approx(cases["upper_alpha_deg"].mean(), abs=0.02)
@@ -219,6 +219,49 @@ def test_few_and_odd_values(tmp_path, drawn, values):
     campaign_figures(cases, None, tmp_path, {"stroke_mm": "mm"})
     (ax,) = drawn["hist_stroke_mm.png"].axes
     assert ax.get_title().startswith(f"n {np.isfinite(values).sum()}, ")
+
+
+def test_a_long_tail_is_shown_on_a_logarithmic_scale(tmp_path, drawn):
+    """A bar of few cases, far from nearly all others, is seen."""
+    far = np.linspace(-80.0, 90.0, 60)
+    values = np.concatenate([far, np.full(9940, 100.0)])
+    found = {"gap_mm": histogram(values), "near_mm": histogram(np.linspace(0.0, 1.0, 500))}
+    histogram_figures(found, tmp_path, {}, required={"gap_mm": [0.0]})
+    gap, near = drawn["histograms.png"].axes
+    assert (gap.get_yscale(), near.get_yscale()) == ("log", "linear")
+    assert gap.get_ylabel().endswith("logarithmic")
+    heights = gap.patches[0].get_data().values
+    low, high = gap.get_ylim()
+    assert low < heights[heights > 0.0].min() < heights.max() < high
+    assert [one.get_xdata()[0] for one in line(gap, "required bound")] == [0.0]
+
+
+def test_legends_name_things_in_one_order(tmp_path, drawn):
+    """Whichever panel has them first."""
+    bell = np.random.default_rng(3).normal(size=5000)
+    found = {"flat": histogram(np.linspace(0.0, 1.0, 5000)), "bell": histogram(bell)}
+    for names in (("flat", "bell"), ("bell", "flat")):
+        histogram_figures({name: found[name] for name in names}, tmp_path, {}, alone=False)
+        assert texts(drawn["histograms.png"]) == [
+            "cases",
+            "bars too low to be seen",
+            "least and greatest",
+            "normal, same mean and sigma, if alike",
+        ]
+
+
+@pytest.mark.parametrize(
+    ("about", "title"),
+    [
+        ("a, 40 cases, seed 1", "Axial separation speed\na, 40 cases, seed 1"),
+        ("a, 50 cases, seed 1", "Axial separation speed of 40 cases\na, 50 cases, seed 1"),
+        ("", "Axial separation speed of 40 cases"),
+    ],
+)
+def test_bands_say_once_of_how_many_cases_they_are(tmp_path, drawn, about, title):
+    _, histories = campaign()
+    band_figures(histories, tmp_path, UNITS, about=about)
+    assert drawn["separation_speed.png"].get_suptitle() == title
 
 
 def test_what_is_missing_is_left_out(tmp_path):

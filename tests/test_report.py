@@ -154,7 +154,9 @@ def test_every_campaign_can_be_drawn(tmp_path):
             assert part in text
 
 
-@pytest.mark.parametrize("name", ["table2", "spring-pushers", "residual-thrust", "missile-rail"])
+@pytest.mark.parametrize(
+    "name", ["table2", "spring-pushers", "residual-thrust", "missile-rail", "srb"]
+)
 def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch):
     """They lie within their axes, beside each other and beside what they name."""
     figures = []

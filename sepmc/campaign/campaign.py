@@ -26,6 +26,7 @@ from sepmc.campaign.chunks import Chunks, Earlier
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
+from sepmc.campaign.label import as_text
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws
 from sepmc.campaign.pilot import plan_flight
@@ -70,9 +71,13 @@ def load(
         If it is that of a run folder, and was changed since it was flown.
     """
     file = find_file(path)
-    if verify and file.name == store.CAMPAIGN and store.is_run(file.parent):
-        store.read_manifest(file.parent)
-    return Campaign(read_campaign(path, settings, read_input_table))
+    before: dict[str, str] = {}  # what was set when it was flown
+    if file.name == store.CAMPAIGN and store.is_run(file.parent):
+        if verify:
+            store.read_manifest(file.parent)
+        before = store.made_by(file.parent).get("settings", {})
+    read = read_campaign(path, settings, read_input_table)
+    return Campaign(read, before | as_text(settings or {}))
 
 
 @dataclass(repr=False)
@@ -243,7 +248,8 @@ class Campaign(Definition):
         """A campaign with other values, by TOML path as in the file: ``{"body.upper.mass_kg":
         460.0}``."""
         tree, folder, name = self.file.tree, self.file.folder, self.name
-        return Campaign(parse_campaign(tree, name, settings, name, folder, read_input_table))
+        read = parse_campaign(tree, name, settings, name, folder, read_input_table)
+        return Campaign(read, self.settings | as_text(settings))
 
     def simulate(
         self,

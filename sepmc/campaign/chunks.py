@@ -240,6 +240,8 @@ class Chunks:
             "campaign": campaign.name,
             "digest": campaign.digest,
             "seed": self.draws.seed,
+            "sampler": campaign.scene.run.sampler,
+            "settings": campaign.settings,
             "cases": self.draws.numbers.count,
             **self._which,
             "complete": complete,

@@ -3,6 +3,7 @@ among them. It knows no flight."""
 
 import hashlib
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -66,10 +67,12 @@ def _set_only(node: Any) -> Any:
 
 
 class Definition:
-    """A scene, its dispersions and its run settings, as a file gives them."""
+    """A scene, its dispersions and its run settings, as a file gives them; ``settings`` tells which
+    values were put in place of its own, by TOML path."""
 
-    def __init__(self, file: CampaignFile):
+    def __init__(self, file: CampaignFile, settings: Mapping[str, str] | None = None):
         self.file = file
+        self.settings = dict(settings or {})
 
     @property
     def name(self) -> str:

@@ -4,6 +4,7 @@ joints, springs, motors with their thrust, loads; where centres of mass vary, ho
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
 _ARROW, _APART = 0.09, 0.05  # of the vehicle's length: arrows, places that are taken for one
-_MARK = 6.0  # pixels about a place that a name had better not cover
+_MARK, _THIN = 7.0, 2.0  # pixels about places, and lines, that a name had better not cover
 Point = tuple[float, float, float]
 
 
@@ -33,14 +34,14 @@ class _View:
         return point[self.across], point[self.up]
 
 
-# where a name may stand beside its place: points across and up, and which of its sides is there
-_BESIDE = [
-    (across * far, up * far, side, end)
-    for far in (5, 14, 24, 36)
-    for up, end in ((1, "bottom"), (-1, "top"), (0, "center"))
-    for across, side in ((1, "left"), (-1, "right"), (0, "center"))
-    if across or up
-]
+# where the middle of a name may stand from its place: so far beyond its edge, in points, and in so
+# many directions
+_FAR, _DIRECTIONS = (7, 14, 24, 36, 50, 66, 84, 106, 130), 24
+_LEADER = 20  # points: a name that stands farther has a line to its place
+_PAD = np.array([4.0, 1.0])  # pixels about a name
+# what an area costs that a name shares with another name, or that lies outside, or with a mark, or
+# with a line; and a name that is far from its place
+_ON_NAMES, _ON_MARKS, _ON_LINES, _AWAY = 20.0, 4.0, 1.0, 1.0
 
 
 class _Labels:
@@ -51,6 +52,7 @@ class _Labels:
         self.ax, self.apart = ax, apart
         self.names: dict[tuple[int, int, str], tuple[tuple[float, float], list[str], str]] = {}
         self.marks: list[tuple[float, float]] = []
+        self.lines: list[np.ndarray] = []
 
     def add(self, at: tuple[float, float], name: str, colour: str) -> None:
         """A name of a place."""
@@ -58,30 +60,65 @@ class _Labels:
         self.names.setdefault(cell, (at, [], colour))[1].append(name)
         self.marks.append(at)
 
+    def line(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """A line that names had better not cover."""
+        self.lines.append(np.array([start, end]))
+
     def write(self) -> None:
         """Write each name where it covers least of those before it and of places, and lies within
-        the axes; the axes have been laid out."""
+        the axes and near its place; the axes have been laid out."""
         canvas = self.ax.figure.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         renderer, within = canvas.get_renderer(), np.array([self.ax.get_window_extent().extents])
+        dot = canvas.figure.dpi / 72.0  # pixels a point
         marks = self.ax.transData.transform(self.marks).reshape(-1, 2)
-        taken = np.hstack([marks - _MARK, marks + _MARK])
+        lines = [_dotted(*self.ax.transData.transform(one)) for one in self.lines]
+        marked, taken = _about(marks, _MARK), np.empty((0, 4))
+        crossed = np.concatenate([np.empty((0, 4)), *lines])
+        turns = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + np.pi / 4.0
+        along = np.column_stack([np.cos(turns), np.sin(turns)])
         for at, names, colour in self.names.values():
             text = self.ax.annotate(
                 names[0] + (f" +{len(names) - 1}" if len(names) > 1 else ""), at, (0, 0),
-                textcoords="offset points", fontsize=7.5, color=colour, zorder=6,
+                textcoords="offset points", fontsize=7.5, color=colour, zorder=6, ha="center",
+                va="center",
             )  # fmt: skip
             text.set_in_layout(False)  # it lies within
-            boxes = []
-            for across, up, side, end in _BESIDE:
-                text.set(position=(across, up), ha=side, va=end)
-                boxes.append(text.get_window_extent(renderer).extents)
-            found = np.array(boxes)
+            half = np.array(text.get_window_extent(renderer).size) / 2.0
+            # the nearest middles in each direction at which the place is so far beyond the edge
+            beside = np.vstack([along * far * dot + np.sign(along.round(9)) * half for far in _FAR])
+            middle = self.ax.transData.transform(at) + beside
+            found = _about(middle, half + _PAD)
             outside = _common(found, found).diagonal() - _common(found, within)[:, 0]
-            least = int(np.argmin(outside + _common(found, taken).sum(axis=1)))
-            across, up, side, end = _BESIDE[least]
-            text.set(position=(across, up), ha=side, va=end)
+            cost = _ON_NAMES * (4.0 * outside + _common(found, taken).sum(axis=1))
+            cost += _ON_MARKS * _common(found, marked).sum(axis=1)
+            cost += _ON_LINES * _common(found, crossed).sum(axis=1)
+            far = np.hypot(*np.maximum(np.abs(beside) - half, 0.0).T)
+            place = self.ax.transData.transform(at)
+            edges = np.clip(0.0, beside - half, beside + half)  # where a line to it would end
+            over = np.array([_common(_dotted(place, place + e), taken).sum() for e in edges])
+            cost += _ON_NAMES * (far >= _LEADER * dot) * over
+            least = int(np.argmin(cost + _AWAY * far * half[1]))
+            text.set_position(beside[least] / dot)
+            if far[least] >= _LEADER * dot:
+                # a name across it would be taken for the one that it leads to
+                marked = np.vstack([marked, _dotted(place, place + edges[least])])
+                self.ax.annotate(
+                    "", at, edges[least] / dot, textcoords="offset points", zorder=5,
+                    arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5},
+                ).set_in_layout(False)  # fmt: skip
             taken = np.vstack([taken, found[least]])
+
+
+def _about(middles: np.ndarray, half: float | np.ndarray) -> np.ndarray:
+    """Boxes (n, 4), of two corners each, about middles (n, 2), of half their width and height."""
+    return np.hstack([middles - half, middles + half])
+
+
+def _dotted(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Boxes (n, 4) in a row along a line, in pixels."""
+    count = int(np.hypot(*(end - start)) / (2.0 * _THIN)) + 1
+    return _about(start + (end - start) * ((np.arange(count) + 0.5) / count)[:, None], _THIN)
 
 
 def _common(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -119,14 +156,15 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
     for place, view in views:
         ax = figure.add_subplot(place)
         labels = _Labels(ax, _APART * size)
-        _outlines(ax, scene, view)
+        _outlines(labels, scene, view)
         _masses(labels, scene, view, reach)
         _joints(labels, scene, view)
         _forces(labels, scene, view, _ARROW * size)
         written.append(labels)
         ax.set(xlabel=view.labels[0], ylabel=view.labels[1])
         ax.set_aspect("equal", adjustable="datalim")
-        ax.margins(0.08)
+        # from behind, the vehicle is as wide as its view, and names stand beside it
+        ax.margins(0.16 if view is _END else 0.08, 0.08)
         ax.grid(True, color="#e4e4e4", linewidth=0.5)
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
@@ -149,7 +187,7 @@ def _size(scene: Scene) -> float:
     return max(max(stations) - min(stations), 1e-3)
 
 
-def _outlines(ax: Axes, scene: Scene, view: _View) -> None:
+def _outlines(labels: _Labels, scene: Scene, view: _View) -> None:
     """Parts of bodies: filled, or dashed where they are hollow."""
     for number, body in enumerate(scene.body.values()):
         tint, edge = TINTS[number % len(TINTS)], EDGES[number % len(EDGES)]
@@ -157,9 +195,13 @@ def _outlines(ax: Axes, scene: Scene, view: _View) -> None:
             style = {"edgecolor": edge, "linewidth": 1.1}
             style |= {"fill": False, "linestyle": "--"} if part.hollow else {"facecolor": tint}
             for shape in _shapes(part, view, style):
-                ax.add_patch(shape)
+                labels.ax.add_patch(shape)
+                outline = shape.get_path().transformed(shape.get_patch_transform())
+                for corners in outline.to_polygons():
+                    for start, end in pairwise(np.asarray(corners).tolist()):
+                        labels.line(start, end)
             if part.points:
-                ax.plot(*zip(*map(view.at, part.points), strict=True), "o", color=edge, ms=3)
+                labels.ax.plot(*zip(*map(view.at, part.points), strict=True), "o", color=edge, ms=3)
 
 
 def _shapes(part: Part, view: _View, style: dict[str, object]) -> list[Polygon | Circle]:
@@ -208,6 +250,7 @@ def _joints(labels: _Labels, scene: Scene, view: _View) -> None:
         if joint.second_point is not None:
             end = view.at(joint.second_point)
             ax.plot(*zip(at, end, strict=True), color=BLACK, linewidth=1.4)
+            labels.line(at, end)
 
 
 def _forces(labels: _Labels, scene: Scene, view: _View, length: float) -> None:
@@ -237,6 +280,7 @@ def _arrow(
     arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
     ax.annotate("", end, start, arrowprops=arrow, zorder=4)
     ax.plot(*zip(start, end, strict=True), alpha=0.0)  # what the limits take into account
+    labels.line(start, end)
     labels.add(end, name, colour)
 
 

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sepmc.analysis.drivers import foremost
 from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
+_PAD = 0.12  # inches
 
 
 def tornado_figure(
@@ -35,10 +37,8 @@ def tornado_figure(
     columns = min(2, len(found))
     figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
     for ax, (outcome, table) in zip(axes, found.items(), strict=False):
-        # those that the printed table has, the largest swing first
-        middle, ends = table.attrs["mean"], foremost(table, _BARS)[["mean_low", "mean_high"]]
-        swing = (ends - middle).abs().max(axis=1)
-        top = ends.loc[swing.nlargest(_BARS).index[::-1]]
+        # those that the printed table has, in its order: bars are drawn from below
+        middle, top = table.attrs["mean"], foremost(table, _BARS)[::-1]
         places = np.arange(len(top))
         # beside each other: where both ends lie on one side of the mean, neither hides the other
         for end, aside, colour, hatch, text in (
@@ -57,7 +57,10 @@ def tornado_figure(
         ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
     for ax in axes[len(found) :]:
         ax.remove()
-    entitle(figure, f"What drives the outcomes of {about}")
+    entitle(figure, f"What drives the outcomes of {about}\nthe surest first-order index on top")
+    layout = figure.get_layout_engine()
+    if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
+        layout.set(w_pad=_PAD)
     return save(figure, made(folder) / f"drivers{suffix}")
 
 

@@ -12,14 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
 from sepmc.analysis.statistics import OK, Histogram, column, histogram, percentile_curves, rounded
 from sepmc.report.style import (
     BLACK,
     BLUE,
+    BOUND,
     EDGES,
     GREEN,
+    REFERENCE,
+    REQUIRED,
     VERMILION,
     entitle,
     in_words,
@@ -200,7 +205,9 @@ def _histograms(
     for ax in axes[len(panels) :]:
         ax.remove()
     entitle(figure, about)
-    return save(figure, path)
+    source = panels[0][4]
+    order = (*_LEGEND, f"{source} mean", f"{source} min and max", REQUIRED)
+    return save(figure, path, order)
 
 
 def run_figures(
@@ -261,7 +268,7 @@ def run_figures(
                 _time_page(
                     history,
                     folder / f"{file}{suffix}",
-                    f"{about}: {title}" if about else title,
+                    f"{title}\n{about}",
                     there,
                     min(columns, len(there)),
                     behind,
@@ -364,13 +371,18 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
         np.linspace(0, len(numbers) - 1, min(SAMPLES, len(numbers))).round().astype(int)
     ]:
         one = histories[histories["case"] == number].sort_values("time_s")
-        ax.plot(one["time_s"], one[column], color=BLACK, linewidth=0.6, label="single cases")
+        # over the median: a case may lie along it
+        ax.plot(
+            one["time_s"], one[column], color=VERMILION, linewidth=0.7, zorder=3,
+            label="single cases",
+        )  # fmt: skip
     ax.plot(curves.index, curves["p50"], color=BLACK, linewidth=2.2, linestyle="--", label="median")
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
-    words = f"{title[:1].upper()}{title[1:]}, n {len(numbers)}"
-    entitle(figure, f"{about}: {words}" if about else words)
+    cases = f"{len(numbers)} cases"  # fewer than the campaign has, where some failed
+    told = "" if f" {cases}" in about else f" of {cases}"
+    entitle(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
     return save(figure, path)
 
 
@@ -383,35 +395,42 @@ def _histogram(
     source: str,
     required: Sequence[float],
 ) -> None:
-    """Density histogram of an outcome, with its extremes, the normal density of equal mean and
-    sigma where it is like one, the reference, and the bounds that are required."""
+    """Density histogram of an outcome, logarithmic where it has a long tail, with its extremes,
+    the normal density of equal mean and sigma where it is like one, the reference, and the bounds
+    that are required."""
     mean, sigma, spread = found.mean, found.sigma, found.edges.size > 0
     if spread:
         density = found.counts / (found.counts.sum() * np.diff(found.edges))
         # one outline: bars would take most of the time of the figure
         ax.stairs(
             density, found.edges, fill=True, facecolor="#a9cdea", edgecolor="white",
-            linewidth=0.4, label="cases",
+            linewidth=0.4, label=_CASES,
         )  # fmt: skip
         centres, low = 0.5 * (found.edges[1:] + found.edges[:-1]), density < _SEEN * density.max()
         few = centres[low & (found.counts > 0)]
-        if len(few):
+        if _has_long_tail(found):
+            ax.set_yscale("log")
+            ax.set_ylim(0.5 * density[found.counts > 0].min(), 2.0 * density.max())
+        elif len(few):
             ax.plot(
-                few, np.zeros(len(few)), linestyle="", marker="|", markersize=9,
-                color=BLUE, clip_on=False, label="bars too low to be seen",
+                few, np.zeros(len(few)), linestyle="", marker=TICKUP, markersize=7,
+                color=BLUE, clip_on=False, label=_LOW,
             )  # fmt: skip
+        # below the axis, between it and its numbers: nothing of the cases is covered
+        below = ScaledTranslation(0.0, -3.5 / 72.0, ax.figure.dpi_scale_trans)
         ax.plot(
-            [found.low, found.high], [0.0, 0.0], linestyle="", marker="^", markersize=6,
-            color=BLACK, clip_on=False, label="least and greatest",
+            [found.low, found.high], [0.0, 0.0], linestyle="", marker="^", markersize=5,
+            color=BLACK, clip_on=False, transform=ax.get_xaxis_transform() + below, label=_ENDS,
         )  # fmt: skip
+        ax.tick_params(axis="x", pad=5.5)
         if _is_bell(found):
             grid = np.linspace(
                 min(found.low, mean - 3.5 * sigma), max(found.high, mean + 3.5 * sigma), 300
             )
             normal = np.exp(-0.5 * ((grid - mean) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-            ax.plot(grid, normal, color=BLACK, linewidth=1.4, label="normal, same mean and sigma")
+            ax.plot(grid, normal, color=BLACK, linewidth=1.4, label=_NORMAL)
     else:  # a density of equal values does not exist
-        ax.axvline(found.low, color=BLUE, linewidth=4, label="all cases")
+        ax.axvline(found.low, color=BLUE, linewidth=4, label=_ALIKE)
         ax.set_yticks([])
     for names, style, text in (
         (("mean",), "--", f"{source} mean"),
@@ -420,12 +439,12 @@ def _histogram(
         for name in names:
             if np.isfinite(reference.get(name, np.nan)):
                 ax.axvline(
-                    reference[name], color=VERMILION, linestyle=style, linewidth=1.6, label=text
+                    reference[name], color=REFERENCE, linestyle=style, linewidth=1.6, label=text
                 )
     reach = found.high - found.low
     near = [b for b in required if not spread or found.low - reach <= b <= found.high + reach]
     for bound in near:
-        ax.axvline(bound, color=GREEN, linestyle="-", linewidth=2.2, label="required bound")
+        ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
         f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
     )
@@ -437,16 +456,26 @@ def _histogram(
     # wider, it would run into its neighbour in the overview
     ax.set_xlabel(fill(f"{words} ({unit})" if unit else words, 40))
     if spread:
-        ax.set_ylabel(
-            f"density (1/({unit}))"
-            if set(unit) & set("/ ")
-            else f"density (1/{unit})"
-            if unit
-            else "density"
-        )
+        per = f" (1/({unit}))" if set(unit) & set("/ ") else f" (1/{unit})" if unit else ""
+        ax.set_ylabel(f"density{per}{', logarithmic' if ax.get_yscale() == 'log' else ''}")
 
 
+# what legends of histograms name, in this order
+_CASES, _LOW, _ENDS = "cases", "bars too low to be seen", "least and greatest"
+_ALIKE = "all cases"
+_NORMAL = "normal, same mean and sigma, if alike"
+_LEGEND = (_CASES, _ALIKE, _LOW, _ENDS, _NORMAL)
 _SEEN = 0.01  # of the highest bar: lower ones are marked
+_TAIL = 0.3  # of all bars: if more are too low to be seen, they are shown on a logarithmic scale
+
+
+def _has_long_tail(found: Histogram) -> bool:
+    """Whether so many bars are too low to be seen that a linear scale hides how cases lie."""
+    filled = found.counts > 0
+    low = filled & (found.counts < _SEEN * found.counts.max())
+    return bool(low.sum() > _TAIL * filled.sum())
+
+
 _UNLIKE = 0.06  # probability that may lie elsewhere, beyond what chance moves
 
 

@@ -10,7 +10,17 @@ from matplotlib.axes import Axes
 from scipy.special import betaincinv, ndtri
 
 from sepmc.analysis.requirements import Verdict, margins
-from sepmc.report.style import BLACK, BLUE, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.report.style import (
+    BLACK,
+    BLUE,
+    BOUND,
+    REQUIRED,
+    entitle,
+    in_words,
+    made,
+    save,
+    sheet,
+)
 
 _POINTS = 400  # of a curve
 _RISK = 0.05  # of an interval, both sides
@@ -53,7 +63,7 @@ def beyond_figure(
             within = f"to the nearer of {v.at_least:g} and {v.at_most:g}, below 0 beyond it"
             label = f"margin of {label}\n{within}"
         _beyond(ax, shown, upper)
-        ax.axvline(bound, color=VERMILION, linewidth=1.6, label="bound")
+        ax.axvline(bound, color=BOUND, linewidth=2.2, label=REQUIRED)
         allowed = 1.0 - v.probability
         ax.axhline(allowed, color=BLACK, linewidth=1.0, linestyle=":", label="share allowed")
         if v.design_value is not None:

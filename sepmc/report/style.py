@@ -5,7 +5,7 @@ carry the same message in grey print. Legends, phase names and numbers stand out
 nothing covers data. No pyplot: a figure here has no window and no state.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
@@ -22,6 +22,9 @@ BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 # of bodies: what fills them, and their edges
 TINTS = ("#cfe1f2", "#f8d9c4", "#d5ecd9", "#e6dff0", "#f3e9c6")
 EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
+# of one thing in all figures: what is required; a reference
+BOUND, REFERENCE = GREEN, VERMILION
+REQUIRED = "required bound"
 
 
 SCREEN, PRINTED = 150, 300  # dots an inch
@@ -71,24 +74,36 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, l
 
 
 def entitle(figure: Figure, text: str) -> None:
-    """Put a title above all axes, folded to the width of the figure."""
+    """Put a title above all axes, each of its lines folded to the width of the figure."""
     # 11 pt letters are about 6 pt wide
-    figure.suptitle(fill(text, int(figure.get_figwidth() * 72.0 / 6.0)), fontsize=11)
+    width = int(figure.get_figwidth() * 72.0 / 6.0)
+    lines = [fill(line, width, break_on_hyphens=False) for line in text.split("\n") if line]
+    figure.suptitle("\n".join(lines), fontsize=11)
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Gather one legend below all axes, and write, as the name of the file ends. The file carries
-    no date and no software name: equal data give equal bytes."""
+def _columns(texts: Sequence[str], inches: float) -> int:
+    """In how many columns the texts of a legend stand in so many inches."""
+    wide = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
+    for columns in range(len(texts), 1, -1):
+        if sum(part.max() for part in np.array_split(wide, columns)) <= inches:
+            return columns
+    return 1
+
+
+def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
+    """Gather one legend below all axes, what it names first in this ``order``, and write, as the
+    name of the file ends. The file carries no date and no software name: equal data give equal
+    bytes."""
     entries = {
         text: handle
         for ax in figure.axes
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)
         if text
     }
+    named = [*(text for text in order if text in entries), *entries]
+    entries = {text: entries[text] for text in named}
     if entries:
-        # a handle with its spaces, and 9 pt letters
-        inches = sum(0.55 + 0.072 * len(text) for text in entries)
-        columns = -(-len(entries) // int(np.ceil(inches / figure.get_figwidth())))
+        columns = _columns(list(entries), figure.get_figwidth())
         style = {"frameon": False, "fontsize": 9, "columnspacing": 1.2}
         figure.legend(
             list(entries.values()),
