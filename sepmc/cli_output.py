@@ -572,9 +572,9 @@ def _share_figures(
 def about_run(folder: Path) -> str:
     """What a run is called in the titles of figures."""
     from sepmc.campaign import store
+    from sepmc.campaign.label import of_run
 
-    manifest = store.read_manifest(folder)
-    return f"{manifest['campaign']}, {manifest['cases']} cases, seed {manifest['seed']}"
+    return of_run(store.read_manifest(folder))
 
 
 def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:

@@ -142,7 +142,8 @@ def test_parts_are_named_by_their_first_case(run_folder):
 
 def test_table_round_trip(tmp_path):
     for first in (3, 0):  # written in any order, read in order of case
-        store.write_part(tmp_path, store.CASES, first, 3, COLUMNS, part(first, 3), {})
+        written = store.write_part(tmp_path, store.CASES, first, 3, COLUMNS, part(first, 3), {})
+        store.note_parts(tmp_path, [written])
     frame = store.read_cases(tmp_path)
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
