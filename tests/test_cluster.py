@@ -1,0 +1,171 @@
+"""Workers of a Dask scheduler fly what one process flies, to the last bit, whatever becomes of
+them."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from distributed import LocalCluster
+from measure_kills import same
+
+import sepmc
+from sepmc import cli
+from sepmc.analysis.sketch import ROOM
+from sepmc.analysis.stream import GRAIN
+from sepmc.campaign import store
+from sepmc.campaign.work import OutOfStepError
+from sepmc.cluster import ClusterError, DaskCrew, crew
+from sepmc.scene.messages import InputError
+
+SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
+CASES = 2000
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """Never released in some cases, so that there are failures to count."""
+    return sepmc.load("table2", SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def alone(campaign, tmp_path_factory):
+    return campaign.run(cases=CASES, out=tmp_path_factory.mktemp("alone") / "run")
+
+
+@pytest.fixture
+def workers():
+    with crew(2, threads=1) as found:
+        yield found
+
+
+def statistics_of(result):
+    return result.statistics().to_csv(float_format="%.17g")
+
+
+def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
+    found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers)
+    assert same(alone.folder, tmp_path / "run")
+    assert statistics_of(found) == statistics_of(alone)
+    assert not store.diagnose(tmp_path / "run")
+    one, other = (store.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
+    for name in ("failures", "accuracy", "notes", "complete", "cases_held"):
+        assert one[name] == other[name], name
+    (kind, flown), *more = other["sessions"][0]["flown_by"].items()
+    assert kind.startswith(f"sepmc {sepmc.__version__}, ")
+    assert (flown, more) == (CASES, [])
+
+
+def test_statistics_alone(campaign, workers, tmp_path):
+    """After the cases that lay out their grids, and a last range that is no whole grain."""
+    cases = ROOM + 9 * GRAIN + 7
+    given = {"cases": cases, "stats_only": True}
+    one = campaign.run(**given)
+    other = campaign.run(**given, out=tmp_path / "run", crew=workers)
+    assert statistics_of(one) == statistics_of(other)
+    assert one.status_counts == other.status_counts
+    assert one.kept.summary.failed == other.kept.summary.failed
+
+
+def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
+    """Its ranges are flown by others, and it leaves no files."""
+    pids = list(workers.client.run(os.getpid).values())
+
+    def progress(done, total, failures):
+        if done and pids:
+            os.kill(pids.pop(), signal.SIGKILL)
+            pids.clear()
+
+    found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+    assert not pids
+    assert same(alone.folder, tmp_path / "run")
+    assert statistics_of(found) == statistics_of(alone)
+    assert not store.diagnose(tmp_path / "run")
+
+
+def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
+    class Enough(Exception):
+        pass
+
+    def progress(done, total, failures):
+        if done:
+            raise Enough
+
+    with pytest.raises(Enough):
+        campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+    assert 0 < len(store.cases_done(tmp_path / "run")) < CASES
+    campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
+    assert same(alone.folder, tmp_path / "run")
+
+
+def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
+    """What it was given is handed out once more."""
+    options = {"n_workers": 1, "threads_per_worker": 1, "memory_limit": 0}
+    options |= {"dashboard_address": None, "silence_logs": "CRITICAL"}
+    first = LocalCluster(**options)
+    port, held = first.scheduler.port, [first]
+
+    def progress(done, total, failures):
+        if done and len(held) == 1:
+            first.close()
+            held.append(LocalCluster(**options, scheduler_port=port))
+
+    try:
+        with crew(address=first.scheduler_address) as workers:
+            campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
+    finally:
+        for cluster in held:
+            cluster.close()
+    assert len(held) == 2
+    assert same(alone.folder, tmp_path / "run")
+
+
+def test_a_worker_that_sees_another_folder(campaign, tmp_path):
+    """It says which, and what it takes."""
+
+    class Elsewhere(DaskCrew):
+        def map(self, job, function, ranges):
+            (Path(job.folder) / "campaign.toml").write_text("other = 1")
+            return super().map(job, function, ranges)
+
+    with crew(1) as own, pytest.raises(OutOfStepError, match="sees another campaign there"):
+        campaign.run(cases=CASES, out=tmp_path / "run", crew=Elsewhere(own.client, None, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({}, "give out"),
+        ({"out": "run", "until": "release_time_s:0.1"}, "excludes workers"),
+        ({"out": "run", "cases": "5:9", "stats_only": True}, "excludes workers"),
+    ],
+)
+def test_what_workers_do_not_fly(campaign, tmp_path, monkeypatch, given, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said):
+        campaign.run(**{"cases": 9} | given, crew=DaskCrew(None, None, 1, 1))
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_scheduler(tmp_path):
+    with (
+        pytest.raises(ClusterError, match="no Dask scheduler with a worker there"),
+        crew(address="tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_command_line(alone, tmp_path):
+    options = [f"--set={path}={value}" for path, value in SETTINGS.items()]
+    options += ["--cases", str(CASES), "--quiet", "--no-plots", "--out", str(tmp_path / "run")]
+    found = CliRunner().invoke(cli.main, ["campaign", "table2", *options, "--workers", "2"])
+    assert found.exit_code == 0, found.output
+    assert same(alone.folder, tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert told["sessions"][0]["flown_by"]
+    both = CliRunner().invoke(
+        cli.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
+    )
+    assert both.exit_code == 2
