@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from sepmc.analysis.requirements import Verdict
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
-    from sepmc.campaign.campaign import Campaign, Result
+    from sepmc.campaign.campaign import Campaign
+    from sepmc.campaign.result import Result
 
 INTERRUPTED = 130  # the exit code of who was
 
@@ -169,7 +170,8 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             if manifest.get("complete")
             else "it was interrupted, so nothing was kept; fly it again with --overwrite"
         )
-        raise store.StoreError(f"{folder}: holds statistics only and no cases; {kept}")
+        of = "statistics, and rows of some cases in kept/" if manifest.get("keep") else ""
+        raise store.StoreError(f"{folder}: holds {of or 'statistics only and no cases'}; {kept}")
     if "cases" not in manifest:
         raise store.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")
     return manifest

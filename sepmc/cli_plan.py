@@ -25,7 +25,7 @@ def tell_plan(
     """What a campaign would fly, write and take. Where its kernel is compiled, some cases are flown
     for that; nothing is written."""
     from sepmc import schema
-    from sepmc.campaign.chunks import chunk_size, row_bytes
+    from sepmc.campaign.forecast import forecast, size_text, time_text
     from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 
     numbers, total = loaded.asked(cases)
@@ -40,14 +40,13 @@ def tell_plan(
         if loaded.has_histories and not stats_only
         else []
     )
-    row, history = row_bytes(loaded, separation)
+    takes = forecast(loaded, n, bool(separation))
     disk = "some kB: statistics only"
     if not stats_only:
-        disk = f"at most {_size(n * row)} of cases"
-        disk += f" and {_size(n * history)} of histories" if separation else ""
+        disk = f"at most {size_text(n * takes.row)} of cases"
+        disk += f" and {size_text(n * takes.history)} of histories" if separation else ""
     say(f"  disk      {disk}")
-    size = min(n, chunk_size(loaded, separation))
-    say(f"  memory    {_size(3 * size * (row + history))} beside 0.3 GB, in chunks of {size} cases")
+    say(f"  memory    {size_text(takes.memory)}, in chunks of {min(n, takes.chunk)} cases")
     text = kernel_text(loaded, history=bool(separation))
     missing, pieces = left_to_compile(text)
     if missing:
@@ -60,8 +59,8 @@ def tell_plan(
     trials = time.perf_counter() - begun
     each, tried = _timed(loaded, flight, numbers, seed, total, separation)
     say(
-        f"  time      {_time(trials)} of trial cases, then {_time(n * each)}: {1e6 * each:.3g} us "
-        f"a case, by {tried} cases flown now"
+        f"  time      {time_text(trials)} of trial cases, then {time_text(n * each)}: "
+        f"{1e6 * each:.3g} us a case, by {tried} cases flown now"
     )
 
 
@@ -80,18 +79,6 @@ def _timed(
         fly(loaded, flight, loaded.in_si(loaded.draw(first, count, seed, total)), room)
         seconds = time.perf_counter() - begun
     return seconds / count, count
-
-
-def _size(count: float) -> str:
-    for unit in ("B", "kB", "MB"):
-        if count < 1000:
-            return f"{count:.0f} {unit}"
-        count /= 1000
-    return f"{count:.1f} GB"
-
-
-def _time(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def write_sample(

@@ -82,11 +82,28 @@ if TYPE_CHECKING:
     help="Keep statistics and histograms, no case rows: memory and disk do not grow with cases.",
 )
 @click.option(
+    "--keep",
+    metavar="RULE,...",
+    help="As --stats-only, but keep rows that failed, are violating, the worst:20 of each "
+    "requirement, every:1000th, or all, in the folder kept of --out.",
+)
+@click.option(
+    "--keep-columns", metavar="PATTERN,...", help="Of these rows keep such columns: 'in_*,upper_*'."
+)
+@click.option("--float32", is_flag=True, help="Keep their numbers in single precision.")
+@click.option(
     "--until",
     metavar="METRIC:TOLERANCE",
     help="Fly no more cases than it takes to know the mean of METRIC so well (95 %): "
     "separation_speed_m_s:0.01, upper_pitch_deg.p99:1%, or the share of a status.",
 )
+@click.option(
+    "--max-failures",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Stop once more than N cases did not come to their end; the exit code is then 1.",
+)
+@click.option("--fail-fast", is_flag=True, help="Short for --max-failures 0.")
 @click.option("--dry-run", is_flag=True, help="Say what would be flown, and fly nothing.")
 @CHECK
 @QUIET
@@ -105,7 +122,12 @@ def campaign(
     overwrite: bool,
     resume: bool,
     stats_only: bool,
+    keep: str | None,
+    keep_columns: str | None,
+    float32: bool,
     until: str | None,
+    max_failures: int | None,
+    fail_fast: bool,
     dry_run: bool,
     must_pass: bool,
     quiet: bool,
@@ -132,9 +154,10 @@ def campaign(
             raise click.UsageError("--workers are of this machine; --cluster has its own")
         if resume and overwrite:
             raise click.UsageError("--resume and --overwrite exclude each other")
-        if resume and stats_only:
+        if resume and (stats_only or keep):
             raise click.UsageError(
-                "--stats-only keeps no cases to go on from, so it excludes --resume"
+                f"--{'keep' if keep else 'stats-only'} keeps no cases to go on from, so it "
+                "excludes --resume"
             )
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
@@ -153,7 +176,7 @@ def campaign(
             if until:
                 loaded.until(until, numbers, resume)
                 click.echo(f"stops as soon as {until} is known, of at most:")
-            tell_plan(loaded, cases, seed, folder, stats_only, click.echo)
+            tell_plan(loaded, cases, seed, folder, stats_only or bool(keep), click.echo)
             return
         with store.opened(folder, overwrite, resume):  # until all is written
             with (
@@ -169,8 +192,12 @@ def campaign(
                         overwrite=overwrite,
                         resume=resume,
                         stats_only=stats_only,
+                        keep=keep,
+                        keep_columns=keep_columns,
+                        float32=float32,
                         until=until,
                         crew=crew,
+                        max_failures=0 if fail_fast else max_failures,
                         progress=progress,
                         announce=say,
                     )
@@ -181,7 +208,7 @@ def campaign(
                         f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
                         f"{folder} --resume{which}"
                     )
-                    if stats_only:
+                    if stats_only or keep:
                         what = "with --stats-only nothing is kept"
                     elif not (folder / store.MANIFEST).is_file():
                         what = "no case was flown yet"
@@ -199,7 +226,7 @@ def campaign(
                 check=must_pass,
                 second=second,
             )
-    sys.exit(code)
+    sys.exit(code or int(result.stopped))
 
 
 def _crew(

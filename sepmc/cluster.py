@@ -44,27 +44,31 @@ class DaskCrew:
         lost: dict[int, int] = {}
         futures: dict[Any, int] = {}
         ended = False
-        while left or not ended:
-            try:
-                while not ended and number - oldest < _AHEAD * self.workers + 1:
-                    try:
-                        left[number] = next(source)
-                    except StopIteration:
-                        ended = True
-                        break
-                    number += 1
-                for each in sorted(left.keys() - set(futures.values())):
-                    futures[self._hand_out(job, function, *left[each])] = each
-                for future in self._done(futures):
-                    each = futures.pop(future)
-                    found = self._result(future, left[each], lost, each)
-                    if found is not None:
-                        del left[each]
-                        oldest = min(left, default=number)
-                        yield found
-            except (_Gone, CancelledError, CommClosedError) as error:
-                futures = {}
-                self._reconnect(error)
+        try:
+            while left or not ended:
+                try:
+                    while not ended and number - oldest < _AHEAD * self.workers + 1:
+                        try:
+                            left[number] = next(source)
+                        except StopIteration:
+                            ended = True
+                            break
+                        number += 1
+                    for each in sorted(left.keys() - set(futures.values())):
+                        futures[self._hand_out(job, function, *left[each])] = each
+                    for future in self._done(futures):
+                        each = futures.pop(future)
+                        found = self._result(future, left[each], lost, each)
+                        if found is not None:
+                            del left[each]
+                            oldest = min(left, default=number)
+                            yield found
+                except (_Gone, CancelledError, CommClosedError) as error:
+                    futures = {}
+                    self._reconnect(error)
+        finally:  # of who asks for no more
+            with suppress(Exception):
+                self.client.cancel(list(futures))
 
     def _hand_out(self, job: Any, function: Any, first: int, end: int) -> Any:
         return self.client.submit(_work, function, job, first, end, self.threads, pure=False)

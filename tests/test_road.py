@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis import rows
-from sepmc.campaign import chunks, store
+from sepmc.campaign import chunks, forecast, store
 from sepmc.campaign.store import StoreError
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
@@ -58,7 +58,7 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
 
 
 def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
-    monkeypatch.setattr(chunks, "_ROOM", 10_000)
+    monkeypatch.setattr(forecast, "_ROOM", 10_000)
     same(campaign.run(cases=50, seed=7, out=tmp_path / "run"), result)
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
 
@@ -292,3 +292,30 @@ def test_numba_does_not_import_linear_algebra():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert done.stdout == "False\n5.0\n"
+
+
+def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
+    """Soon after they are more than may be; what is flown is kept, told, and can be resumed."""
+    monkeypatch.setattr(chunks, "_FIRST", 10)
+    monkeypatch.setattr(chunks, "_CALL_S", 0.0)
+    failed = result.status_counts["never-released"]
+    stopped = campaign.run(cases=50, seed=7, out=tmp_path / "run", max_failures=2)
+    assert stopped.stopped
+    assert 2 < stopped.status_counts["never-released"] < failed
+    assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
+    manifest = store.read_manifest(tmp_path / "run")
+    assert not manifest["complete"]
+    assert manifest["cases_held"] == len(stopped.to_pandas()) < 50
+    again = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=2)
+    assert again.stopped
+    rest = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=failed)
+    assert not rest.stopped
+    same(rest, result)
+
+
+def test_fail_fast(tmp_path):
+    options = ["table2", "--cases", 300, "--seed", 7, "--no-plots", "--set", "run.end_time_s=0.26"]
+    done = call("campaign", *options, "--out", tmp_path / "run", "--fail-fast")
+    assert done.exit_code == 1
+    assert "did not come to their end and none may" in done.stderr
+    assert "not complete" in call("stats", tmp_path / "run").stderr

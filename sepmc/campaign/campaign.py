@@ -3,46 +3,39 @@ alone."""
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis import causes, drivers, laws, requirements
 from sepmc.analysis.compare import differences
-from sepmc.analysis.given import names_of, where
 from sepmc.analysis.precision import Until, read_until
-from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
-from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.chunks import Chunks, Earlier
+from sepmc.campaign.chunks import Chunks, Earlier, Orders
 from sepmc.campaign.definition import Case, Definition
-from sepmc.campaign.flight import Flight
+from sepmc.campaign.forecast import forecast
 from sepmc.campaign.input_file import read_input_table
+from sepmc.campaign.keep import ALL, Keep, read_keep
 from sepmc.campaign.label import as_text
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import together
+from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
-from sepmc.campaign.sinks import Kept
 from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
 from sepmc.campaign.work import Crew
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, RunWarning, nearest
-from sepmc.scene.model import Requirement
+from sepmc.scene.messages import InputError, RunWarning
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
-from sepmc.schema import Status, is_yes_or_no
 
 _TOLD = 8  # differences between two campaigns
 _LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
@@ -78,151 +71,6 @@ def load(
         before = store.made_by(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
     return Campaign(read, before | as_text(settings or {}))
-
-
-@dataclass(repr=False)
-class Result:
-    """What a campaign gave.
-
-    Rows of a run into a folder are read from there when they are asked for; a run without one keeps
-    them in memory. ``timing`` is in seconds by stage: compile, sample, kernel, write; the last goes
-    on while the kernel flies, so the sum can exceed the time taken. ``flight`` is how it was flown,
-    ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
-    nominal case that goes together instead of apart.
-    """
-
-    campaign: "Campaign"
-    kept: Kept
-    timing: dict[str, float]
-    seed: int
-    numbers: Numbers  # of the cases
-    total: int  # cases that these are drawn of
-    folder: Path | None = None
-    notes: list[str] = field(default_factory=list)
-    flight: Flight | None = None
-    accuracy: Achieved | None = None
-    resumed: int = 0  # cases that the folder held already
-
-    def __repr__(self) -> str:
-        counts = ", ".join(
-            f"{count} {label}" for label, count in self.status_counts.items() if count
-        )
-        return (
-            f"<Result of {self.campaign.name}, seed {self.seed}: "
-            f"{counts}{f', in {self.folder}' if self.folder else ''}>"
-        )
-
-    def _repr_html_(self) -> str:
-        """A notebook's view: what came of the cases, and the statistics."""
-        from html import escape  # noqa: PLC0415
-
-        columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        return f"<p>{escape(repr(self))}</p>{self.statistics()[columns].to_html()}"
-
-    @property
-    def table(self) -> dict[str, np.ndarray]:
-        """The case table by column. Raises ValueError if no rows were kept."""
-        return dict(self._rows())
-
-    def to_pandas(self) -> pd.DataFrame:
-        """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
-
-        Raises
-        ------
-        ValueError
-            If only statistics were kept, ``stats_only=True``.
-        """
-        return pd.DataFrame(self.table)
-
-    def histories(self) -> pd.DataFrame | None:
-        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
-        is 0."""
-        self._rows()
-        if self.folder:
-            return store.read_histories(self.folder)
-        return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
-
-    def statistics(self, *given: str) -> pd.DataFrame:
-        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`: of all cases, or
-        of those for which all terms ``given`` hold, such as ``"joint.bolt.fails=1"``."""
-        if given:
-            rows, outcomes = self._rows(), self.campaign.summarised[0]
-            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
-            kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
-            return statistics(kept, outcomes)
-        table = self.kept.summary.statistics(self.campaign.reference)
-        if self.accuracy:
-            table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
-        return table
-
-    def requirements(self) -> pd.DataFrame:
-        """Verdicts on what the campaign requires, a row each; see
-        `sepmc.analysis.requirements.Verdict`."""
-        told = self.accuracy.errors if self.accuracy else {}
-        errors = with_scales(self.campaign, told, self.kept.summary.statistics())
-        sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
-        return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
-
-    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
-        """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary."""
-        if outcome not in self.outcomes:
-            raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
-        sampler = self.campaign.scene.run.sampler
-        return drivers.drivers(self._rows(), self._inputs, outcome, sampler, indices)
-
-    def laws(self) -> pd.DataFrame:
-        """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.laws.laws`."""
-        return laws.laws(self._rows(), [n for n in self.outcomes if not is_yes_or_no(n)])
-
-    def causes(self, name: str) -> list[causes.Cause]:
-        """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.causes.causes`."""
-        rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
-        statuses = [status.label for status in Status if status is not Status.OK]
-        if name not in known and name not in statuses:
-            said = nearest(name, [*known, *statuses])
-            raise InputError(f"{name}: no such requirement or status; {said}")
-        item = known.get(name) or Requirement(name=name, metric=name)
-        return causes.of_requirement(item, rows, self._inputs, list(known.values()))
-
-    @property
-    def _inputs(self) -> list[str]:
-        return [column.name for column in self.campaign.input_columns]
-
-    def case(self, number: int) -> Case:
-        """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
-        no such case."""
-        number = whole("case", number, 0)
-        if number not in self.numbers:
-            raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
-        found = self.campaign.case(number, self.seed, self.total)
-        run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
-        return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
-
-    @property
-    def outcomes(self) -> list[str]:
-        """Names of the outcome columns."""
-        return [column.name for column in self.campaign.outcome_columns]
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each column of the case table."""
-        return {column.name: column.unit for column in self.campaign.columns}
-
-    @property
-    def status_counts(self) -> dict[str, int]:
-        """Number of cases by status, of those that occur."""
-        return {label: count for label, count in self.kept.summary.counts.items() if count}
-
-    def _rows(self) -> Mapping[str, np.ndarray]:
-        if self.kept.rows is None:
-            raise InputError(
-                "this run kept statistics only, so it has no rows; run without stats_only, or fly "
-                "single cases by case(number)"
-            )
-        return self.kept.rows
 
 
 class _Told(dict[str, Any]):
@@ -335,7 +183,11 @@ class Campaign(Definition):
         resume: bool = False,
         stats_only: bool = False,
         until: str | None = None,
+        keep: str | None = None,
+        keep_columns: str | None = None,
+        float32: bool = False,
         crew: Crew | None = None,
+        max_failures: int | None = None,
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
     ) -> Result:
@@ -365,9 +217,21 @@ class Campaign(Definition):
             statistic: ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its
             unit, or ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the
             share of a status.
+        keep : str, optional
+            Statistics of all cases as with ``stats_only``, and of some also their rows, into the
+            folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
+            a requirement, the ``"worst:20"`` of each, ``"every:1000"``, ``"all"``, or several with
+            commas between; see `sepmc.campaign.keep.Keep`.
+        keep_columns : str, optional
+            Patterns of the names of columns that are kept of these: ``"in_*,separation_*"``.
+        float32 : bool
+            Their numbers in single precision.
         crew : Crew, optional
             Workers that fly the cases, into ``out``: those of `sepmc.cluster.crew`. Rows and
             statistics are the same to the last bit on processors of one kind.
+        max_failures : int, optional
+            Stop soon after more cases than these did not come to their end, those that ``out``
+            holds already among them; what is flown is kept, and can be resumed.
         progress : callable (done, total, failures), optional
         announce : callable (text), optional
             Told what begins, and that kernels must be compiled if so. Without it, notes on the run
@@ -388,42 +252,40 @@ class Campaign(Definition):
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
+        if max_failures is not None:
+            whole("max_failures", max_failures, 0)
         stop = None if until is None else self.until(until, numbers, resume)
         if stats_only and resume:
             raise InputError("stats_only keeps no cases to go on from; fly without resume")
-        _check_crew(crew, out, until, stats_only and not numbers.are_first)
+        kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
+        if kept is None and (keep_columns or float32):
+            raise InputError("keep_columns and float32 are of rows that are kept by keep")
+        if kept and resume:
+            raise InputError("keep lets most cases go, so there is nothing to go on from")
+        _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
+        orders = Orders(
+            threads,
+            crew,
+            stop,
+            max_failures,
+            stats_only or kept is not None,
+            kept,
+            progress,
+            announce,
+        )
         place = nullcontext() if out is None else store.opened(Path(out), overwrite, resume)
         with place as folder:
-            return self._run(
-                folder,
-                numbers,
-                total,
-                seed,
-                threads,
-                stop,
-                resume,
-                stats_only,
-                crew,
-                progress,
-                announce,
-            )
+            return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
-    def _run(
-        self,
-        folder: Path | None,
-        numbers: Numbers,
-        total: int,
-        seed: int,
-        threads: int | None,
-        stop: Until | None,
-        resume: bool,
-        stats_only: bool,
-        crew: Crew | None,
-        progress: Progress | None,
-        announce: Callable[[str], None] | None,
-    ) -> Result:
+    def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:
         """`run`, in memory or into a folder that is open."""
-        settings = self.scene.run
+        seed, numbers, total = draws.seed, draws.numbers, draws.total
+        stats_only, announce, crew, stop = (
+            orders.stats_only,
+            orders.announce,
+            orders.crew,
+            orders.until,
+        )
         done = (
             self._resumed(folder, seed, numbers, total, announce)
             if folder and resume
@@ -436,10 +298,14 @@ class Campaign(Definition):
                 f"{self.name}: {self.file.title or 'no title'}; {numbers.count} cases, seed {seed}"
                 + (f", into {folder}" if folder else "")
             )
-        use_threads(threads)
+        keep = orders.keep
+        if folder and (not stats_only or (keep and ALL in keep.rules)):
+            left, over_time = numbers.without(done).count, self.has_histories and not stats_only
+            forecast(self, left, over_time, keep).check_disk(folder)
+        use_threads(orders.threads)
         begun = time.perf_counter()
         flight = plan_flight(
-            self, history=settings.history_step > 0.0 and not stats_only, announce=announce
+            self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
         )
         timing = {
             "compile": time.perf_counter() - begun,
@@ -455,31 +321,32 @@ class Campaign(Definition):
         left = wanted.count
         if announce and len(done):
             announce(f"{folder}: {len(done)} cases are there, {left} are left to fly")
-        draws = Draws(seed, numbers, total)
-        chunks = Chunks(self, flight, draws, timing, earlier, folder, stats_only, announce)
+        chunks = Chunks(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
                 store.write_input_table(folder, self.file.input_table, self.input_columns)
-            chunks.write_manifest(threads, complete=False)
+            chunks.write_manifest(complete=False)
         try:
             with chunks:
-                if progress:
-                    progress(0, left, 0)
+                if orders.progress:
+                    orders.progress(0, left, 0)
 
                 def tell() -> None:
-                    if progress:
-                        progress(chunks.flown, left, chunks.failures)
+                    if orders.progress:
+                        orders.progress(chunks.flown, left, chunks.failures)
 
                 if crew:
                     chunks.fly_by(crew, wanted, tell)
                 for some in () if crew else wanted.growing(_LOOKED_AT) if stop else (wanted,):
                     for first, end in some.pieces(chunks.size):
-                        chunks.fly(first, end, tell)
+                        if not chunks.too_many_failed:
+                            chunks.fly(first, end, tell)
                     if stop and chunks.is_known(stop):
                         break
+                chunks.finish()
         finally:
             if folder:
-                chunks.write_manifest(threads, complete=chunks.held == chunks.wanted)
+                chunks.write_manifest(complete=chunks.held == chunks.wanted)
         _warn(chunks.notes, announce)
         return Result(
             self,
@@ -493,7 +360,14 @@ class Campaign(Definition):
             flight,
             chunks.accuracy,
             resumed=len(done),
+            stopped=chunks.too_many_failed,
         )
+
+    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> Keep:
+        """Rules by which rows are kept. Raises InputError with what is allowed."""
+        if out is None:
+            raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
+        return read_keep(keep, columns, single, self.file.requirements, self.columns)
 
     def until(self, text: str, numbers: Numbers, resume: bool) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""

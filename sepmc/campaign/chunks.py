@@ -22,13 +22,15 @@ from sepmc.campaign import ledger, store
 from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, history_rows
+from sepmc.campaign.forecast import forecast
+from sepmc.campaign.keep import Chosen, Keep
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws, Piece, fly_piece
-from sepmc.campaign.remarks import mixed, sampled, still_near, unmet, unsettled
-from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, Sink
+from sepmc.campaign.remarks import failed, mixed, sampled, still_near, unmet, unsettled
+from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
 from sepmc.campaign.tally import Tally
 from sepmc.campaign.work import Crew, Flown, Job, fly_range
-from sepmc.schema import Column, Status
+from sepmc.schema import Status
 
 _FIRST = 256  # cases flown first, to see how long they take
 # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
@@ -39,7 +41,22 @@ _CALL_S = 0.5
 _PART_S = 5.0
 # ranges for each worker, at least; grains that are counted in one
 _FEW, _COUNTED = 4, 8
-_ROOM = 2**26  # bytes of histories and rows that one part may take in memory
+
+
+@dataclass(frozen=True)
+class Orders:
+    """How cases are to be flown: with how many ``threads``, or by a ``crew``; ``until`` a statistic
+    is known, or more than ``max_failures`` failed; ``stats_only``, with the rows that are to be
+    ``keep``-t, or with all rows; who is told of ``progress``, and what is to ``announce``."""
+
+    threads: int | None = None
+    crew: Crew | None = None
+    until: Until | None = None
+    max_failures: int | None = None
+    stats_only: bool = False
+    keep: Keep | None = None
+    progress: Callable[[int, int, int], None] | None = None
+    announce: Say | None = None
 
 
 @dataclass(frozen=True)
@@ -63,16 +80,16 @@ class Chunks:
         draws: Draws,
         timing: dict[str, float],
         earlier: Earlier,
-        folder: Path | None = None,
-        stats_only: bool = False,
-        announce: Say | None = None,
+        folder: Path | None,
+        orders: Orders,
     ):
         self.campaign, self.flight, self.draws = campaign, flight, draws
         self.timing, self.earlier, self.folder = timing, earlier, folder
         self.wanted = draws.numbers.count - earlier.held
         self._known = ""  # how well a statistic is known that decides how many cases are flown
         self._stopped: list[str] = []  # the same if it is not enough
-        self.stats_only, self.announce = stats_only, announce
+        self.orders = orders
+        stats_only, announce = orders.stats_only, orders.announce
         self.flown, self.failures = 0, 0
         self.held = 0  # those that the sink has taken
         self.tally = earlier.tally
@@ -82,9 +99,14 @@ class Chunks:
             schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
         )
         self.room = history_rows(campaign.scene) if self.separation else 0
-        self.size = chunk_size(campaign, self.separation)
+        self.forecast = forecast(campaign, self.wanted, bool(self.separation))
+        self.size, self._foretold = self.forecast.chunk, announce is None
+        self.rows: KeptRows | None = None  # that are kept though cases are let go
+        if folder and orders.keep:
+            chosen = Chosen(orders.keep, campaign.file.requirements)
+            self.rows = KeptRows(campaign, folder, draws, chosen)
         self.sink: Sink = (
-            InStatistics(campaign)
+            InStatistics(campaign, self.rows)
             if stats_only
             else InFolder(campaign, self.separation, folder, draws)
             if folder
@@ -112,7 +134,7 @@ class Chunks:
 
     def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
         """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each.
-        What is flown is handed over even if this is interrupted."""
+        What is flown is handed over even if this is interrupted, or too many fail."""
         pieces: list[Piece] = []
         begun = time.perf_counter()
         try:
@@ -129,11 +151,14 @@ class Chunks:
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
                 first = until
+                self._foretell(seconds / len(piece.drawn))
                 self.flown += len(piece.drawn)
                 self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
                 if first == end:
                     pieces = self._hand_over(pieces)
                 tell()
+                if self.too_many_failed:
+                    break
         finally:
             self._hand_over(pieces)
 
@@ -146,7 +171,7 @@ class Chunks:
             end,
             self.room,
             self.timing,
-            self.announce,
+            self.orders.announce,
         )
 
     def fly_by(self, crew: Crew, numbers: Numbers, tell: Callable[[], None]) -> None:
@@ -166,6 +191,7 @@ class Chunks:
             self.flight.packed,
             self.draws,
             stream.apart() if stream else None,
+            self.orders.keep,
         )
         left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         waiting: dict[int, Flown] = {}
@@ -180,14 +206,16 @@ class Chunks:
             if not stream:
                 self._receive(waiting.pop(flown.first))
             tell()
+            if self.too_many_failed:
+                break
         store.sweep_parts(self.folder)
 
     def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
         a few for every worker."""
-        grain = GRAIN if self.stats_only else 1
+        grain = GRAIN if self.orders.stats_only else 1
         most = max(grain, -(-left.count // (_FEW * workers)))
-        most = min(most, self.size if not self.stats_only else _COUNTED * GRAIN)
+        most = min(most, self.size if not self.orders.stats_only else _COUNTED * GRAIN)
         for first, end in left.ranges:
             start = first
             while start < end:
@@ -201,6 +229,8 @@ class Chunks:
         if flown.parts:
             assert self.folder is not None
             store.note_parts(self.folder, flown.parts)
+        if flown.chosen and self.rows:
+            self.rows.chosen.take(flown.chosen)
         self.tally += flown.tally
         self.flown += flown.cases
         self.held += flown.cases
@@ -210,6 +240,20 @@ class Chunks:
         spent = flown.timing["sample"] + flown.timing["kernel"]
         self._seconds = max(self._seconds, spent / flown.cases)
         self.kinds[flown.kind] += flown.cases
+
+    def _foretell(self, seconds: float) -> None:
+        """Say once, of a long run, what it takes at so many seconds a case."""
+        if not self._foretold:
+            self._foretold = True
+            said = self.forecast.sentence(seconds, bool(self.folder) and not self.orders.stats_only)
+            if said and self.orders.announce:
+                self.orders.announce(said)
+
+    @property
+    def too_many_failed(self) -> bool:
+        """Whether more cases failed than may."""
+        failed = self.earlier.tally.failures + self.failures
+        return self.orders.max_failures is not None and failed > self.orders.max_failures
 
     def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
@@ -232,7 +276,13 @@ class Chunks:
         if taking:
             taking.result()
 
-    def write_manifest(self, threads: int | None, complete: bool) -> None:
+    def finish(self) -> None:
+        """Let go of rows that are not to be kept, now that all are known."""
+        self._wait()
+        if self.rows:
+            self.rows.finish()
+
+    def write_manifest(self, complete: bool) -> None:
         """Say what the folder holds, in it."""
         assert self.folder is not None
         campaign = self.campaign
@@ -245,15 +295,16 @@ class Chunks:
             "cases": self.draws.numbers.count,
             **self._which,
             "complete": complete,
-            "stats_only": self.stats_only,
-            "cases_held": self.earlier.held + (0 if self.stats_only else self.held),
+            "stats_only": self.orders.stats_only,
+            **({"keep": self.orders.keep.text} if self.orders.keep else {}),
+            "cases_held": self.earlier.held + (0 if self.orders.stats_only else self.held),
             "failures": self.tally.failures,
             "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
             "least_at_the_end": self.tally.least_at_the_end,
             **({"until": self._known} if self._known else {}),
-            "sessions": [*self.earlier.sessions, self._session(threads)],
+            "sessions": [*self.earlier.sessions, self._session()],
         }
         try:
             text = store.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
@@ -271,14 +322,14 @@ class Chunks:
             return {}
         return {"numbers": str(numbers), "of": total}
 
-    def _session(self, threads: int | None) -> dict[str, Any]:
+    def _session(self) -> dict[str, Any]:
         """What this command did, on what."""
         return {
             "cases_flown": self.flown,
             "started": self.started.isoformat(timespec="seconds"),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
-            "threads": threads or os.cpu_count(),
+            "threads": self.orders.threads or os.cpu_count(),
             **({"flown_by": dict(self.kinds)} if self.kinds else {}),
             **store.versions(),
         }
@@ -343,6 +394,7 @@ class Chunks:
             *unsettled(self.tally.unsettled, self.tally.finer),
             *still_near(self.tally.least_at_the_end),
             *self._stopped,
+            *failed(self.tally.failures, self.earlier.held + self.held, self.orders.max_failures),
         ]
         return found + [note for note in self.flight.notes if note not in found]
 
@@ -361,26 +413,14 @@ class Chunks:
         if enough:
             self.wanted = self.flown
             self.draws = Draws(self.draws.seed, Numbers.first(self.flown), self.flown)
-            if self.announce:
-                self.announce(self._known)
+            if self.orders.announce:
+                self.orders.announce(self._known)
         return enough
 
     def kept(self) -> Kept:
         """What the run leaves of what is flown so far."""
         self._wait()
         return self.sink.kept()
-
-
-def row_bytes(campaign: Definition, separation: list[Column]) -> tuple[int, int]:
-    """Bytes of a case's row, and of its history with these columns."""
-    rows = history_rows(campaign.scene) if separation else 0
-    return 8 * len(campaign.columns), 8 * rows * (2 + len(separation))
-
-
-def chunk_size(campaign: Definition, separation: list[Column]) -> int:
-    """Cases that are kept in memory until they are handed over."""
-    row, history = row_bytes(campaign, separation)
-    return max(1, min(campaign.scene.run.chunk, _ROOM // (history + 2 * row)))
 
 
 def implausible_note(broken: int, drawn: int) -> str:

@@ -49,6 +49,14 @@ def remarks(campaign: Definition, flight: Flight) -> list[str]:
     return found + together(campaign.scene, outcomes, "the nominal case")
 
 
+def failed(count: int, flown: int, most: int | None) -> list[str]:
+    """Whether a run was stopped because more cases failed than may."""
+    if most is None or count <= most:
+        return []
+    allowed = f"no more than {most} may" if most else "none may"
+    return [f"stopped after {flown} cases, as {count} did not come to their end and {allowed}"]
+
+
 def mixed(kinds: Mapping[str, int]) -> list[str]:
     """Whether workers of several kinds flew, whose rows may differ in their last bits."""
     if len(kinds) < 2:

@@ -13,12 +13,14 @@ from sepmc.analysis.rows import Rows, summarise
 from sepmc.analysis.stream import Apart, Stream
 from sepmc.campaign import store
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.keep import WHY, Chosen
 from sepmc.campaign.ledger import Entry
 from sepmc.campaign.piece import Draws, Piece
 from sepmc.campaign.tally import Tally
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]
+_IN_ONE_PART = 200_000  # rows that are kept
 
 
 @dataclass
@@ -126,16 +128,70 @@ class InFolder:
         return Kept(summarise(columns, *self.campaign.summarised), columns)
 
 
-class InStatistics:
-    """Counts cases and lets them go."""
+@dataclass
+class KeptRows:
+    """Writes a part of those rows that are kept of every list of pieces, if there are any."""
 
-    def __init__(self, campaign: Definition):
-        self.campaign = campaign
+    campaign: Definition
+    folder: Path
+    draws: Draws
+    chosen: Chosen
+
+    def write(self, pieces: list[Piece]) -> list[Entry]:
+        """Write the part of pieces."""
+        status = {"status": np.array(_LABELS, dtype=object)[_codes(pieces)]}
+        table = _table(self.campaign, pieces) | status
+        places, why = self.chosen.choose(table)
+        if not len(places):
+            return []
+        kept = {name: values[places] for name, values in table.items()} | {WHY.name: why}
+        return [self._part(pieces[0].first, kept)]
+
+    def _part(self, first: int, kept: dict[str, np.ndarray]) -> Entry:
+        keep, campaign = self.chosen.keep, self.campaign
+        columns = [column for column in keep.columns([*campaign.columns, WHY])]
+        if keep.single:
+            kept = {
+                name: values.astype(np.float32) if values.dtype == np.float64 else values
+                for name, values in kept.items()
+            }
+        about = {"campaign": campaign.name, "digest": campaign.digest, "keep": keep.text}
+        about |= {"seed": str(self.draws.seed), "sepmc": __version__}
+        count = len(kept["case"])
+        return store.write_part(self.folder, store.KEPT, first, count, columns, kept, about)
+
+    def finish(self) -> None:
+        """Let go of rows that turned out not to be among the worst, and put few rows into one
+        part."""
+        parts = store.parts(self.folder, store.KEPT)
+        if sum(part.cases for part in parts) <= _IN_ONE_PART:
+            rows = _join([store.read_part(self.folder, part) for part in parts]) if parts else {}
+            if rows:
+                store.replace_parts(self.folder, store.KEPT, [self._still(0, rows)])
+        elif self.chosen.keep.worst:
+            kept = (self._still(part.first, store.read_part(self.folder, part)) for part in parts)
+            store.replace_parts(self.folder, store.KEPT, kept)
+
+    def _still(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
+        """Write the part of those rows that are kept still."""
+        why = self.chosen.still(rows["case"], rows[WHY.name])
+        there = why != ""
+        kept = {name: values[there] for name, values in rows.items()} | {WHY.name: why[there]}
+        return self._part(first, kept)
+
+
+class InStatistics:
+    """Counts cases and lets them go, but for rows that are ``kept``."""
+
+    def __init__(self, campaign: Definition, kept: KeptRows | None = None):
+        self.campaign, self.rows = campaign, kept
         self.stream = Stream(*campaign.summarised)
 
     def take(self, pieces: list[Piece]) -> None:
         """Add the cases of the pieces to the statistics."""
         add_to(self.stream, self.campaign, pieces)
+        if self.rows:
+            store.note_parts(self.rows.folder, self.rows.write(pieces))
 
     def kept(self) -> Kept:
         """The statistics alone."""

@@ -27,8 +27,9 @@ from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
+KEPT = "kept"  # rows of some cases, of a run that counts the others and lets them go
 PLAN, HISTORY = "plan.parquet", "history.parquet"
-_OURS = (CASES, HISTORIES)
+_OURS = (CASES, HISTORIES, KEPT)
 _PART = "part-*.parquet"
 _FIGURES = (
     "hist_*",
@@ -522,6 +523,16 @@ def note_parts(folder: Path, parts: Iterable[ledger.Entry]) -> None:
         raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
 
 
+def replace_parts(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> None:
+    """Put new parts, which are written, in place of all those of a kind."""
+    new = {one.file: one for one in parts}
+    others = [one for one in ledger.read(folder).values() if not one.file.startswith(f"{kind}/")]
+    ledger.rewrite(folder, [*others, *new.values()])
+    for path in (folder / kind).glob(_PART):
+        if f"{kind}/{path.name}" not in new:
+            path.unlink()
+
+
 def part_path(folder: Path, kind: str, first: int) -> Path:
     """Path of the part that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
@@ -577,6 +588,14 @@ def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = 
             return file.read(columns=columns)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
+
+
+def read_part(folder: Path, one: ledger.Entry) -> dict[str, np.ndarray]:
+    """All columns of a part, text as objects."""
+    frame = _read_part(folder, one).to_pandas()
+    text = [name for name in frame if frame[name].dtype == "category"]
+    told = frame.astype(dict.fromkeys(text, object))
+    return {str(name): values.to_numpy() for name, values in told.items()}
 
 
 def drop_damaged(folder: Path, with_histories: bool) -> int:

@@ -14,9 +14,10 @@ from sepmc.campaign import ledger, store
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, history_rows
 from sepmc.campaign.input_file import read_input_table
+from sepmc.campaign.keep import Chosen, Keep
 from sepmc.campaign.piece import Draws, fly_piece
 from sepmc.campaign.pilot import unpacked
-from sepmc.campaign.sinks import InFolder, add_to
+from sepmc.campaign.sinks import InFolder, KeptRows, add_to
 from sepmc.campaign.tally import Tally
 from sepmc.engine.door import use_threads
 from sepmc.scene.read import read_campaign
@@ -25,13 +26,15 @@ from sepmc.scene.read import read_campaign
 @dataclass(frozen=True)
 class Job:
     """What flies ranges of a run. Its ``folder`` holds the campaign, whose text has the checksum
-    ``campaign``, and takes the parts, if there are to be any; else cases are counted ``apart``."""
+    ``campaign``, and takes the parts, if there are to be any; else cases are counted ``apart``, and
+    some rows may be ``keep``-t."""
 
     folder: Path
     campaign: str
     flight: Flight
     draws: Draws
     apart: Apart | None = None
+    keep: Keep | None = None
 
     @property
     def key(self) -> tuple[str, str, bool]:
@@ -51,6 +54,7 @@ class Flown:
     kind: str
     parts: tuple[ledger.Entry, ...] = ()
     apart: Apart | None = None
+    chosen: Chosen | None = None
 
 
 class Crew(Protocol):
@@ -89,11 +93,16 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
         use_threads(threads)
         pieces = [fly_piece(campaign, flight, job.draws, first, end, room, timing)]
     parts: list[ledger.Entry] = []
+    chosen = Chosen(job.keep, campaign.file.requirements) if job.keep else None
     if job.apart:
         add_to(job.apart, campaign, pieces)
+        if chosen:
+            parts = KeptRows(campaign, job.folder, job.draws, chosen).write(pieces)
     else:
         parts = InFolder(campaign, separation, job.folder, job.draws).write(pieces)
-    return Flown(first, end - first, pieces[0].tally, timing, kind(), tuple(parts), job.apart)
+    return Flown(
+        first, end - first, pieces[0].tally, timing, kind(), tuple(parts), job.apart, chosen
+    )
 
 
 def kind() -> str:

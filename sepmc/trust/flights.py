@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sepmc.campaign import pilot
-from sepmc.campaign.campaign import Campaign, Result
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.result import Result
 from sepmc.engine.door import interpreted
 from sepmc.scene.messages import nobody
 from sepmc.scene.model import GROUND

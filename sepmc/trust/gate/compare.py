@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from sepmc.campaign.accuracy import Achieved, deviation, scales, scene_scales
-from sepmc.campaign.campaign import Campaign, Result
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.result import Result
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign

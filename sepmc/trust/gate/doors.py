@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from sepmc.campaign.accuracy import decisive
-from sepmc.campaign.campaign import Campaign, Result
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.result import Result
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Column
 from sepmc.trust.gate.compare import (

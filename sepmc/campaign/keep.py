@@ -1,0 +1,153 @@
+"""Which rows a run keeps that counts its cases and lets them go: rules, columns, precision."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from sepmc.analysis.requirements import margins, violating
+from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.model import Requirement
+from sepmc.schema import Column, Status
+
+ALL, FAILED, VIOLATING, WORST, EVERY = "all", "failed", "violating", "worst", "every"
+WHY = Column("kept_as", "", "rules by which the row is kept")
+_RULE = re.compile(r"(all|failed|violating)|(worst|every):([1-9][0-9]{0,8})")
+_HEAD = ("case", "status", WHY.name)
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Rules by which rows are kept: ``all``, those that ``failed``, are ``violating`` a
+    requirement, the ``worst`` so many of each requirement, ``every`` so manyth case; of these rows
+    columns with names that match ``patterns``, and numbers in ``single`` precision."""
+
+    rules: tuple[str, ...]
+    worst: int = 0
+    every: int = 0
+    patterns: tuple[str, ...] = ()
+    single: bool = False
+
+    @property
+    def text(self) -> str:
+        """As a manifest has it."""
+        counts = {WORST: f":{self.worst}", EVERY: f":{self.every}"}
+        said = ",".join(rule + counts.get(rule, "") for rule in self.rules)
+        said += f"; columns {','.join(self.patterns)}" if self.patterns else ""
+        return said + ("; float32" if self.single else "")
+
+    def columns(self, known: Sequence[Column]) -> list[Column]:
+        """Of the columns of a case table those that are kept."""
+        return [
+            column
+            for column in known
+            if column.name in _HEAD
+            or not self.patterns
+            or any(fnmatchcase(column.name, pattern) for pattern in self.patterns)
+        ]
+
+
+def read_keep(
+    rules: str,
+    patterns: str | None,
+    single: bool,
+    requirements: Sequence[Requirement],
+    columns: Sequence[Column],
+) -> Keep:
+    """Rules as the command line takes them, ``failed,worst:20``, and patterns of the names of
+    columns. Raises InputError with what is allowed."""
+    counts, named = {WORST: 0, EVERY: 0}, []
+    for text in (one.strip() for one in rules.split(",")):
+        found = _RULE.fullmatch(text)
+        if found is None:
+            raise InputError(
+                f"keep = {text}: must be of all, failed, violating, worst:20, every:1000, with "
+                "commas between"
+            )
+        named.append(found[1] or found[2])
+        if found[2]:
+            counts[found[2]] = int(found[3])
+    if not _bounded(requirements) and WORST in named:
+        raise InputError("keep = worst: of what the file requires with a bound, which is nothing")
+    if VIOLATING in named and not requirements:
+        raise InputError("keep = violating: of what the file requires, which is nothing")
+    chosen = tuple(one.strip() for one in patterns.split(",")) if patterns else ()
+    names = [column.name for column in columns]
+    for pattern in chosen:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise InputError(f"keep columns = {pattern}: no such column; {nearest(pattern, names)}")
+    return Keep(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], chosen, single)
+
+
+def _bounded(requirements: Sequence[Requirement]) -> list[Requirement]:
+    """Those that are on a number, with a bound."""
+    return [one for one in requirements if not (one.at_least is None and one.at_most is None)]
+
+
+@dataclass
+class Chosen:
+    """Which rows of the cases that pass by are kept. ``worst`` are, by requirement, margins and
+    numbers of the worst so far, worst first."""
+
+    keep: Keep
+    requirements: Sequence[Requirement]
+    worst: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+
+    def choose(self, rows: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        """Places (k,) of the rows of a case table that are kept, as far as is known, and why,
+        text."""
+        numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
+        why = np.full(len(numbers), "", dtype=object)
+        if ALL in self.keep.rules:
+            _say(why, np.full(len(numbers), True), ALL)
+        if FAILED in self.keep.rules:
+            _say(why, ~ok, FAILED)
+        if VIOLATING in self.keep.rules:
+            for one in self.requirements:
+                known = np.logical_and(*violating(one, rows, self.requirements))
+                _say(why, known, f"{VIOLATING} {one.name}")
+        if EVERY in self.keep.rules:
+            _say(why, numbers % self.keep.every == 0, EVERY)
+        for one in _bounded(self.requirements) if WORST in self.keep.rules else ():
+            margin = np.where(ok, margins(np.asarray(rows[one.metric], float), one), np.nan)
+            self._add(one.name, margin, numbers)
+            _say(why, np.isin(numbers, self.worst[one.name][1]), f"{WORST} {one.name}")
+        places = np.flatnonzero(why != "")
+        return places, why[places]
+
+    def take(self, others: "Chosen") -> None:
+        """Take the worst of other cases."""
+        for name, (margin, numbers) in others.worst.items():
+            self._add(name, margin, numbers)
+
+    def _add(self, name: str, margin: np.ndarray, numbers: np.ndarray) -> None:
+        before = self.worst.get(name, (np.empty(0), np.empty(0, dtype=np.int64)))
+        there = ~np.isnan(margin)
+        every = np.concatenate([before[0], margin[there]])
+        which = np.concatenate([before[1], numbers[there]])
+        first = np.lexsort((which, every))[: self.keep.worst]
+        self.worst[name] = every[first], which[first]
+
+    def still(self, numbers: np.ndarray, why: np.ndarray) -> np.ndarray:
+        """Why rows that were kept are, now that all cases passed by: nothing, of those that others
+        turned out to be worse than."""
+        told = np.array(
+            [[part for part in text.split("; ") if not part.startswith(WORST)] for text in why]
+            + [None],
+            dtype=object,
+        )[:-1]
+        for name, (_, worst) in self.worst.items():
+            for place in np.flatnonzero(np.isin(numbers, worst)):
+                told[place].append(f"{WORST} {name}")
+        return np.array(["; ".join(parts) for parts in told], dtype=object)
+
+
+def _say(why: np.ndarray, which: np.ndarray, word: str) -> None:
+    """Add a word to the reasons of some rows."""
+    for place in np.flatnonzero(which) if word != ALL else ():
+        why[place] = f"{why[place]}; {word}" if why[place] else word
+    if word == ALL:
+        why[:] = ALL

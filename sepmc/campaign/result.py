@@ -1,0 +1,170 @@
+"""What a run gave: rows, statistics, verdicts, what drives outcomes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis import causes, drivers, laws, requirements
+from sepmc.analysis.given import names_of, where
+from sepmc.analysis.statistics import statistics
+from sepmc.campaign import store
+from sepmc.campaign.accuracy import Achieved, with_scales
+from sepmc.campaign.definition import Case
+from sepmc.campaign.flight import Flight
+from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.sinks import Kept
+from sepmc.engine.door import whole
+from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.model import Requirement
+from sepmc.schema import Status, is_yes_or_no
+
+
+@dataclass(repr=False)
+class Result:
+    """What a campaign gave.
+
+    Rows of a run into a folder are read from there when they are asked for; a run without one keeps
+    them in memory. ``timing`` is in seconds by stage: compile, sample, kernel, write; the last goes
+    on while the kernel flies, so the sum can exceed the time taken. ``flight`` is how it was flown,
+    ``accuracy`` its numerical error, ``notes`` what deserves a look: an accuracy that is not met, a
+    nominal case that goes together instead of apart.
+    """
+
+    campaign: Any  # `sepmc.campaign.campaign.Campaign`
+    kept: Kept
+    timing: dict[str, float]
+    seed: int
+    numbers: Numbers  # of the cases
+    total: int  # cases that these are drawn of
+    folder: Path | None = None
+    notes: list[str] = field(default_factory=list)
+    flight: Flight | None = None
+    accuracy: Achieved | None = None
+    resumed: int = 0  # cases that the folder held already
+    stopped: bool = False  # as more cases failed than may
+
+    def __repr__(self) -> str:
+        counts = ", ".join(
+            f"{count} {label}" for label, count in self.status_counts.items() if count
+        )
+        return (
+            f"<Result of {self.campaign.name}, seed {self.seed}: "
+            f"{counts}{f', in {self.folder}' if self.folder else ''}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """A notebook's view: what came of the cases, and the statistics."""
+        from html import escape  # noqa: PLC0415
+
+        columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
+        return f"<p>{escape(repr(self))}</p>{self.statistics()[columns].to_html()}"
+
+    @property
+    def table(self) -> dict[str, np.ndarray]:
+        """The case table by column. Raises ValueError if no rows were kept."""
+        return dict(self._rows())
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
+
+        Raises
+        ------
+        ValueError
+            If only statistics were kept, ``stats_only=True``.
+        """
+        return pd.DataFrame(self.table)
+
+    def histories(self) -> pd.DataFrame | None:
+        """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
+        is 0."""
+        self._rows()
+        if self.folder:
+            return store.read_histories(self.folder)
+        return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
+
+    def statistics(self, *given: str) -> pd.DataFrame:
+        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`: of all cases, or
+        of those for which all terms ``given`` hold, such as ``"joint.bolt.fails=1"``."""
+        if given:
+            rows, outcomes = self._rows(), self.campaign.summarised[0]
+            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
+            return statistics(kept, outcomes)
+        table = self.kept.summary.statistics(self.campaign.reference)
+        if self.accuracy:
+            table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
+        return table
+
+    def requirements(self) -> pd.DataFrame:
+        """Verdicts on what the campaign requires, a row each; see
+        `sepmc.analysis.requirements.Verdict`."""
+        told = self.accuracy.errors if self.accuracy else {}
+        errors = with_scales(self.campaign, told, self.kept.summary.statistics())
+        sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
+        return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
+
+    def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
+        """How much each input drives an outcome, a row each; see
+        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary."""
+        if outcome not in self.outcomes:
+            raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
+        sampler = self.campaign.scene.run.sampler
+        return drivers.drivers(self._rows(), self._inputs, outcome, sampler, indices)
+
+    def laws(self) -> pd.DataFrame:
+        """Shape of every outcome that is a number, and the law nearest to it, a row each; see
+        `sepmc.analysis.laws.laws`."""
+        return laws.laws(self._rows(), [n for n in self.outcomes if not is_yes_or_no(n)])
+
+    def causes(self, name: str) -> list[causes.Cause]:
+        """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
+        a status; see `sepmc.analysis.causes.causes`."""
+        rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
+        statuses = [status.label for status in Status if status is not Status.OK]
+        if name not in known and name not in statuses:
+            said = nearest(name, [*known, *statuses])
+            raise InputError(f"{name}: no such requirement or status; {said}")
+        item = known.get(name) or Requirement(name=name, metric=name)
+        return causes.of_requirement(item, rows, self._inputs, list(known.values()))
+
+    @property
+    def _inputs(self) -> list[str]:
+        return [column.name for column in self.campaign.input_columns]
+
+    def case(self, number: int) -> Case:
+        """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
+        no such case."""
+        number = whole("case", number, 0)
+        if number not in self.numbers:
+            raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
+        found = self.campaign.case(number, self.seed, self.total)
+        run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
+        return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
+
+    @property
+    def outcomes(self) -> list[str]:
+        """Names of the outcome columns."""
+        return [column.name for column in self.campaign.outcome_columns]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column of the case table."""
+        return {column.name: column.unit for column in self.campaign.columns}
+
+    @property
+    def status_counts(self) -> dict[str, int]:
+        """Number of cases by status, of those that occur."""
+        return {label: count for label, count in self.kept.summary.counts.items() if count}
+
+    def _rows(self) -> Mapping[str, np.ndarray]:
+        if self.kept.rows is None:
+            raise InputError(
+                "this run kept statistics only, so it has no rows; run without stats_only, or fly "
+                "single cases by case(number)"
+            )
+        return self.kept.rows

@@ -1,0 +1,170 @@
+"""Rows of some cases are kept while all are counted: which, why, and of what columns."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc import cli
+from sepmc.analysis.requirements import margins
+from sepmc.campaign import chunks, sinks, store
+from sepmc.campaign.keep import Keep
+from sepmc.scene.messages import InputError
+
+CASES = 900
+SETTINGS = {
+    "run.chunk": 100,
+    "run.history_step_s": 0.0,
+    "run.end_time_s": 0.285,
+    "requirement": [
+        {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.5},
+        {"name": "turn", "metric": "upper_omega_z_deg_s", "at_least": -1.5, "at_most": 3.0},
+        {"name": "released", "metric": "never-released"},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return sepmc.load("table2", SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def rows(campaign):
+    return campaign.run(cases=CASES).to_pandas()
+
+
+@pytest.fixture
+def kept(campaign, tmp_path):
+    def run(rule, **more):
+        given = {"cases": CASES, "out": tmp_path / "run", "keep": rule, "overwrite": True}
+        result = campaign.run(**given | more)
+        frame = pd.read_parquet(tmp_path / "run" / "kept").sort_values("case", ignore_index=True)
+        return result, frame
+
+    return run
+
+
+def violates(campaign, rows, name):
+    (one,) = (one for one in campaign.file.requirements if one.name == name)
+    if name == "released":
+        return rows["status"] == "never-released"
+    return (rows["status"] == "ok") & (margins(rows[one.metric].to_numpy(), one) < 0.0)
+
+
+def expected(campaign, rows, rule):
+    ok = rows["status"] == "ok"
+    if rule == "failed":
+        return ~ok
+    if rule == "every:250":
+        return rows["case"] % 250 == 0
+    if rule == "violating":
+        found = [violates(campaign, rows, name) for name in ("fast", "turn", "released")]
+        return np.any(found, axis=0)
+    if rule == "all":
+        return np.ones(len(rows), dtype=bool)
+    found = set()
+    for one in campaign.file.requirements[:2]:
+        margin = pd.Series(np.where(ok, margins(rows[one.metric].to_numpy(), one), np.nan))
+        found |= set(margin.dropna().sort_values(kind="stable").index[:7])
+    return rows["case"].isin(found)
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("rule", ["failed", "every:250", "violating", "worst:7", "all"])
+def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatch):
+    """To the last bit, in one part or in many; statistics are of all cases."""
+    monkeypatch.setattr(chunks, "_FIRST", 100)
+    if many:
+        monkeypatch.setattr(sinks, "_IN_ONE_PART", 0)
+    result, frame = kept(rule)
+    there = expected(campaign, rows, rule)
+    assert 0 < there.sum() <= CASES
+    pd.testing.assert_frame_equal(
+        frame.drop(columns="kept_as").astype({"status": object}),
+        rows[there].reset_index(drop=True).astype({"status": object}),
+        check_exact=True,
+    )
+    assert frame["kept_as"].astype(str).str.contains(rule.partition(":")[0]).all()
+    every = campaign.run(cases=CASES, stats_only=True)
+    pd.testing.assert_frame_equal(result.statistics(), every.statistics(), check_exact=True)
+    assert not store.diagnose(result.folder)
+    assert (len(store.parts(result.folder, store.KEPT)) > 1) == many
+
+
+def test_why_rows_are_kept(campaign, rows, kept):
+    _, frame = kept("failed,worst:2,violating,every:300")
+    said = frame.set_index("case")["kept_as"].astype(str)
+    for name in ("fast", "turn"):
+        of_it = frame[said.str.contains(f"worst {name}").to_numpy()]
+        assert len(of_it) == 2
+        assert violates(campaign, of_it, name).all()
+    failed = rows["case"][rows["status"] == "never-released"]
+    assert (said[failed].str.startswith("failed; violating released")).all()
+    assert "every" in said[300]
+
+
+def test_columns_and_precision(rows, kept):
+    _, whole = kept("every:250")
+    _, frame = kept("every:250", keep_columns="in_body_upper_*,separation_*", float32=True)
+    assert list(frame)[:2] == ["case", "status"]
+    assert set(frame) < set(whole)
+    assert {"kept_as", "separation_speed_m_s", "in_body_upper_mass_kg"} < set(frame)
+    assert "upper_alpha_deg" not in frame
+    for name in frame.select_dtypes("number").drop(columns="case"):
+        assert frame[name].dtype == np.float32
+        np.testing.assert_array_equal(frame[name], whole[name].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"keep": "most"}, "must be of all, failed, violating, worst:20, every:1000"),
+        ({"keep": "worst:0"}, "must be of all"),
+        ({"keep": "failed", "keep_columns": "uper_*"}, "no such column; known here"),
+        ({"keep_columns": "upper_*"}, "of rows that are kept by keep"),
+        ({"float32": True}, "of rows that are kept by keep"),
+        ({"keep": "failed", "resume": True}, "nothing to go on from"),
+        ({"keep": "failed", "out": None}, "give out"),
+    ],
+)
+def test_what_cannot_be_kept(campaign, tmp_path, given, said):
+    with pytest.raises(InputError, match=said):
+        campaign.run(**{"cases": 10, "out": tmp_path / "run"} | given)
+    assert not (tmp_path / "run").exists()
+
+
+def test_without_requirements(tmp_path):
+    plain = sepmc.load("table2")
+    for rule in ("worst:3", "violating"):
+        with pytest.raises(InputError, match="which is nothing"):
+            plain.run(cases=10, out=tmp_path / "run", keep=rule)
+
+
+def test_command_line(tmp_path):
+    def call(*given):
+        return CliRunner().invoke(cli.main, [str(one) for one in given])
+
+    options = ["table2", "--cases", 300, "--no-plots", "--quiet", "--out", tmp_path / "run"]
+    options += ["--set", "run.end_time_s=0.285"]
+    done = call("campaign", *options, "--keep", "failed,every:100", "--float32")
+    assert done.exit_code == 0, done.output
+    manifest = store.read_manifest(tmp_path / "run")
+    assert manifest["keep"] == "failed,every:100; float32"
+    assert manifest["complete"]
+    assert not (tmp_path / "run" / "cases").exists()
+    for command in ("stats", "drivers", "plot"):
+        said = call(command, tmp_path / "run")
+        assert said.exit_code == 2
+        assert "rows of some cases in kept/" in said.stderr
+    assert call("doctor", tmp_path / "run").exit_code == 0
+    again = call("campaign", *options, "--keep", "failed", "--overwrite")
+    assert again.exit_code == 0, again.output
+    assert "float32" not in store.read_manifest(tmp_path / "run")["keep"]
+    both = call("campaign", *options, "--keep", "failed", "--resume")
+    assert "excludes --resume" in both.stderr
+
+
+def test_text():
+    assert Keep(("failed", "worst"), 20).text == "failed,worst:20"
