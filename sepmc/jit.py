@@ -73,6 +73,11 @@ def _import_array_maths() -> None:
 _import_array_maths()
 
 
+def processor() -> str:
+    """Name of the processor that code is made for, as LLVM has it."""
+    return str(config.CPU_NAME or binding.get_host_cpu_name())
+
+
 def sources_digest() -> str:
     """Digest of every source that is compiled, of what compiles it and of the processor."""
     made_by = (
@@ -80,7 +85,7 @@ def sources_digest() -> str:
         llvmlite.__version__,
         sys.version_info[:2],
         binding.get_default_triple(),
-        config.CPU_NAME or binding.get_host_cpu_name(),
+        processor(),
         config.CPU_FEATURES or binding.get_host_cpu_features().flatten(),
     )
     return hashlib.sha256(repr(made_by).encode() + digest_of(_SOURCES)).hexdigest()[:16]

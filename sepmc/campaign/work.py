@@ -107,9 +107,9 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
 
 def kind() -> str:
     """Code and processor of this process: rows of one kind are the same to the last bit."""
-    from sepmc.jit import sources_digest  # noqa: PLC0415  (numba)
+    from sepmc.jit import processor, sources_digest  # noqa: PLC0415  (numba)
 
-    return f"sepmc {__version__}, {platform.machine()}, {sources_digest()}"
+    return f"sepmc {__version__}, {processor()}, code {sources_digest()}"
 
 
 _last: dict[tuple[str, str, bool], tuple[Definition, Flight]] = {}
