@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from sepmc.analysis.requirements import Verdict
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
+    from sepmc.analysis.told import Told
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
@@ -202,6 +203,7 @@ def tell_results(
     not passed, or else 0."""
     from sepmc.analysis import requirements
     from sepmc.analysis.statistics import audit_text, summary_text
+    from sepmc.analysis.told import bins_of
     from sepmc.campaign import store
     from sepmc.schema import Status
 
@@ -243,6 +245,9 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
+    if store.read_manifest(folder).get("stats_only"):  # no rows to count them of again
+        bins = bins_of({str(name): summary.histogram(str(name)) for name in table.index})
+        written.append(store.write_histograms(folder, bins))
     if plots:
         written += draw_figures(
             folder, loaded, summary, table, say=say, verdicts=verdicts, second=second
@@ -460,7 +465,7 @@ _BANDED = 20_000
 def draw_figures(
     folder: Path,
     loaded: "Campaign",
-    summary: "Rows | Stream",
+    summary: "Rows | Stream | Told",
     table: "pd.DataFrame | None" = None,
     every: bool = False,
     say: Callable[[str], None] = click.echo,

@@ -499,23 +499,26 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     history, folder, told["bodies"], told["joints"], about, suffix
                 )
             else:
-                accuracy = manifest_with_rows(folder).get("accuracy") or {}
-                loaded = load_campaign(str(folder), (), warn=False)
-                summary, warn = summary_of(folder, loaded), partial(click.echo, err=True)
-                table = summary.statistics(loaded.reference)
-                verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
-                written = draw_figures(
-                    folder,
-                    loaded,
-                    summary,
-                    table,
+                told = store.read_manifest(folder)
+                if not (told.get("stats_only") and told.get("complete")):
+                    manifest_with_rows(folder)
+                draw = partial(
+                    draw_figures,
                     every=every,
-                    say=warn,
-                    verdicts=verdicts,
-                    converging=True,
+                    say=partial(click.echo, err=True),
                     suffix=suffix,
                     alone=True,
                 )
+                loaded = load_campaign(str(folder), (), warn=False)
+                if told.get("stats_only"):
+                    written = draw(folder, loaded, store.read_told(folder))
+                else:
+                    summary, accuracy = summary_of(folder, loaded), told.get("accuracy") or {}
+                    table = summary.statistics(loaded.reference)
+                    verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
+                    written = draw(
+                        folder, loaded, summary, table, verdicts=verdicts, converging=True
+                    )
                 store.note(folder, written)
         for path in written:
             click.echo(path)

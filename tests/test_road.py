@@ -204,13 +204,35 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
     )
 
 
+def test_histograms_of_statistics_only(campaign, tmp_path):
+    """Are drawn again from their bins."""
+    folder = tmp_path / "run"
+    options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
+    assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
+    counted = campaign.run(cases=300, stats_only=True).kept.summary
+    told, names = store.read_told(folder), campaign.outcome_columns
+    for name in (column.name for column in names):
+        one, other = told.histogram(name), counted.histogram(name)
+        assert (one is None) == (other is None)
+        for ours, theirs in zip(one or (), other or (), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-14)
+    (folder / "histograms.png").unlink()
+    done = call("plot", folder)
+    assert done.exit_code == 0, done.output
+    assert (folder / "histograms.png").is_file()
+    assert (folder / "hist_separation_distance_mm.png").is_file()
+    assert call("doctor", folder).exit_code == 0
+    (folder / "histograms.csv").write_text("outcome,from,to,cases")
+    assert "histograms.csv: was changed" in call("plot", folder).stderr
+
+
 def test_a_folder_of_statistics_only(tmp_path):
     """What needs rows says that there are none; a case is flown again from it, and it is replaced
     when asked."""
     folder = tmp_path / "run"
     options = ["table2.toml", "--cases", 5, "--no-plots", "--quiet", "--out", folder]
     assert call("campaign", *options, "--stats-only").exit_code == 0
-    for refused in (["stats", folder], ["plot", folder], ["campaign", *options, "--resume"]):
+    for refused in (["stats", folder], ["campaign", *options, "--resume"]):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
     store.seal(folder, store.read_manifest(folder) | {"complete": False})

@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from sepmc import __version__
+from sepmc.analysis.told import Told
 from sepmc.campaign import ledger
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.read import CampaignFile
@@ -29,6 +30,7 @@ from sepmc.schema import Column
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 KEPT = "kept"  # rows of some cases, of a run that counts the others and lets them go
 PLAN, HISTORY = "plan.parquet", "history.parquet"
+_HISTOGRAMS = "histograms.csv"
 _OURS = (CASES, HISTORIES, KEPT)
 _PART = "part-*.parquet"
 _FIGURES = (
@@ -54,6 +56,7 @@ _OUR_FILES = (
     ledger.LEDGER,
     "statistics.csv",
     "statistics.json",
+    _HISTOGRAMS,
     HISTORY,
     "drivers.csv",
     "causes.csv",
@@ -783,6 +786,26 @@ def write_statistics(
     frame = _with_units(stats, of)
     write_text(folder / "statistics.csv", frame.to_csv(index_label="outcome"))
     write_json(folder / "statistics.json", told)
+
+
+def write_histograms(folder: Path, bins: pd.DataFrame) -> Path:
+    """Write the bins of histograms, ``histograms.csv``; returns its path."""
+    path = folder / _HISTOGRAMS
+    write_text(path, bins.to_csv(index=False))
+    return path
+
+
+def read_told(folder: Path) -> Told:
+    """Statistics and histograms of a run that kept no cases. Raises StoreError if they are not
+    there as they were written."""
+    held, frames = ledger.read(folder), []
+    for name, index in (("statistics.csv", "outcome"), (_HISTOGRAMS, None)):
+        problem = _problem(folder, held[name]) if name in held else "is not there"
+        if problem:
+            raise StoreError(f"{folder / name}: {problem}; fly the run again with --overwrite")
+        frames.append(pd.read_csv(folder / name, index_col=index))
+    table, bins = frames
+    return Told(table.drop(columns="unit"), bins)
 
 
 def statistics_as_json(
