@@ -67,8 +67,28 @@ SETTINGS = click.option(
     metavar="PATH=VALUE",
     help="Put a value in place, e.g. body.upper.mass_kg=460.",
 )
+
+
+class Place(click.ParamType):
+    """A folder of this machine or of object storage."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Its path."""
+        from sepmc.places import PlaceError, place
+
+        try:
+            return place(value)
+        except PlaceError as error:
+            self.fail(str(error), param, ctx)
+
+
+RUN = click.argument("folder", metavar="RUN", type=Place())
 OUT = click.option(
-    "--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N."
+    "--out",
+    type=Place(),
+    help="Run folder to write, also s3://BUCKET/RUN; default runs/NAME-N.",
 )
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace the run in --out.")
 NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no figures.")

@@ -18,9 +18,11 @@ from sepmc.cli_options import (
     OUT,
     OVERWRITE,
     QUIET,
+    RUN,
     SAMPLER,
     SEED,
     SETTINGS,
+    Place,
     load_campaign,
     redundant,
     undispersed,
@@ -329,15 +331,16 @@ def run(
     say = speaker(quiet)
     with plain_errors(quiet):
         from sepmc.cli_single import check_held, tell_single
+        from sepmc.places import place
 
         loaded = load_campaign(file, settings)
-        check_held(Path(file), number, seed)
+        check_held(place(file), number, seed)
         code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
     sys.exit(code)
 
 
 @click.command(short_help="Fly one case of RUN again, and see whether its row is the same.")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.option("--case", "number", type=click.IntRange(min=0), help="The case of this number.")
 @click.option("--worst", metavar="REQUIREMENT", help="The worst case of a requirement.")
 @click.option("--least", metavar="OUTCOME", help="The case of least OUTCOME.")
@@ -400,7 +403,7 @@ def replay(
 
 
 @click.command(short_help="Statistics of RUN again, from its files alone.")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.option(
     "--columns",
     metavar="PATTERN,...",
@@ -466,7 +469,7 @@ def stats(
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.option("--all", "every", is_flag=True, help="A histogram of every outcome, not of twelve.")
 @click.option(
     "--format",
@@ -525,7 +528,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
 
 
 @click.command(short_help="Say what is wrong with RUN, file by file.")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.option(
     "--repair", is_flag=True, help="Fly, count and draw again what is gone, or was changed."
 )
@@ -561,7 +564,7 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
 
 @click.command(short_help="What drives the outcomes of RUN, and what its failures have in common.")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
 @NO_PLOTS
 def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
@@ -586,7 +589,7 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
 
 
 @click.command(short_help="Which laws the outcomes of RUN follow, and whether they are normal.")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
 def laws(folder: Path, outcomes: tuple[str, ...]) -> None:
     """Which law each OUTCOME of RUN follows, or those that matter most: skewness and kurtosis,
@@ -605,8 +608,8 @@ def laws(folder: Path, outcomes: tuple[str, ...]) -> None:
 
 
 @click.command(short_help="What differs between two runs.")
-@click.argument("one", metavar="RUN_A", type=click.Path(path_type=Path))
-@click.argument("two", metavar="RUN_B", type=click.Path(path_type=Path))
+@click.argument("one", metavar="RUN_A", type=Place())
+@click.argument("two", metavar="RUN_B", type=Place())
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder for compare.csv and compare.png."
 )
@@ -630,7 +633,7 @@ def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@RUN
 @click.option("--no-replay", is_flag=True, help="Do not fly the worst cases again.")
 @QUIET
 def report(folder: Path, no_replay: bool, quiet: bool) -> None:

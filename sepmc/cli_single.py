@@ -36,6 +36,7 @@ def tell_single(
     from sepmc import schema
     from sepmc.campaign import store
     from sepmc.engine.door import check_every
+    from sepmc.places import is_local
 
     check_every(every_s, loaded.scene, "--every-s")
     about = "nominal case" if number is None else f"case {number}"
@@ -43,6 +44,8 @@ def tell_single(
     folder = out or store.next_folder(
         loaded.name if number is None else f"{loaded.name}-case{number}"
     )
+    if film and not is_local(folder):
+        raise store.StoreError(f"{folder}: a film is written on this machine; give --out a folder")
     with store.opened(folder, overwrite, resumable=False):
         start = time.perf_counter()
         history = loaded.simulate(case, every_s, say)

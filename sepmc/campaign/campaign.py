@@ -32,6 +32,7 @@ from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
 from sepmc.campaign.work import Crew
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
+from sepmc.places import place
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, RunWarning
@@ -273,8 +274,8 @@ class Campaign(Definition):
             progress,
             announce,
         )
-        place = nullcontext() if out is None else store.opened(Path(out), overwrite, resume)
-        with place as folder:
+        into = nullcontext() if out is None else store.opened(place(out), overwrite, resume)
+        with into as folder:
             return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
     def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:

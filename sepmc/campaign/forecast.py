@@ -9,6 +9,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import history_rows
 from sepmc.campaign.keep import Keep
 from sepmc.campaign.store import StoreError
+from sepmc.places import is_local
 
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 _AT_ONCE = 3  # parts in memory: one flies, one waits, one is written
@@ -42,6 +43,8 @@ class Forecast:
 
     def check_disk(self, folder: Path) -> None:
         """Raise StoreError, with the figures, if the disk of a folder cannot hold the cases."""
+        if not is_local(folder):
+            return
         free, (least, most) = shutil.disk_usage(_there(folder)).free, self.disk
         if least <= free:
             return

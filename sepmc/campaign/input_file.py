@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv
 
+from sepmc.places import source
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import Problems
 
@@ -28,7 +29,7 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
         problems.add(place, f"must end in {', '.join(_ENDINGS)}", str(path))
         return None
     try:
-        table = pq.read_table(path) if ending == _PARQUET else csv.read_csv(path)
+        table = pq.read_table(source(path)) if ending == _PARQUET else csv.read_csv(source(path))
         frame = table.rename_columns([name.strip() for name in table.column_names]).to_pandas()
     except (OSError, pa.ArrowException) as error:
         said = str(error).splitlines()[0]

@@ -14,6 +14,8 @@ from uuid import uuid4
 
 import msgspec
 
+from sepmc.places import is_local
+
 LEDGER = "checksums.jsonl"
 _OF_A_LINE = 16  # characters
 
@@ -48,6 +50,9 @@ def checksum(content: bytes) -> str:
 def put(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new content, never a part; of several
     processes that write it at once, one's."""
+    if not is_local(path):  # object storage does so by itself
+        path.write_bytes(content)
+        return
     temporary = path.with_name(f"{path.name}.{uuid4().hex[:8]}.tmp")
     temporary.write_bytes(content)
     os.replace(temporary, path)
@@ -60,8 +65,12 @@ def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
 
 def add(folder: Path, *entries: Entry) -> None:
     """Add files to the ledger of a folder."""
+    lines = "".join(one.line for one in entries).encode()
+    if not is_local(folder):  # nothing can be added to an object
+        put(folder / LEDGER, _content(folder) + lines)
+        return
     with open(folder / LEDGER, "ab") as ledger:
-        ledger.write("".join(one.line for one in entries).encode())
+        ledger.write(lines)
 
 
 def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
@@ -71,6 +80,8 @@ def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
 
 def read(folder: Path) -> Mapping[str, Entry]:
     """The files in the ledger of a folder, by their path there."""
+    if not is_local(folder):  # whose clock tells seconds only
+        return _entries(_content(folder))
     try:
         state = (folder / LEDGER).stat()
     except OSError:
@@ -80,8 +91,19 @@ def read(folder: Path) -> Mapping[str, Entry]:
 
 @lru_cache(maxsize=8)
 def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
+    return _entries(path.read_bytes())
+
+
+def _content(folder: Path) -> bytes:
+    try:
+        return (folder / LEDGER).read_bytes()
+    except OSError:
+        return b""
+
+
+def _entries(content: bytes) -> Mapping[str, Entry]:
     found = {}
-    for line in path.read_bytes().splitlines():
+    for line in content.splitlines():
         if _is_whole(line):
             one = msgspec.json.decode(line.rpartition(b" ")[0], type=Entry)
             found[one.file] = one
@@ -96,11 +118,7 @@ def _is_whole(line: bytes) -> bool:
 def lost_lines(folder: Path) -> int:
     """How many lines of the ledger of a folder say nothing, as they are not as they were
     written."""
-    try:
-        lines = (folder / LEDGER).read_bytes().splitlines()
-    except OSError:
-        return 0
-    return sum(not _is_whole(line) for line in lines)
+    return sum(not _is_whole(line) for line in _content(folder).splitlines())
 
 
 def digest(entries: Iterable[Entry]) -> str:

@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +24,7 @@ import pyarrow.parquet as pq
 from sepmc import __version__
 from sepmc.analysis.told import Told
 from sepmc.campaign import ledger
+from sepmc.places import is_local, source
 from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
@@ -33,6 +35,7 @@ PLAN, HISTORY = "plan.parquet", "history.parquet"
 _HISTOGRAMS = "histograms.csv"
 _OURS = (CASES, HISTORIES, KEPT)
 _PART = "part-*.parquet"
+_PROBE = "is-writable"
 _FIGURES = (
     "hist_*",
     "histograms",
@@ -103,7 +106,7 @@ def opened(
             yield folder
     finally:
         _ours.discard(folder.resolve())
-        if is_new and not any(folder.iterdir()):  # nothing came of it
+        if is_new and is_local(folder) and not any(folder.iterdir()):  # nothing came of it
             folder.rmdir()
 
 
@@ -163,6 +166,9 @@ def _held(folder: Path) -> Iterator[None]:
     except ImportError:
         yield
         return
+    if not is_local(folder):  # objects cannot be locked
+        yield
+        return
     lock = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -182,27 +188,39 @@ def _held(folder: Path) -> Iterator[None]:
 def make_writable(folder: Path) -> None:
     """Make a folder if there is none. Raises StoreError if nothing can be written into it."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        if is_local(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        else:
+            (folder / _PROBE).write_bytes(b"")
+            (folder / _PROBE).unlink()
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    except Exception as error:  # whatever clients of object storage raise
+        if is_local(folder):
+            raise
+        raise StoreError(f"{folder}: cannot be reached: {error}") from None
 
 
 def _clear(folder: Path) -> None:
     """Remove what a run made, and nothing else."""
     for name in _OURS:
-        shutil.rmtree(folder / name, ignore_errors=True)
-    for path in folder.iterdir():
-        if path.is_file() and any(path.match(pattern) for pattern in _OUR_FILES):
+        if is_local(folder):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        for path in (folder / name).glob("*"):
+            path.unlink()
+    for path in list(folder.iterdir()) if folder.is_dir() else ():
+        if path.is_file() and any(fnmatchcase(path.name, pattern) for pattern in _OUR_FILES):
             path.unlink()
 
 
 def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
     """Remove what processes that were killed left of files they were writing."""
-    for kind in kinds:
+    for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
-            if any(Path(path.stem).with_suffix("").match(name) for name in (*_OUR_FILES, _PART)):
+            name = Path(path.stem).stem
+            if any(fnmatchcase(name, pattern) for pattern in (*_OUR_FILES, _PART)):
                 path.unlink()
 
 
@@ -296,7 +314,7 @@ def made_by(folder: Path) -> dict[str, Any]:
         pass
     for path in sorted((folder / CASES).glob("part-*.parquet")):
         with contextlib.suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
-            said = pq.read_schema(path).metadata
+            said = pq.read_schema(source(path)).metadata
             found = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
             numbers = said[b"numbers"].decode()
             return found | ({"numbers": numbers} if numbers else {})
@@ -404,7 +422,7 @@ def trust(folder: Path) -> None:
     found = []
     for kind in _OURS:
         for path in sorted((folder / kind).glob("part-*.parquet")):
-            numbers = np.unique(pq.read_table(path, columns=["case"])["case"].to_numpy())
+            numbers = np.unique(pq.read_table(source(path), columns=["case"])["case"].to_numpy())
             name = f"{kind}/{path.name}"
             one = ledger.entry(name, path.read_bytes(), int(numbers[0]), len(numbers))
             found.append(one)
@@ -587,7 +605,7 @@ def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = 
     for it (30 ms)."""
     path = _path(folder, one)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(source(path)) as file:
             return file.read(columns=columns)
     except (OSError, pa.ArrowException) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
@@ -655,7 +673,7 @@ def number_after(folder: Path, count: int) -> int | None:
 def tallies(folder: Path) -> Iterator[str]:
     """What was counted of the cases of each part of a run: `sepmc.campaign.tally.Tally.text`."""
     for one in parts(folder, CASES):
-        said = pq.read_schema(_path(folder, one)).metadata
+        said = pq.read_schema(source(_path(folder, one))).metadata
         if b"tally" not in said:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
@@ -680,7 +698,7 @@ class CaseColumns(Mapping[str, np.ndarray]):
         if not self._parts:
             raise StoreError(f"{folder}: holds no cases; give the folder of a run")
         self.rows = sum(part.cases for part in self._parts)
-        with pq.ParquetFile(_path(folder, self._parts[0])) as file:
+        with pq.ParquetFile(source(_path(folder, self._parts[0]))) as file:
             self._names = file.schema_arrow.names
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -774,7 +792,7 @@ def units(folder: Path, kind: str = CASES) -> dict[str, str]:
         return {}
     return {
         field.name: (field.metadata or {}).get(b"unit", b"").decode()
-        for field in pq.read_schema(_path(folder, part))
+        for field in pq.read_schema(source(_path(folder, part)))
     }
 
 
@@ -803,7 +821,7 @@ def read_told(folder: Path) -> Told:
         problem = _problem(folder, held[name]) if name in held else "is not there"
         if problem:
             raise StoreError(f"{folder / name}: {problem}; fly the run again with --overwrite")
-        frames.append(pd.read_csv(folder / name, index_col=index))
+        frames.append(pd.read_csv(source(folder / name), index_col=index))
     table, bins = frames
     return Told(table.drop(columns="unit"), bins)
 

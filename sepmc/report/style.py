@@ -7,6 +7,7 @@ nothing covers data. No pyplot: a figure here has no window and no state.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -17,6 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+
+from sepmc.places import is_local, place
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 # of bodies: what fills them, and their edges
@@ -44,7 +47,7 @@ def dots(per_inch: int) -> Iterator[None]:
 
 def made(folder: Path) -> Path:
     """A folder, made if it is not there."""
-    folder = Path(folder)
+    folder = place(folder)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -125,5 +128,8 @@ def save(figure: Figure, path: Path, order: Sequence[str] = ()) -> Path:
         fast: dict[str, Any] = {}
         if path.suffix == ".png":
             fast["pil_kwargs"] = {"compress_level": 3}
-        figure.savefig(path, dpi=_dots, metadata=said, **fast)
+        into = path if is_local(path) else BytesIO()
+        figure.savefig(into, format=path.suffix[1:], dpi=_dots, metadata=said, **fast)
+        if isinstance(into, BytesIO):
+            path.write_bytes(into.getvalue())
     return path

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
+from sepmc.places import PlaceError, place
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
@@ -77,7 +78,10 @@ def shipped_campaigns() -> dict[str, Path]:
 def find_file(file: str | Path) -> Path:
     """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a
     shipped campaign."""
-    path = Path(file)
+    try:
+        path = place(file)
+    except PlaceError as error:
+        raise SceneError([str(error)]) from None
     try:
         if path.is_dir() and (path / "campaign.toml").is_file():
             return path / "campaign.toml"

@@ -1,0 +1,132 @@
+"""A run folder in object storage: flown by one process or by workers, resumed, read, mended."""
+
+import os
+
+import boto3
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from moto.server import ThreadedMotoServer
+
+import sepmc
+from sepmc import cli
+from sepmc.campaign import store
+from sepmc.cluster import crew
+from sepmc.places import place
+
+SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
+CASES = 1200
+
+
+@pytest.fixture(scope="module", autouse=True)
+def server():
+    """A server of S3 on this machine, for this process and those it starts."""
+    found = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    found.start()
+    host, port = found.get_host_and_port()
+    before = dict(os.environ)
+    os.environ.update(
+        AWS_ACCESS_KEY_ID="some",
+        AWS_SECRET_ACCESS_KEY="key",
+        AWS_DEFAULT_REGION="us-east-1",
+        AWS_ENDPOINT_URL=f"http://{host}:{port}",
+    )
+    boto3.client("s3").create_bucket(Bucket="bucket")
+    yield
+    os.environ.clear()
+    os.environ.update(before)
+    found.stop()
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return sepmc.load("table2", SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def alone(campaign, tmp_path_factory):
+    return campaign.run(cases=CASES, out=tmp_path_factory.mktemp("alone") / "run")
+
+
+def same(folder, other):
+    for read in (store.read_cases, store.read_histories):
+        pd.testing.assert_frame_equal(read(folder), read(other), check_exact=True)
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.main, [str(one) for one in arguments])
+
+
+def test_the_same_rows(campaign, alone):
+    found = campaign.run(cases=CASES, out=place("s3://bucket/one"))
+    same(found.folder, alone.folder)
+    assert found.statistics().equals(alone.statistics())
+    assert not store.diagnose(found.folder)
+
+
+def test_workers_write_it(campaign, alone):
+    with crew(2, threads=1) as workers:
+        found = campaign.run(cases=CASES, out=place("s3://bucket/workers"), crew=workers)
+    same(found.folder, alone.folder)
+    assert found.statistics().equals(alone.statistics())
+
+
+def test_what_is_lost_is_flown_again(campaign, alone):
+    folder = place("s3://bucket/lost")
+    campaign.run(cases=CASES, out=folder)
+    first, second, *_ = sorted((folder / "cases").glob("part-*"))
+    first.unlink()
+    second.write_bytes(b"some bytes")
+    said = [finding.said for finding in store.diagnose(folder)]
+    assert any("is gone" in text for text in said)
+    assert any("was changed" in text for text in said)
+    with pytest.raises(store.StoreError, match="--resume"):
+        store.read_cases(folder)
+    campaign.run(cases=CASES, out=folder, resume=True)
+    same(folder, alone.folder)
+    assert not store.diagnose(folder)
+
+
+def test_command_line(alone, tmp_path):
+    """Commands take it by its name."""
+    options = [f"--set={path}={value}" for path, value in SETTINGS.items()]
+    where = "s3://bucket/typed"
+    done = call("campaign", "table2", *options, "--cases", CASES, "--out", where, "--quiet")
+    assert done.exit_code == 0, done.output
+    same(place(where), alone.folder)
+    assert place(f"{where}/histograms.png").read_bytes().startswith(b"\x89PNG")
+    again = call("campaign", "table2", *options, "--out", where)
+    assert again.exit_code == 2
+    assert "add --resume" in again.stderr
+    told = call("stats", where)
+    assert told.exit_code == 0, told.output
+    assert f"wrote {where}" in told.output
+    assert "is as it was written" in call("doctor", where).output
+    assert call("plot", where).exit_code == 0
+    assert call("drivers", where).exit_code == 0
+    one = call("replay", where, "--case", 7, "--no-plots", "--out", tmp_path / "one")
+    assert one.exit_code == 0, one.output
+    assert "is the same bit by bit" in one.output
+    more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
+    assert call("campaign", where, *more).exit_code == 0
+    assert np.array_equal(store.cases_done(place(where)), np.arange(2 * CASES))
+    replaced = call(
+        "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
+    )
+    assert replaced.exit_code == 0, replaced.output
+    assert not store.parts(place(where), store.CASES)
+    assert len(store.read_part(place(where), store.parts(place(where), store.KEPT)[0])["case"]) == 5
+
+
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [
+        ("s3://nowhere/run", "s3://nowhere/run: cannot be"),
+        ("s4://bucket/run", "s4://bucket/run: cannot be reached"),
+    ],
+)
+def test_what_cannot_be_reached(where, said):
+    done = call("campaign", "table2", "--cases", 5, "--out", where)
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr
