@@ -8,11 +8,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
+import dask
 from distributed import CancelledError, Client, KilledWorker, LocalCluster, get_worker, wait
 from distributed.comm import CommClosedError
 
 _AHEAD = 3  # ranges for each worker that are handed out ahead of the oldest one that is not done
 _PATIENCE_S = 60.0  # for a scheduler that is gone to come back
+_SILENT = "60 s"  # so long a worker of this machine may say nothing, and is then given up
 _TIMES = 3  # that a range whose worker was lost is handed out again
 
 
@@ -147,6 +149,7 @@ def crew(
         assert workers is not None
         own = threads or max(1, (os.cpu_count() or 1) // workers)
         with (
+            dask.config.set({"distributed.scheduler.worker-ttl": _SILENT}),
             LocalCluster(
                 n_workers=workers,
                 threads_per_worker=2,  # one flies while the other writes
