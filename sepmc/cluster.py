@@ -154,7 +154,7 @@ def crew(
                 n_workers=workers,
                 threads_per_worker=2,  # one flies while the other writes
                 memory_limit=0,
-                dashboard_address=None,
+                dashboard_address=":0",  # any port, so that two of these do not meet
                 silence_logs="CRITICAL",
             ) as cluster,
             Client(cluster) as client,

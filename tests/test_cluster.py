@@ -103,7 +103,7 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):
     """What it was given is handed out once more."""
     options = {"n_workers": 1, "threads_per_worker": 1, "memory_limit": 0}
-    options |= {"dashboard_address": None, "silence_logs": "CRITICAL"}
+    options |= {"dashboard_address": ":0", "silence_logs": "CRITICAL"}
     first = LocalCluster(**options)
     port, held = first.scheduler.port, [first]
 
