@@ -18,6 +18,7 @@ from sepmc.scene.load_checks import (
     check_pair,
     check_series,
 )
+from sepmc.scene.limits import LARGEST
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
 from sepmc.scene.parameters import value as parameter_value
@@ -210,6 +211,9 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])
     ):
         problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
+        return
+    if max(-low, high) > LARGEST:
+        problems.add(place, f"must stay within {LARGEST:g} in size", list(dispersion.numbers))
         return
     for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sepmc.scene.limits import TABLE_CELLS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
@@ -121,6 +122,8 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
     if not given:
         problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
     shape = tuple(len(axis) for axis in given.values())
+    if math.prod(shape) > TABLE_CELLS:
+        problems.add(place, f"has {math.prod(shape):,} rows: must have at most {TABLE_CELLS:,}")
     for coefficient in _COEFFICIENTS:
         grid = getattr(table, coefficient)
         if not grid:

@@ -26,17 +26,26 @@ class RunWarning(UserWarning):
 
 
 _LISTED = 24  # words that a message lists
+_TOLD = 100  # problems of a file: it is read no further then
 
 
 def nobody(_: str) -> None:
     """Listens to what is announced, and tells no one."""
 
 
+class TooManyProblems(Exception):
+    """A file has so many problems that no more of them are looked for."""
+
+
 class Problems(list[str]):
     """Collects problems while a file is read."""
 
     def add(self, place: str, allowed: str, value: object = None) -> None:
-        """Note a problem: ``place = value: allowed``, or ``place: allowed`` without a value."""
+        """Note a problem: ``place = value: allowed``, or ``place: allowed`` without a value. Raises
+        TooManyProblems if there are a hundred."""
+        if len(self) == _TOLD:
+            self.append("there are more problems than these")
+            raise TooManyProblems
         shown = "" if value is None else f" = {shorten(value)}"
         self.append(f"{place}{shown}: {allowed}")
 

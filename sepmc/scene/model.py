@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
 
+from sepmc.scene.limits import NAME
+
 
 class Quantity(NamedTuple):
     """What a field measures (a kind of `sepmc.scene.units.UNITS`) and the names of its components,
@@ -28,7 +30,7 @@ Speed = Annotated[float, NotNegative, Quantity("speed")]
 Point = Annotated[Vector, Quantity("length", XYZ)]
 Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=NAME)]
 # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
 Polynomial = dict[str, float]
 Series = tuple[float, ...]
