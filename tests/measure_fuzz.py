@@ -11,14 +11,16 @@ import json
 import os
 import sys
 
-from fuzz import campaigns
+from fuzz import campaigns, folders, tables
 from fuzz.watch import spread
 
 # what is tried, and what share of --count and of --seconds it takes
 PARTS = {
-    "trees": (campaigns.trees, 0.6, 0.4),
+    "trees": (campaigns.trees, 0.6, 0.45),
     "texts": (campaigns.texts, 0.2, 0.15),
     "sizes": (campaigns.sizes, 0.001, 0.05),
+    "tables": (tables.tables, 0.199, 0.15),
+    "folders": (folders.folders, 0.005, 0.2),
     "kernels": (campaigns.kernels, 0.001, 0.05),
 }
 

@@ -13,6 +13,10 @@ from pathlib import Path
 
 import msgspec
 
+from sepmc.campaign import own_files
+from sepmc.campaign.numbers import MOST
+from sepmc.scene.limits import LEDGER_BYTES, NUMBERS_A_BYTE, PART_BYTES
+
 LEDGER = "checksums.jsonl"
 _OF_A_LINE = 16  # characters
 
@@ -26,6 +30,16 @@ class Entry(msgspec.Struct, frozen=True):
     sha256: str
     first: int = 0
     cases: int = 0
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether there can be such a file, of so many cases, in a run folder."""
+        return (
+            own_files.is_name(self.file)
+            and 0 <= self.bytes <= PART_BYTES
+            and 0 <= self.first <= self.first + self.cases <= MOST
+            and 0 <= self.cases <= NUMBERS_A_BYTE * self.bytes
+        )
 
     @property
     def line(self) -> str:
@@ -57,7 +71,10 @@ def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
 
 
 def add(folder: Path, *entries: Entry) -> None:
-    """Add files to the ledger of a folder."""
+    """Add files to the ledger of a folder; to one of its own, where another folder has the same."""
+    path = folder / LEDGER
+    if path.exists() and path.stat().st_nlink > 1:
+        put(path, path.read_bytes())
     with open(folder / LEDGER, "ab") as ledger:
         ledger.write("".join(one.line for one in entries).encode())
 
@@ -68,7 +85,9 @@ def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
 
 
 def read(folder: Path) -> Mapping[str, Entry]:
-    """The files in the ledger of a folder, by their path there."""
+    """The files in the ledger of a folder, by their path there. Raises StoreError if there is
+    anything in the folder but files and folders."""
+    own_files.check(folder)
     try:
         state = (folder / LEDGER).stat()
     except OSError:
@@ -78,27 +97,31 @@ def read(folder: Path) -> Mapping[str, Entry]:
 
 @lru_cache(maxsize=8)
 def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
-    found = {}
-    for line in path.read_bytes().splitlines():
-        if _is_whole(line):
-            one = msgspec.json.decode(line.rpartition(b" ")[0], type=Entry)
-            found[one.file] = one
-    return found
+    lines = own_files.content(path, LEDGER_BYTES).splitlines()
+    return {one.file: one for one in map(_entry, lines) if one}
 
 
-def _is_whole(line: bytes) -> bool:
+def _entry(line: bytes) -> Entry | None:
+    """What a line tells of; None if it is not as it was written, or tells of nothing that can
+    be."""
     said, _, end = line.rpartition(b" ")
-    return checksum(said)[:_OF_A_LINE].encode() == end
+    if checksum(said)[:_OF_A_LINE].encode() != end:
+        return None
+    try:
+        found = msgspec.json.decode(said, type=Entry)
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return found if found.is_possible else None
 
 
 def lost_lines(folder: Path) -> int:
     """How many lines of the ledger of a folder say nothing, as they are not as they were
     written."""
     try:
-        lines = (folder / LEDGER).read_bytes().splitlines()
-    except OSError:
+        lines = own_files.content(folder / LEDGER, LEDGER_BYTES).splitlines()
+    except own_files.StoreError:
         return 0
-    return sum(not _is_whole(line) for line in lines)
+    return sum(_entry(line) is None for line in lines)
 
 
 def digest(entries: Iterable[Entry]) -> str:
@@ -109,14 +132,16 @@ def digest(entries: Iterable[Entry]) -> str:
 def whole(folder: Path, one: Entry) -> bytes:
     """The content of a file, as it was written. Raises ValueError, with what is wrong, if it is
     not."""
+    path = folder / one.file
     try:
-        content = (folder / one.file).read_bytes()
+        size = path.stat().st_size
+        content = path.read_bytes() if path.is_file() and size == one.bytes else b""
     except FileNotFoundError:
         raise ValueError("is gone") from None
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from None
-    if len(content) != one.bytes:
-        raise ValueError(f"was changed: it has {len(content)} bytes, and had {one.bytes}")
+    if size != one.bytes:
+        raise ValueError(f"was changed: it has {size} bytes, and had {one.bytes}")
     if checksum(content) != one.sha256:
         raise ValueError("was changed: its checksum is another")
     return content

@@ -10,14 +10,19 @@ from sepmc.scene.messages import Problems, shorten
 
 # Bytes of a campaign file: reading TOML takes 0.7 s for each MB. Shipped ones have 20 kB.
 CAMPAIGN_BYTES = 4_000_000
-# Bytes of a table of inputs: it is read as a whole, and takes about three times that as numbers.
-PLAN_BYTES = 2_000_000_000
+# Bytes of a table of inputs: it is read as a whole, and takes up to four times that as numbers.
+PLAN_BYTES = 1_000_000_000
+# Cases times parameters of a Latin hypercube, or of a Saltelli design: they are drawn as a whole, at
+# 8 bytes each.
+DESIGN_NUMBERS = 300_000_000
 # Rows times columns of a table of inputs, 8 bytes each: a small file may unpack to any number.
 PLAN_NUMBERS = 100_000_000
 # Bytes of a manifest: it tells of sessions and notes, not of cases.
 MANIFEST_BYTES = 64_000_000
 # Bytes of the list of the files of a run: 250 for a part, of which a billion cases have 60,000.
 LEDGER_BYTES = 256_000_000
+# Bytes of a part, which is read as a whole: a run writes at most some 100 MB into one.
+PART_BYTES = 1_000_000_000
 # Numbers that a byte of a part can hold: 8 bytes each, of which Snappy makes 3 of 64 at best.
 NUMBERS_A_BYTE = 4
 # Tables in tables: a condition has two for each `any` or `all`.
@@ -29,8 +34,10 @@ TEXT = 2000
 NAME = 64
 # A number that is larger has no square, or a cube, that can be computed with.
 LARGEST = 1e60
-# Values of a list: rows of a profile or a table of air, or points of an outline.
+# Values of a list, such as the points of an outline.
 LIST = 20_000
+# Rows of a table along an axis: what fits a spline to them takes the cube of their number.
+TABLE_ROWS = 1000
 # Rows of an aerodynamic table over two or three axes: each takes up to 64 numbers in flight.
 TABLE_CELLS = 100_000
 # Entries of a table, by its name: kernels, their text and the time to compile grow with them.
@@ -80,8 +87,9 @@ def check_keys(text: str) -> str:
     return ""
 
 
-def check_tree(tree: Any, problems: Problems) -> None:
-    """Note what is too large or too deep in a TOML tree, and texts that a screen cannot show."""
+def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
+    """Note what is too large or too deep in a tree of TOML or JSON, and texts that a screen cannot
+    show, or that are longer than so many characters."""
     left: list[tuple[Any, str, str, int]] = [(tree, "", "", 0)]
     while left:
         value, place, key, depth = left.pop()
@@ -95,19 +103,19 @@ def check_tree(tree: Any, problems: Problems) -> None:
                 left += [(item, f"{place}.{k}", "", depth + 1) for k, item in enumerate(value)]
             else:
                 for name, item in value.items():
-                    if fault := _text_fault(str(name), TEXT):
+                    if fault := text_fault(str(name), TEXT):
                         problems.add(f"{place}.{shorten(name)}".lstrip("."), fault)
                         continue
                     left.append((item, f"{place}.{name}".lstrip("."), str(name), depth + 1))
         elif isinstance(value, str):
-            if fault := _text_fault(value.replace("\n", " ").replace("\t", " "), TEXT):
+            if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
                 problems.add(place, fault, shorten(value))
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
             said = f"is a whole number of {value.bit_length()} bits: must have at most 64"
             problems.add(place, f"{said}; write a larger one with a point")
 
 
-def _text_fault(text: str, most: int) -> str:
+def text_fault(text: str, most: int) -> str:
     """Why a text is none that can be shown; empty if it can."""
     if len(text) > most:
         return f"has {len(text):,} characters: must be at most {most:,}"

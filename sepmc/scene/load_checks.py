@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sepmc.scene.limits import TABLE_CELLS
+from sepmc.scene.limits import TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
@@ -33,8 +33,11 @@ def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Prob
 def check_series(
     place: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
-    """The axis of a table must rise."""
-    if len(series) < least:
+    """The axis of a table must rise, and have so many rows."""
+    if len(series) > TABLE_ROWS:
+        said = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
+        problems.add(f"{place}.{key}", said)
+    elif len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
     elif not all(a < b for a, b in itertools.pairwise(series)):
         problems.add(f"{place}.{key}", "must rise strictly", list(series))

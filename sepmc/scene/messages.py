@@ -62,6 +62,12 @@ def shorten(value: object, limit: int = 60) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
+def printable(text: str, limit: int = 300) -> str:
+    """A text of a file as a screen can show it: what controls one is written as its code."""
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
+    return shown if len(shown) <= limit else shown[: limit - 3] + "..."
+
+
 def nearest(word: str, known) -> str:
     """A phrase that names the nearest known word or, if none is near, all of them; of many those
     that have a part of the word, or else the first."""

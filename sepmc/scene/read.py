@@ -26,6 +26,7 @@ from sepmc.scene.messages import (
     SceneWarning,
     TooManyProblems,
     nearest,
+    printable,
     shorten,
 )
 from sepmc.scene.model import (
@@ -142,8 +143,7 @@ def read_text(written: bytes, source: str) -> dict[str, Any]:
         return tomllib.loads(text)
     # TOMLDecodeError and UnicodeDecodeError are ValueErrors
     except (ValueError, RecursionError) as error:
-        said = re.sub(r"[^ -~]", lambda found: repr(found[0])[1:-1], str(error))
-        raise SceneError([f"{source}: is not TOML: {said}"]) from None
+        raise SceneError([f"{source}: is not TOML: {printable(str(error))}"]) from None
 
 
 def _check_plan_place(tree: dict[str, Any], path: Path) -> None:

@@ -71,10 +71,10 @@ def kernels(rng, count, until, tried):
         if time.monotonic() > until:
             break
         tree = made.any(rng) if number % 2 else made.changed(rng)
-        renamed, names = rename(tree, rng)
         try:
+            renamed, names = rename(tree, rng)
             campaign = parse(renamed)
-        except SceneError:
+        except (SceneError, ValueError):
             tried.counts["not renamed"] += 1
             continue
         tried.look(renamed, lambda c=campaign, n=names: written(c, n), 60.0)
@@ -97,7 +97,7 @@ def again(campaign):
 
 
 def drawn(campaign):
-    """Its cases can be drawn: the first ones."""
+    """Its cases can be drawn, the first ones, unless there are too many to be drawn as asked."""
     campaign.asked()
     table = campaign.in_si(campaign.draw(0, min(64, campaign.scene.run.cases)))
     if table.shape[1] != len(campaign.file.dispersions):

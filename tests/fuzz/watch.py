@@ -1,6 +1,7 @@
 """What counts as a finding, and the processes that look for some."""
 
 import contextlib
+import faulthandler
 import multiprocessing
 import os
 import random
@@ -11,6 +12,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 
 from sepmc.campaign.store import StoreError
 from sepmc.scene.messages import InputError, SceneWarning
@@ -72,6 +74,8 @@ class Tried:
         """Try one input; returns what it gave, or None."""
         begun = time.perf_counter()
         try:
+            # what runs in C is not interrupted: the process ends, with the lines it was at
+            faulthandler.dump_traceback_later(3.0 * seconds, exit=True)
             with in_time(seconds):
                 given = act()
             self.counts["accepted"] += 1
@@ -84,6 +88,7 @@ class Tried:
         except (Exception, Hang) as error:
             self.found(where(error), what)
         finally:
+            faulthandler.cancel_dump_traceback_later()
             taken = time.perf_counter() - begun
             self.longest = max(self.longest, (round(taken, 2), shown(what)[:80]))
         return None
@@ -127,8 +132,9 @@ def spread(part, count, seconds, seed, processes):
     tried = Tried()
     if processes == 1:
         return _alone(jobs[0])
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for one in pool.imap_unordered(_work, jobs):
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, context) as pool:
+        for one in pool.map(_work, jobs):
             tried.add(one)
     return tried
 
