@@ -40,7 +40,7 @@ def main():
         count = max(1, round(asked.count * share))
         seconds = asked.seconds * (1.0 if asked.part else of_time)
         tried = spread(part, count, seconds, asked.seed, asked.processes)
-        total += sum(tried.counts.values()) - tried.counts["not renamed"]
+        total += tried.counts["inputs"]
         bad += len(tried.findings)
         print(name, json.dumps(tried.counts), "longest", *tried.longest, flush=True)
         for kind, (times, inputs) in sorted(tried.findings.items(), key=lambda x: -x[1][0]):

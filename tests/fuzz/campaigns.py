@@ -4,12 +4,11 @@ them."""
 import ast
 import json
 import re
-import time
 import tomllib
 from pathlib import Path
 
 from fuzz import mutate
-from fuzz.watch import Wrong
+from fuzz.watch import Wrong, turns
 
 from sepmc.campaign import chunks, pilot, remarks
 from sepmc.campaign.campaign import Campaign
@@ -31,9 +30,7 @@ def parse(tree):
 def trees(rng, count, until, tried):
     """Structure: keys and values deleted, doubled, renamed, exchanged, taken from elsewhere."""
     made = mutate.Trees()
-    for _ in range(count):
-        if time.monotonic() > until:
-            break
+    for _ in turns(count, until, tried):
         tree = made.changed(rng)
         campaign = tried.look(tree, lambda tree=tree: parse(tree))
         if campaign is not None and rng.random() < 0.2:
@@ -45,18 +42,14 @@ def trees(rng, count, until, tried):
 def texts(rng, count, until, tried):
     """Texts: bytes flipped, cut out, doubled, taken from another file."""
     made = mutate.Trees()
-    for _ in range(count):
-        if time.monotonic() > until:
-            break
+    for _ in turns(count, until, tried):
         text = made.text(rng)
         tried.look(text, lambda text=text: parse(read_text(text, "fuzz.toml")))
 
 
 def sizes(rng, count, until, tried):
     """Sizes: many bodies, rows, values of a law; deep trees; long words."""
-    for _ in range(count):
-        if time.monotonic() > until:
-            break
+    for _ in turns(count, until, tried):
         what, tree = mutate.huge(rng)
         campaign = tried.look(what, lambda tree=tree: parse(tree))
         if campaign is not None:
@@ -67,9 +60,7 @@ def sizes(rng, count, until, tried):
 def kernels(rng, count, until, tried):
     """Kernels written for files whose names are made to be known again."""
     made = mutate.Trees()
-    for number in range(count):
-        if time.monotonic() > until:
-            break
+    for number in turns(count, until, tried):
         tree = made.any(rng) if number % 2 else made.changed(rng)
         try:
             renamed, names = rename(tree, rng)

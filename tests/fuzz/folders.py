@@ -6,7 +6,6 @@ import math
 import os
 import pickle
 import shutil
-import time
 
 import msgspec
 import pyarrow as pa
@@ -16,7 +15,7 @@ from click.testing import CliRunner
 from fuzz import mutate
 from fuzz.places import scratch
 from fuzz.tables import _METADATA, damage
-from fuzz.watch import Wrong
+from fuzz.watch import Wrong, turns
 
 from sepmc import cli
 from sepmc.campaign import ledger, store
@@ -36,9 +35,7 @@ def folders(rng, count, until, tried):
     """Run folders, changed, and a command for each."""
     with scratch() as place:
         whole = _whole(place)
-        for number in range(count):
-            if time.monotonic() > until:
-                break
+        for number in turns(count, until, tried):
             kind = rng.choice(("cases", "cases", "cases", "single", "plan", "stats"))
             at = place / str(number)
             folder = shutil.copytree(whole[kind], at / "run")
@@ -352,7 +349,7 @@ def _table(folder, _, rng):
 def _campaign(folder, _, rng):
     path = _own(folder / store.CAMPAIGN)
     made = mutate.Trees.__new__(mutate.Trees)
-    made.texts = [path.read_text()]
+    made.texts, made.weights = [path.read_text()], [1.0]
     path.write_bytes(made.text(rng))
     _reseal(folder)
     return "text"

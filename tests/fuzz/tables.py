@@ -3,7 +3,6 @@
 import decimal
 import datetime
 import math
-import time
 import tomllib
 
 import numpy as np
@@ -12,7 +11,7 @@ import pyarrow.parquet as pq
 
 from fuzz import mutate
 from fuzz.places import scratch
-from fuzz.watch import Wrong
+from fuzz.watch import Wrong, turns
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.input_file import read_input_table
@@ -38,9 +37,7 @@ def tables(rng, count, until, tried):
     """Tables for a campaign of two dispersed masses."""
     tree = tomllib.loads(SCENE)
     with scratch() as folder:
-        for number in range(count):
-            if time.monotonic() > until:
-                break
+        for number in turns(count, until, tried):
             name = f"{number % 8}.{rng.choice(('csv', 'parquet'))}"
             path = folder / name
             rows = rng.choice((0, 1, 2, 3, 8, 40))

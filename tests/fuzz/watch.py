@@ -63,6 +63,15 @@ def shown(what):
         return f"what has no text: {error}"
 
 
+def turns(count, until, tried):
+    """Numbers of inputs, until there is no time left."""
+    for number in range(count):
+        if time.monotonic() > until:
+            return
+        tried.counts["inputs"] += 1
+        yield number
+
+
 class Tried:
     """Inputs counted by what came of them, and findings by their kind, each with its first
     inputs."""
