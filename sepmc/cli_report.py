@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from io import BytesIO
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any

@@ -11,7 +11,7 @@ import json
 import os
 import sys
 
-from fuzz import campaigns, folders, tables
+from fuzz import campaigns, flights, folders, tables
 from fuzz.watch import spread
 
 # what is tried, and what share of --count and of --seconds it takes
@@ -21,6 +21,8 @@ PARTS = {
     "sizes": (campaigns.sizes, 0.001, 0.05),
     "tables": (tables.tables, 0.199, 0.15),
     "folders": (folders.folders, 0.005, 0.2),
+    "rows": (flights.rows, 0.01, 0.05),
+    "numbers": (flights.numbers, 0.005, 0.1),
     "kernels": (campaigns.kernels, 0.001, 0.05),
 }
 
@@ -44,7 +46,7 @@ def main():
         bad += len(tried.findings)
         print(name, json.dumps(tried.counts), "longest", *tried.longest, flush=True)
         for kind, (times, inputs) in sorted(tried.findings.items(), key=lambda x: -x[1][0]):
-            print(f"  {times} x {kind}\n      {inputs[0][:asked.shown]}", flush=True)
+            print(f"  {times} x {kind}\n      {inputs[0][: asked.shown]}", flush=True)
     print(f"{total} inputs, {bad} kinds of findings")
     sys.exit(1 if bad else 0)
 

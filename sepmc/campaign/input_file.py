@@ -10,9 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import csv
 
-from sepmc.campaign.numbers import MOST
 from sepmc.scene.input_table import CASE, InputTable
-from sepmc.scene.limits import PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
+from sepmc.scene.limits import CASES, PLAN_BYTES, PLAN_NUMBERS, TEXT, text_fault
 from sepmc.scene.messages import Problems, printable, shorten
 
 _PLACE = "run.plan"
@@ -52,7 +51,9 @@ def read_input_table(path: Path, problems: Problems) -> InputTable | None:
         for name, column in columns.items()
         if not _is_number(column.type) and column.null_count < len(column)
     }
-    kept = {name: _floats(column)[order] for name, column in columns.items() if _is_number(column.type)}
+    kept = {
+        name: _floats(column)[order] for name, column in columns.items() if _is_number(column.type)
+    }
     return InputTable(path, numbers[order], kept, words)
 
 
@@ -81,7 +82,9 @@ def _parquet(path: Path) -> pa.Table:
     """A Parquet table, whose text stays a dictionary: a small file can hold a word many times."""
     with pq.ParquetFile(path) as file:
         told = file.metadata
-        rows = max(told.num_rows, sum(told.row_group(k).num_rows for k in range(told.num_row_groups)))
+        rows = max(
+            told.num_rows, sum(told.row_group(k).num_rows for k in range(told.num_row_groups))
+        )
         _check_size(rows, told.num_columns)
         texts = [field.name for field in file.schema_arrow if _is_text(field.type)]
     with pq.ParquetFile(path, read_dictionary=texts) as file:
@@ -90,7 +93,9 @@ def _parquet(path: Path) -> pa.Table:
 
 def _check_size(rows: int, columns: int) -> None:
     if rows * columns > PLAN_NUMBERS:
-        said = f"has {rows:,} rows of {columns:,} columns: must hold at most {PLAN_NUMBERS:,} numbers"
+        said = (
+            f"has {rows:,} rows of {columns:,} columns: must hold at most {PLAN_NUMBERS:,} numbers"
+        )
         raise _TooLarge(said)
 
 
@@ -113,14 +118,14 @@ def _table_fault(table: pa.Table, names: list[str]) -> str:
 def _case_numbers(column: pa.ChunkedArray | None, rows: int, problems: Problems) -> Any:
     """Numbers (n,) of the cases, those of the rows if none are given; None, with the problem noted,
     if they are none."""
-    place, said = f"{_PLACE}, column {CASE}", f"must hold whole numbers from 0 to {MOST - 1}"
+    place, said = f"{_PLACE}, column {CASE}", f"must hold whole numbers from 0 to {CASES - 1}"
     if column is None:
         return np.arange(rows)
     if not _is_number(column.type):
         problems.add(place, said, _first(column))
         return None
     given = _floats(column)
-    fits = (given >= 0) & (given < MOST)
+    fits = (given >= 0) & (given < CASES)
     whole = fits & (np.where(fits, given, 0.0) % 1 == 0)
     if not whole.all():
         problems.add(place, said, str(column[int(np.argmin(whole))].as_py()))

@@ -14,8 +14,7 @@ from pathlib import Path
 import msgspec
 
 from sepmc.campaign import own_files
-from sepmc.campaign.numbers import MOST
-from sepmc.scene.limits import LEDGER_BYTES, NUMBERS_A_BYTE, PART_BYTES
+from sepmc.scene.limits import CASES, LEDGER_BYTES, NUMBERS_A_BYTE, PART_BYTES
 
 LEDGER = "checksums.jsonl"
 _OF_A_LINE = 16  # characters
@@ -37,7 +36,7 @@ class Entry(msgspec.Struct, frozen=True):
         return (
             own_files.is_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
-            and 0 <= self.first <= self.first + self.cases <= MOST
+            and 0 <= self.first <= self.first + self.cases <= CASES
             and 0 <= self.cases <= NUMBERS_A_BYTE * self.bytes
         )
 

@@ -7,11 +7,10 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from sepmc.campaign.numbers import MOST
-from sepmc.scene.limits import check_tree
+from sepmc.scene.limits import CASES, check_tree
 from sepmc.scene.messages import Problems, TooManyProblems
 
-_Count = Annotated[int, Meta(ge=0, le=MOST)]
+_Count = Annotated[int, Meta(ge=0, le=CASES)]
 _TEXT = 100_000  # characters of a note
 _OF_ALL = ("campaign", "files", "files_sha256", "campaign_sha256")
 _OF_CASES = ("seed", "cases", "sessions")

@@ -24,8 +24,8 @@ from sepmc import __version__
 from sepmc.campaign import ledger, manifests, own_files
 from sepmc.campaign.own_files import StoreError
 from sepmc.campaign.part_checks import file_fault, table_fault
-from sepmc.scene.limits import CAMPAIGN_BYTES, MANIFEST_BYTES
 from sepmc.scene.input_table import CASE, InputTable
+from sepmc.scene.limits import CAMPAIGN_BYTES, MANIFEST_BYTES
 from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column

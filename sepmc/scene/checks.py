@@ -9,6 +9,7 @@ from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.kinds import KINDS, rows_of, slides
+from sepmc.scene.limits import LARGEST
 from sepmc.scene.load_checks import (
     check_air,
     check_known,
@@ -18,7 +19,6 @@ from sepmc.scene.load_checks import (
     check_pair,
     check_series,
 )
-from sepmc.scene.limits import LARGEST
 from sepmc.scene.messages import Problems
 from sepmc.scene.model import Body, Joint, Motor, Scene
 from sepmc.scene.parameters import value as parameter_value

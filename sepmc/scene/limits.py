@@ -12,8 +12,10 @@ from sepmc.scene.messages import Problems, shorten
 CAMPAIGN_BYTES = 4_000_000
 # Bytes of a table of inputs: it is read as a whole, and takes up to four times that as numbers.
 PLAN_BYTES = 1_000_000_000
-# Cases times parameters of a Latin hypercube, or of a Saltelli design: they are drawn as a whole, at
-# 8 bytes each.
+# Cases of a campaign, and one more than the largest number of one.
+CASES = 10**9
+# Cases times parameters of a Latin hypercube or a Saltelli design, which are drawn as a whole: each
+# takes 8 bytes.
 DESIGN_NUMBERS = 300_000_000
 # Rows times columns of a table of inputs, 8 bytes each: a small file may unpack to any number.
 PLAN_NUMBERS = 100_000_000
@@ -96,7 +98,9 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
         if isinstance(value, dict | list):
             most = ITEMS.get(key, LIST)
             if len(value) > most:
-                problems.add(place or "file", f"has {len(value):,} entries: must be at most {most:,}")
+                problems.add(
+                    place or "file", f"has {len(value):,} entries: must be at most {most:,}"
+                )
             elif depth > DEPTH:
                 problems.add(place[:TEXT], f"must be at most {DEPTH} tables deep")
             elif isinstance(value, list):
@@ -109,7 +113,7 @@ def check_tree(tree: Any, problems: Problems, text: int = TEXT) -> None:
                     left.append((item, f"{place}.{name}".lstrip("."), str(name), depth + 1))
         elif isinstance(value, str):
             if fault := text_fault(value.replace("\n", " ").replace("\t", " "), text):
-                problems.add(place, fault, shorten(value))
+                problems.add(place, fault, value)
         elif isinstance(value, int) and not -_WHOLE <= value < _WHOLE:
             said = f"is a whole number of {value.bit_length()} bits: must have at most 64"
             problems.add(place, f"{said}; write a larger one with a point")

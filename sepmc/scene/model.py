@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
 
-from sepmc.scene.limits import NAME
+from sepmc.scene.limits import CASES, NAME
 
 
 class Quantity(NamedTuple):
@@ -331,7 +331,7 @@ SALTELLI = "saltelli"
 
 class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
-    cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
+    cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
     seed: Annotated[int, NotNegative] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
     plan: str | None = None  # a table of inputs, a row for each case

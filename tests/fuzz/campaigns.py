@@ -9,7 +9,6 @@ from pathlib import Path
 
 from fuzz import mutate
 from fuzz.watch import Wrong, turns
-
 from sepmc.campaign import chunks, pilot, remarks
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.input_file import read_input_table

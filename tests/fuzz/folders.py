@@ -16,7 +16,6 @@ from fuzz import mutate
 from fuzz.places import scratch
 from fuzz.tables import _METADATA, damage
 from fuzz.watch import Wrong, turns
-
 from sepmc import cli
 from sepmc.campaign import ledger, store
 from sepmc.scene.messages import InputError
@@ -67,14 +66,13 @@ def _whole(place):
     whole = place / "whole"
     found = {kind: whole / kind for kind in ("cases", "single", "plan", "stats")}
     fly = ["campaign", "table2.toml", "--cases", "14", "--quiet", "--no-plots", *_SETTINGS]
+    one = ["run", "table1.toml", "--every-s", "0.05", "--quiet", "--no-plots"]
     plan = str(place / "plan.csv")
     for words in (
         [*fly, "--out", str(found["cases"])],
-        ["run", "table1.toml", "--every-s", "0.05", "--quiet", "--no-plots"]
-        + ["--out", str(found["single"])],
+        [*one, "--out", str(found["single"])],
         ["sample", "table2.toml", "--cases", "8", "--out", plan],
-        ["campaign", "table2.toml", "--plan", plan, "--quiet", "--no-plots"]
-        + ["--out", str(found["plan"])],
+        [*fly[:2], "--plan", plan, "--quiet", "--no-plots", "--out", str(found["plan"])],
         [*fly, "--stats-only", "--out", str(found["stats"])],
     ):
         done = CliRunner().invoke(cli.main, words)
@@ -98,7 +96,9 @@ def _listing(at, folder):
     return [
         (str(path), path.read_bytes() if path.is_file() else b"")
         for path in sorted(at.rglob("*"))
-        if path != folder and folder not in path.parents and (at / "new") not in (path, *path.parents)
+        if path != folder
+        and folder not in path.parents
+        and (at / "new") not in (path, *path.parents)
     ]
 
 
@@ -127,11 +127,28 @@ def _command(rng, folder, other):
 
 
 def _change(folder, outside, rng):
-    ways = (_bytes, _link, _link, _odd, _manifest, _ledger, _table, _table, _damaged, _campaign, _vast)
+    ways = (
+        _bytes,
+        _link,
+        _link,
+        _odd,
+        _manifest,
+        _ledger,
+        _table,
+        _table,
+        _damaged,
+        _campaign,
+        _vast,
+    )
     way = rng.choice(ways)
     try:
         said = way(folder, outside, rng)
-    except (OSError, pa.ArrowException, ValueError, store.StoreError) as error:  # what was changed already
+    except (
+        OSError,
+        pa.ArrowException,
+        ValueError,
+        store.StoreError,
+    ) as error:  # what was changed already
         said = f"not done: {error}"
     return f"{way.__name__[1:]} {said}"
 
@@ -207,7 +224,8 @@ class _Values(mutate.Trees):
         self.words = ["cases", "digest", "case", "numbers", "of", "seed", "until", "sha256", "x"]
         values = {"case": [3, None], "stats_only": [True, 1], "numbers": ["0:1000000000", "3,,"],
                   "complete": [False, "no"], "cases": [10**15, -1, "x"], "of": [10**15],
-                  "sessions": [[], [{}]], "notes": ["x", ["\x1b[2J"]], "seed": [None, 2**62]}  # fmt: skip
+                  "sessions": [[], [{}]], "notes": ["x", ["\x1b[2J"]],
+                  "seed": [None, 2**62]}  # fmt: skip
         self.values = {key: [pickle.dumps(x) for x in some] for key, some in values.items()}
 
 
@@ -268,7 +286,8 @@ def _ledger(folder, outside, rng):
     one = entries[place]
     names = ("../outside/file", str(outside / "file"), "cases/../../outside/file",
              "cases/x/../y", "", ".", "..", "cases", "a\0b", "manifest.json", "x" * 5000, "C:\\x",
-             "histories/part-0000000000.parquet", "\x1b[2J", "cases/part-0000000000.parquet")  # fmt: skip
+             "histories/part-0000000000.parquet", "\x1b[2J",
+             "cases/part-0000000000.parquet")  # fmt: skip
     numbers = (0, -1, 1, 5, 10**9, 10**15, 2**62, 2**63, one.cases + 1, one.first + 1)
     way = rng.choice(("file", "first", "cases", "bytes", "sha256", "twice", "text"))
     if way == "file":
@@ -307,8 +326,23 @@ def _table(folder, _, rng):
     """Another table with the right checksum."""
     path = _parquet(folder, rng)
     table = pq.read_table(path)
-    names, way = table.column_names, rng.choice(
-        ("drop", "rename", "type", "null", "rows", "text", "metadata", "swap", "many", "none", "nan")
+    names, way = (
+        table.column_names,
+        rng.choice(
+            (
+                "drop",
+                "rename",
+                "type",
+                "null",
+                "rows",
+                "text",
+                "metadata",
+                "swap",
+                "many",
+                "none",
+                "nan",
+            )
+        ),
     )
     place = rng.choice((0, 1, 2, rng.randrange(len(names)))) % len(names)
     if way == "drop":

@@ -18,6 +18,10 @@ NUMBERS = (
     -1e308, math.nan, math.inf, -math.inf, 2**31, 2**53 + 1, 2**63 - 1, 2**63, 10**9, 10**15,
     10**30, 16**5000, -(2**63), -(2**63) - 1, 89.0, 90.0, 180.0, 360.0, 86_000.0,
 )  # fmt: skip
+BYTES = (
+    b"\0", b"\xff", b'"""', b"]]", b"[[", b"{", b"9e999", b"nan", b"inf", b"0x" + b"f" * 5000, b"-",
+    b"#", b"\r", b"\n", b"=", b".", b"'", b"1979-05-27", b"true",
+)  # fmt: skip
 OTHERS = (
     True, False, datetime.date(1979, 5, 27), datetime.time(7, 32), datetime.datetime.max,
 )  # fmt: skip
@@ -131,9 +135,7 @@ class Trees:
                 begin = rng.randrange(len(other))
                 said[place : place + length] = other[begin : begin + length]
             else:
-                said[place:place] = rng.choice((b"\0", b"\xff", b'"""', b"]]", b"[[", b"{", b"9e999",
-                    b"nan", b"inf", b"0x" + b"f" * 5000, b"-", b"#", b"\r", b"\n", b"=", b".", b"'",
-                    b"1979-05-27", b"true"))  # fmt: skip
+                said[place:place] = rng.choice(BYTES)
         return bytes(said)
 
 

@@ -1,7 +1,7 @@
 """Tables of inputs, CSV and Parquet: numbers and names that are none, types, sizes, damage."""
 
-import decimal
 import datetime
+import decimal
 import math
 import tomllib
 
@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 from fuzz import mutate
 from fuzz.places import scratch
 from fuzz.watch import Wrong, turns
-
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.input_file import read_input_table
 from sepmc.scene.read import parse_campaign
@@ -59,11 +58,9 @@ def _told(path):
 
 def _flown_as_given(plan, folder, path):
     """What is accepted of a table are the numbers that it has, to the last bit."""
-    campaign = Campaign(
-        parse_campaign(plan, "plan.toml", folder=folder, reader=read_input_table)
-    )
+    campaign = Campaign(parse_campaign(plan, "plan.toml", folder=folder, reader=read_input_table))
     numbers, _ = campaign.asked()
-    first, end = numbers.ranges[0]
+    first = numbers.ranges[0][0]
     drawn = campaign.draw(first, 1)[0]
     _ = campaign.digest, campaign.columns
     used = {d.column: k for k, d in enumerate(campaign.file.dispersions) if d.column}
@@ -120,34 +117,29 @@ def _cell(rng):
 
 
 def _value(rng, kind):
-    number = rng.choice((1.0, 1.5, 2.0, 3.0, math.nan, -1.0, 0.0, 1e308, math.inf, 100.0))
+    """A value of a type."""
     whole = rng.choice((0, 1, 2, 3, 100, -1))
     if pa.types.is_floating(kind):
+        number = rng.choice((1.0, 1.5, 2.0, 3.0, math.nan, -1.0, 0.0, 1e308, math.inf, 100.0))
         number = number if number != 1e308 or kind == pa.float64() else 7.0
         return np.float16(number) if kind == pa.float16() else number
-    if pa.types.is_integer(kind):
-        return abs(whole)
-    if pa.types.is_decimal(kind):
-        return decimal.Decimal("1.5")
-    if pa.types.is_boolean(kind):
-        return whole > 1
-    if pa.types.is_timestamp(kind):
-        return datetime.datetime(1970, 1, 1, 0, 0, abs(whole) % 60)
-    if pa.types.is_duration(kind):
-        return datetime.timedelta(microseconds=abs(whole))
-    if pa.types.is_date(kind):
-        return datetime.date(2020, 1, 1)
-    if pa.types.is_time(kind):
-        return datetime.time(0, 0, 1)
-    if pa.types.is_list(kind):
-        return [1.0, 2.0]
-    if pa.types.is_map(kind):
-        return [("x", 1.0)]
-    if pa.types.is_struct(kind):
-        return {"x": 1.0}
-    if pa.types.is_binary(kind):
-        return rng.choice((b"1.5", b"\xff"))
-    return None if pa.types.is_null(kind) else rng.choice(("1.5", "abc", "", "nan", "\x1b[2J"))
+    for fits, value in (
+        (pa.types.is_integer, abs(whole)),
+        (pa.types.is_decimal, decimal.Decimal("1.5")),
+        (pa.types.is_boolean, whole > 1),
+        (pa.types.is_timestamp, datetime.datetime(1970, 1, 1, 0, 0, abs(whole) % 60)),
+        (pa.types.is_duration, datetime.timedelta(microseconds=abs(whole))),
+        (pa.types.is_date, datetime.date(2020, 1, 1)),
+        (pa.types.is_time, datetime.time(0, 0, 1)),
+        (pa.types.is_list, [1.0, 2.0]),
+        (pa.types.is_map, [("x", 1.0)]),
+        (pa.types.is_struct, {"x": 1.0}),
+        (pa.types.is_binary, rng.choice((b"1.5", b"\xff"))),
+        (pa.types.is_null, None),
+    ):
+        if fits(kind):
+            return value
+    return rng.choice(("1.5", "abc", "", "nan", "\x1b[2J"))
 
 
 def _parquet(rng, rows, path):
