@@ -190,7 +190,8 @@ def draw(file: str, settings: tuple[str, ...], out: Path | None, overwrite: bool
             raise InputError(f"{path}: must end with .png, .svg or .pdf")
         if path.exists() and not overwrite:
             raise InputError(f"{path}: is there already; give another name, or --overwrite")
-        title = f"{loaded.name}: {loaded.file.title}" if loaded.file.title else loaded.name
+        said = loaded.file.title.replace("$", r"\$")  # or it would be set as a formula
+        title = f"{loaded.name}: {said}" if said else loaded.name
         try:
             click.echo(f"wrote {drawing(loaded.scene, loaded.file.dispersions, title, path)}")
         except OSError as error:

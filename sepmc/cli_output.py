@@ -181,8 +181,8 @@ def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     from sepmc.campaign import store
 
     cases = store.CaseColumns(folder)
-    outcomes, audits, *_ = loaded.summarised
-    if lost := [name for name in ("case", "status", *outcomes, *audits) if name not in cases]:
+    outcomes = loaded.summarised[0]
+    if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
         raise store.StoreError(
             f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
             "sepmc, or changed; fly them again"

@@ -229,13 +229,19 @@ def test_links_and_pipes_in_a_run_are_refused(folder, tmp_path, name, kind):
     assert [p.read_text() for p in outside.iterdir()] == ["precious"]
 
 
-def test_a_list_of_files_that_another_run_has_too_is_not_written(folder, tmp_path):
+def test_a_file_with_another_name_elsewhere_is_refused(folder, tmp_path):
+    os.link(folder / ledger.LEDGER, tmp_path / "other")
+    assert call("stats", str(folder)) == 2
+
+
+def test_a_file_that_is_written_is_a_new_one(tmp_path):
     other = tmp_path / "other"
-    os.link(folder / ledger.LEDGER, other)
-    before = other.read_bytes()
-    ledger.add(folder, ledger.entry("x", b""))
-    assert other.read_bytes() == before
-    assert "x" in ledger.read(folder)
+    for link in (os.link, os.symlink):
+        other.write_text("precious")
+        link(other, tmp_path / "x.tmp")
+        ledger.put(tmp_path / "x", b"new")
+        assert (tmp_path / "x").read_bytes() == b"new"
+        assert other.read_text() == "precious"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from sepmc.campaign import own_files
-from sepmc.scene.limits import CASES, LEDGER_BYTES, NUMBERS_A_BYTE, PART_BYTES
+from sepmc.scene.limits import CASES, LEDGER_BYTES, LEDGER_LINES, PART_BYTES
 
 LEDGER = "checksums.jsonl"
 _OF_A_LINE = 16  # characters
@@ -37,7 +37,7 @@ class Entry(msgspec.Struct, frozen=True):
             own_files.is_name(self.file)
             and 0 <= self.bytes <= PART_BYTES
             and 0 <= self.first <= self.first + self.cases <= CASES
-            and 0 <= self.cases <= NUMBERS_A_BYTE * self.bytes
+            and self.cases <= self.bytes  # of each case many numbers, 4 to a byte at most
         )
 
     @property
@@ -58,9 +58,12 @@ def checksum(content: bytes) -> str:
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees the old or the new content, never a part."""
+    """Write a file so that a reader sees the old or the new content, never a part; whatever had its
+    name, or that of the file it is first, is left alone elsewhere."""
     temporary = path.with_name(path.name + ".tmp")
-    temporary.write_bytes(content)
+    temporary.unlink(missing_ok=True)
+    with open(temporary, "xb") as file:
+        file.write(content)
     os.replace(temporary, path)
 
 
@@ -70,10 +73,7 @@ def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:
 
 
 def add(folder: Path, *entries: Entry) -> None:
-    """Add files to the ledger of a folder; to one of its own, where another folder has the same."""
-    path = folder / LEDGER
-    if path.exists() and path.stat().st_nlink > 1:
-        put(path, path.read_bytes())
+    """Add files to the ledger of a folder."""
     with open(folder / LEDGER, "ab") as ledger:
         ledger.write("".join(one.line for one in entries).encode())
 
@@ -96,8 +96,17 @@ def read(folder: Path) -> Mapping[str, Entry]:
 
 @lru_cache(maxsize=8)
 def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
-    lines = own_files.content(path, LEDGER_BYTES).splitlines()
+    lines = _lines(path)
     return {one.file: one for one in map(_entry, lines) if one}
+
+
+def _lines(path: Path) -> list[bytes]:
+    """Lines of a ledger. Raises StoreError if there are more than a run has files."""
+    written = own_files.content(path, LEDGER_BYTES)
+    if (count := written.count(b"\n") + written.count(b"\r")) > LEDGER_LINES:
+        said = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
+        raise own_files.StoreError(f"{path}: {said}")
+    return written.splitlines()
 
 
 def _entry(line: bytes) -> Entry | None:
@@ -117,7 +126,7 @@ def lost_lines(folder: Path) -> int:
     """How many lines of the ledger of a folder say nothing, as they are not as they were
     written."""
     try:
-        lines = own_files.content(folder / LEDGER, LEDGER_BYTES).splitlines()
+        lines = _lines(folder / LEDGER)
     except own_files.StoreError:
         return 0
     return sum(_entry(line) is None for line in lines)

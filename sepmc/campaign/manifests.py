@@ -7,8 +7,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from sepmc.scene.limits import CASES, check_tree
+from sepmc.scene.limits import CASES, NAME, check_tree
 from sepmc.scene.messages import Problems, TooManyProblems
+from sepmc.scene.model import Name
 
 _Count = Annotated[int, Meta(ge=0, le=CASES)]
 _TEXT = 100_000  # characters of a note
@@ -57,7 +58,7 @@ class _Manifest(Struct):
     """Of a campaign, or of one case."""
 
     digest: str
-    campaign: str = ""
+    campaign: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\Z", max_length=NAME)] = "x"
     seed: Annotated[int, Meta(ge=0)] | None = None
     cases: _Count = 0
     of: _Count = 0
@@ -72,8 +73,8 @@ class _Manifest(Struct):
     least_at_the_end: dict[str, int] = {}
     sessions: list[_Session] = []
     case: _Count | None = None
-    bodies: list[str] = []
-    joints: list[str] = []
+    bodies: list[Name] = []
+    joints: list[Name] = []
     files: _Count = 0
     sha256: str = ""
     files_sha256: str = ""

@@ -24,7 +24,7 @@ def check(folder: Path) -> None:
         try:
             with os.scandir(place) as entries:
                 for one in entries:
-                    _check_one(one)
+                    _check_one(one, place == folder)
         except (FileNotFoundError, NotADirectoryError):
             continue
         except (OSError, ValueError) as error:
@@ -32,13 +32,17 @@ def check(folder: Path) -> None:
             raise StoreError(f"{place}: cannot be read: {said}") from None
 
 
-def _check_one(one: "os.DirEntry[str]") -> None:
+def _check_one(one: "os.DirEntry[str]", is_written: bool) -> None:
+    """``is_written``: it may be written as it stands, as figures are; parts are new files."""
     if one.is_symlink():
         raise StoreError(
             f"{one.path}: is a link; a run folder holds its own files only: put the file there"
         )
     if not one.is_file(follow_symlinks=False) and not one.is_dir(follow_symlinks=False):
         raise StoreError(f"{one.path}: is neither a file nor a folder; take it out of the run")
+    if is_written and one.is_file() and one.stat().st_nlink > 1:
+        said = "has another name elsewhere (a hard link), where it would be written too: copy it"
+        raise StoreError(f"{one.path}: {said}")
 
 
 def is_name(file: str) -> bool:

@@ -20,11 +20,12 @@ DESIGN_NUMBERS = 300_000_000
 # Rows times columns of a table of inputs, 8 bytes each: a small file may unpack to any number.
 PLAN_NUMBERS = 100_000_000
 # Bytes of a manifest: it tells of sessions and notes, not of cases.
-MANIFEST_BYTES = 64_000_000
-# Bytes of the list of the files of a run: 250 for a part, of which a billion cases have 60,000.
-LEDGER_BYTES = 256_000_000
-# Bytes of a part, which is read as a whole: a run writes at most some 100 MB into one.
-PART_BYTES = 1_000_000_000
+MANIFEST_BYTES = 8_000_000
+# Bytes and lines of the list of the files of a run: a billion cases have 120,000 parts.
+LEDGER_BYTES = 128_000_000
+LEDGER_LINES = 500_000
+# Bytes of a part, which is read as a whole: a run writes at most some 64 MB into one.
+PART_BYTES = 256_000_000
 # Numbers that a byte of a part can hold: 8 bytes each, of which Snappy makes 3 of 64 at best.
 NUMBERS_A_BYTE = 4
 # Tables in tables: a condition has two for each `any` or `all`.

@@ -121,7 +121,7 @@ def _command(rng, folder, other):
         (3, ["run", run, "--case", "2", "--every-s", "0.1", "--no-plots", "--out", out]),
         (3, ["check", run, "--no-flight"]),
         (0.5, ["plot", run]),
-        (0.2, ["report", run, "--quiet"]),
+        (0.2, ["report", run, "--quiet", "--no-replay"]),
     )
     return list(rng.choices([way for _, way in ways], [weight for weight, _ in ways])[0])
 
@@ -185,12 +185,13 @@ def _link(folder, outside, rng):
 
 def _odd(folder, outside, rng):
     """A pipe, a folder, or nothing, where a file was; a file where a folder was; a second name."""
-    path = rng.choice(sorted(folder.rglob("*")))
+    path = rng.choice([*sorted(folder.rglob("*")), *(folder / name for name in _NEW)])
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
         path.write_bytes(b"")
         return f"file {path.name}"
-    path.unlink()
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
     way = rng.choice(("pipe", "folder", "gone", "second name", "empty"))
     if way == "pipe":
         os.mkfifo(path)

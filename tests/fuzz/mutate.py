@@ -33,7 +33,7 @@ def bases():
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).glob("*.toml")):
             text = path.read_text(encoding="utf-8")
-            if "[initial]" in text or "initial" in tomllib.loads(text):
+            if "initial" in tomllib.loads(text):
                 found[path.relative_to(ROOT).as_posix()] = text
     return found
 
