@@ -92,6 +92,17 @@ def test_what_is_too_large_is_refused_with_its_size(tree, said):
     assert said in refused(tree)
 
 
+@pytest.mark.parametrize("size", [1e-300, 5e-324])
+def test_what_has_no_direction_is_refused(size):
+    pair = {"bodies": ["a", "b"], "point_m": [2.0, 0.0, 0.0]}
+    spring = small(spring=[pair | {"name": "s", "axis": [size, 0.0, 0.0], "force_N": 1.0}])
+    assert "spring.s.axis" in refused(spring)
+    assert "joint.pins.y_axis" in refused(small(joint={"pins": pair | {"x_axis": [size, 0, 0]}}))
+    rod = small(joint={"pins": pair | {"second_point_m": [2.0, size, 0.0]}})
+    rod["phase"][0]["joints"] = {"pins": "rod"}
+    assert "joint.pins.second_point_m" in refused(rod)
+
+
 def test_tables_are_held_to_their_rows():
     rows = [float(k) for k in range(1001)]
     wind = {"profile": {"altitude_m": rows, "speed_m_s": rows, "direction_deg": rows}}

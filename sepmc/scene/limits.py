@@ -37,6 +37,8 @@ TEXT = 2000
 NAME = 64
 # A number that is larger has no square, or a cube, that can be computed with.
 LARGEST = 1e60
+# A length that is smaller has no direction: its square is no number any more.
+SMALLEST = 1e-60
 # Values of a list, such as the points of an outline.
 LIST = 20_000
 # Rows of a table along an axis: what fits a spline to them takes the cube of their number.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sepmc.scene.limits import TABLE_CELLS, TABLE_ROWS
+from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
@@ -91,7 +91,7 @@ def check_loads(scene: Scene, problems: Problems) -> None:
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     place = f"spring.{spring.name}"
     check_pair(f"{place}.bodies", spring.bodies, scene, problems)
-    if spring.axis is not None and not any(spring.axis):
+    if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
         problems.add(f"{place}.axis", "must not be zero", list(spring.axis))
     if spring.axis is None and (
         spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9
