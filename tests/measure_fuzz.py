@@ -4,6 +4,8 @@
 Campaign files, plans and run folders are changed at random and given to the doors that a user has.
 A finding is what is not refused by a sentence: a traceback, more than five seconds, more memory
 than 4 GB, something written outside of the run folder, a wrong number. Exit code 1 if there is one.
+Changes know the format (`fuzz.mutate`), so neither atheris nor another guided fuzzer is needed.
+Flights may take their time: what takes more than a minute is counted as slow.
 """
 
 import argparse
