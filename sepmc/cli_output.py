@@ -58,7 +58,8 @@ def plain_errors(quiet: bool) -> Iterator[None]:
         sys.exit(2)
     except Exception as error:
         # by name: their modules take a while to import
-        if type(error).__name__ in ("StoreError", "ClusterError", "OutOfStepError"):
+        known = ("StoreError", "ClusterError", "OutOfStepError")
+        if any(kind.__name__ in known for kind in type(error).__mro__):
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise
@@ -183,7 +184,14 @@ def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     from sepmc.analysis.rows import summarise
     from sepmc.campaign import store
 
-    return summarise(store.CaseColumns(folder), *loaded.summarised)
+    cases = store.CaseColumns(folder)
+    outcomes = loaded.summarised[0]
+    if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
+        raise store.StoreError(
+            f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
+            "sepmc, or changed; fly them again"
+        )
+    return summarise(cases, *loaded.summarised)
 
 
 def tell_results(

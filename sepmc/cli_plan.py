@@ -88,7 +88,13 @@ def write_sample(
     import numpy as np
     import pandas as pd
 
+    from sepmc.scene.limits import PLAN_NUMBERS
+    from sepmc.scene.messages import InputError
+
     numbers, total = loaded.asked(cases)
+    if numbers.count * len(loaded.input_columns) > PLAN_NUMBERS:
+        most = PLAN_NUMBERS // len(loaded.input_columns)
+        raise InputError(f"cases = {numbers.count:,}: a table has room for at most {most:,}")
     parts = [loaded.draw(first, end - first, seed, total) for first, end in numbers.ranges]
     drawn = np.concatenate(parts)
     which = np.concatenate([np.arange(first, end) for first, end in numbers.ranges])

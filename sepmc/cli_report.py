@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -43,6 +44,7 @@ from sepmc.report.compare_figures import overlay_figure
 from sepmc.report.drawing import drawing
 from sepmc.report.driver_figures import scatter_figure, tornado_figure
 from sepmc.report.figures import run_figures
+from sepmc.scene.limits import CAMPAIGN_BYTES, content
 from sepmc.scene.messages import nearest, nobody
 from sepmc.scene.model import SALTELLI, VIOLATION, Requirement
 from sepmc.schema import Status, is_yes_or_no
@@ -165,8 +167,8 @@ def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
     """What ``drivers.csv`` has, if it is of the cases that the run has now."""
     path, of_cases = folder / "drivers.csv", folder / "manifest.json"
     if path.exists() and path.stat().st_mtime > of_cases.stat().st_mtime:
-        with suppress(pd.errors.ParserError, pd.errors.EmptyDataError):
-            found = pd.read_csv(path)
+        with suppress(ValueError):  # what pandas raises of what is no table, too
+            found = pd.read_csv(BytesIO(content(path, CAMPAIGN_BYTES)))
             if list(found.columns) == columns:
                 return found
     return pd.DataFrame(columns=pd.Index(columns))

@@ -19,6 +19,7 @@ import numpy as np
 from sepmc.scene import parameters
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.limits import DESIGN_NUMBERS
 from sepmc.scene.model import SALTELLI, Scene
 
 _RARE = 1e-6  # of the probability of a law: less is beyond its ends
@@ -105,6 +106,9 @@ def _saltelli(dimensions: int, seed: int, cases: int) -> np.ndarray:
 def size_fault(sampling: Sampling, dimensions: int) -> str:
     """What is wrong with the number of cases of a sampling; empty if nothing is."""
     size = dimensions + 2
+    if sampling.sampler in OF_ITS_SIZE and sampling.cases * dimensions > DESIGN_NUMBERS:
+        most = DESIGN_NUMBERS // dimensions
+        return f"sampler {sampling.sampler!r} draws all cases at once: must be at most {most:,}"
     if sampling.sampler != SALTELLI or (dimensions and sampling.cases % size == 0):
         return ""
     if not dimensions:

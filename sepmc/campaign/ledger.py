@@ -14,7 +14,9 @@ from uuid import uuid4
 
 import msgspec
 
+from sepmc.campaign import own_files
 from sepmc.places import is_local
+from sepmc.scene.limits import CASES, LEDGER_BYTES, LEDGER_LINES, PART_BYTES
 
 LEDGER = "checksums.jsonl"
 _OF_A_LINE = 16  # characters
@@ -29,6 +31,16 @@ class Entry(msgspec.Struct, frozen=True):
     sha256: str
     first: int = 0
     cases: int = 0
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether there can be such a file, of so many cases, in a run folder."""
+        return (
+            own_files.is_name(self.file)
+            and 0 <= self.bytes <= PART_BYTES
+            and 0 <= self.first <= self.first + self.cases <= CASES
+            and self.cases <= self.bytes  # of each case many numbers, 4 to a byte at most
+        )
 
     @property
     def line(self) -> str:
@@ -49,12 +61,13 @@ def checksum(content: bytes) -> str:
 
 def put(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new content, never a part; of several
-    processes that write it at once, one's."""
+    processes that write it at once, one's. Whatever had its name is left alone elsewhere."""
     if not is_local(path):  # object storage does so by itself
         path.write_bytes(content)
         return
     temporary = path.with_name(f"{path.name}.{uuid4().hex[:8]}.tmp")
-    temporary.write_bytes(content)
+    with open(temporary, "xb") as file:
+        file.write(content)
     os.replace(temporary, path)
 
 
@@ -79,9 +92,12 @@ def rewrite(folder: Path, entries: Iterable[Entry]) -> None:
 
 
 def read(folder: Path) -> Mapping[str, Entry]:
-    """The files in the ledger of a folder, by their path there."""
+    """The files in the ledger of a folder, by their path there. Raises StoreError if there is
+    anything in the folder but files and folders."""
     if not is_local(folder):  # whose clock tells seconds only
-        return _entries(_content(folder))
+        lines = _lines(folder / LEDGER) if (folder / LEDGER).is_file() else []
+        return _entries(lines)
+    own_files.check(folder)
     try:
         state = (folder / LEDGER).stat()
     except OSError:
@@ -91,7 +107,11 @@ def read(folder: Path) -> Mapping[str, Entry]:
 
 @lru_cache(maxsize=8)
 def _read(path: Path, changed: int, size: int) -> Mapping[str, Entry]:
-    return _entries(path.read_bytes())
+    return _entries(_lines(path))
+
+
+def _entries(lines: Iterable[bytes]) -> Mapping[str, Entry]:
+    return {one.file: one for one in map(_entry, lines) if one}
 
 
 def _content(folder: Path) -> bytes:
@@ -101,24 +121,36 @@ def _content(folder: Path) -> bytes:
         return b""
 
 
-def _entries(content: bytes) -> Mapping[str, Entry]:
-    found = {}
-    for line in content.splitlines():
-        if _is_whole(line):
-            one = msgspec.json.decode(line.rpartition(b" ")[0], type=Entry)
-            found[one.file] = one
-    return found
+def _lines(path: Path) -> list[bytes]:
+    """Lines of a ledger. Raises StoreError if there are more than a run has files."""
+    written = own_files.content(path, LEDGER_BYTES)
+    if (count := written.count(b"\n") + written.count(b"\r")) > LEDGER_LINES:
+        said = f"has {count:,} lines: must have at most {LEDGER_LINES:,}"
+        raise own_files.StoreError(f"{path}: {said}")
+    return written.splitlines()
 
 
-def _is_whole(line: bytes) -> bool:
+def _entry(line: bytes) -> Entry | None:
+    """What a line tells of; None if it is not as it was written, or tells of nothing that can
+    be."""
     said, _, end = line.rpartition(b" ")
-    return checksum(said)[:_OF_A_LINE].encode() == end
+    if checksum(said)[:_OF_A_LINE].encode() != end:
+        return None
+    try:
+        found = msgspec.json.decode(said, type=Entry)
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return found if found.is_possible else None
 
 
 def lost_lines(folder: Path) -> int:
     """How many lines of the ledger of a folder say nothing, as they are not as they were
     written."""
-    return sum(not _is_whole(line) for line in _content(folder).splitlines())
+    try:
+        lines = _lines(folder / LEDGER)
+    except own_files.StoreError:
+        return 0
+    return sum(_entry(line) is None for line in lines)
 
 
 def digest(entries: Iterable[Entry]) -> str:
@@ -129,14 +161,16 @@ def digest(entries: Iterable[Entry]) -> str:
 def whole(folder: Path, one: Entry) -> bytes:
     """The content of a file, as it was written. Raises ValueError, with what is wrong, if it is
     not."""
+    path = folder / one.file
     try:
-        content = (folder / one.file).read_bytes()
+        size = path.stat().st_size
+        content = path.read_bytes() if path.is_file() and size == one.bytes else b""
     except FileNotFoundError:
         raise ValueError("is gone") from None
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror or error}") from None
-    if len(content) != one.bytes:
-        raise ValueError(f"was changed: it has {len(content)} bytes, and had {one.bytes}")
+    if size != one.bytes:
+        raise ValueError(f"was changed: it has {size} bytes, and had {one.bytes}")
     if checksum(content) != one.sha256:
         raise ValueError("was changed: its checksum is another")
     return content

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from sepmc.engine.door import whole
+from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError
 
-MOST = 10**9  # cases of a campaign
 _ASKED = "must be how many, as 1000 or 1e6, or which, as 25:50,73 (25 to 49, and 73)"
 
 
@@ -119,11 +119,11 @@ def read(asked: Any, name: str = "cases") -> int | Numbers:
     if isinstance(asked, str):
         return _of_text(asked.strip(), name)
     if np.ndim(asked) == 1 or isinstance(asked, range):
-        found = Numbers.of(whole(name, number, 0, MOST - 1) for number in asked)
+        found = Numbers.of(whole(name, number, 0, CASES - 1) for number in asked)
         if not found.count:
             raise InputError(f"{name} = []: {_ASKED}")
         return found
-    return whole(name, asked, 1, MOST)
+    return whole(name, asked, 1, CASES)
 
 
 def _of_text(text: str, name: str) -> int | Numbers:
@@ -133,14 +133,14 @@ def _of_text(text: str, name: str) -> int | Numbers:
             number = float(text)
         except ValueError:
             raise fault from None
-        return whole(name, number if number.is_integer() else text, 1, MOST)
+        return whole(name, number if number.is_integer() else text, 1, CASES)
     ranges = []
     for part in text.split(","):
         ends = part.split(":")
         if len(ends) > 2 or not all(end.strip().isdecimal() for end in ends):
             raise fault
         first, end = int(ends[0]), int(ends[-1]) + (len(ends) == 1)
-        if not first < end <= MOST:
+        if not first < end <= CASES:
             raise fault
         ranges.append((first, end))
     return Numbers.of_ranges(ranges)

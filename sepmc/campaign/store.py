@@ -23,9 +23,13 @@ import pyarrow.parquet as pq
 
 from sepmc import __version__
 from sepmc.analysis.told import Told
-from sepmc.campaign import ledger
+from sepmc.campaign import ledger, manifests, own_files
+from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.part_checks import file_fault, table_fault
 from sepmc.places import is_local, source
 from sepmc.scene.input_table import CASE, InputTable
+from sepmc.scene.limits import CAMPAIGN_BYTES, MANIFEST_BYTES
+from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
 
@@ -68,10 +72,6 @@ _OUR_FILES = (
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
-
-
-class StoreError(Exception):
-    """A run folder that cannot be used as asked; its argument is the sentence to show."""
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:
@@ -124,6 +124,7 @@ def check_folder(
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give --out a folder")
     if folder.is_dir() and any(folder.iterdir()):
+        own_files.check(folder)
         if not is_run(folder):
             raise StoreError(
                 f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
@@ -306,6 +307,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def made_by(folder: Path) -> dict[str, Any]:
     """By what the cases of a run folder were made: its manifest or, where that was changed, what
     its parts say: ``digest``, ``seed`` and, if they are not the first ones, ``numbers``."""
+    own_files.check(folder)
     try:
         manifest = _manifest(folder)
         if _is_sealed(manifest):
@@ -313,8 +315,8 @@ def made_by(folder: Path) -> dict[str, Any]:
     except StoreError:
         pass
     for path in sorted((folder / CASES).glob("part-*.parquet")):
-        with contextlib.suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
-            said = pq.read_schema(source(path)).metadata
+        with contextlib.suppress(StoreError, KeyError, ValueError):
+            _, said = _about(path)
             found = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
             numbers = said[b"numbers"].decode()
             return found | ({"numbers": numbers} if numbers else {})
@@ -338,10 +340,9 @@ def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
 def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     """Whether the campaign of a folder, or the table of its inputs, is not what was flown."""
     try:
-        written = ledger.checksum((folder / CAMPAIGN).read_bytes())
-    except OSError as error:
-        said = f"{folder / CAMPAIGN}: cannot be read: {error.strerror or error}"
-        yield Finding(said, mends=False)
+        written = ledger.checksum(own_files.content(folder / CAMPAIGN, CAMPAIGN_BYTES))
+    except StoreError as error:
+        yield Finding(str(error), mends=False)
     else:
         if written != manifest["campaign_sha256"]:
             said = (
@@ -422,26 +423,33 @@ def trust(folder: Path) -> None:
     found = []
     for kind in _OURS:
         for path in sorted((folder / kind).glob("part-*.parquet")):
-            numbers = np.unique(pq.read_table(source(path), columns=["case"])["case"].to_numpy())
+            numbers = np.unique(_table(path, ["case"])["case"].to_numpy())
+            if not len(numbers):
+                raise StoreError(f"{path}: holds no cases")
             name = f"{kind}/{path.name}"
             one = ledger.entry(name, path.read_bytes(), int(numbers[0]), len(numbers))
             found.append(one)
     ledger.rewrite(folder, found)
-    write_manifest(folder, manifest, (folder / CAMPAIGN).read_text(encoding="utf-8"))
+    write_manifest(folder, manifest, _campaign_text(folder))
+
+
+def _campaign_text(folder: Path) -> str:
+    try:
+        return own_files.content(folder / CAMPAIGN, CAMPAIGN_BYTES).decode()
+    except UnicodeDecodeError as error:
+        raise StoreError(f"{folder / CAMPAIGN}: is not text in UTF-8: {error}") from None
 
 
 def _manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run, whatever it says. Raises StoreError if there is none."""
     path = folder / MANIFEST
+    own_files.check(folder)
+    if not os.path.lexists(path):
+        raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run") from None
-    except (OSError, ValueError) as error:
+        return manifests.read(own_files.content(path, MANIFEST_BYTES))
+    except ValueError as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    if not isinstance(manifest, dict) or not isinstance(manifest.get("digest"), str):
-        raise StoreError(f"{path}: cannot be read: it holds no manifest")
-    return manifest
 
 
 def versions() -> dict[str, Any]:
@@ -604,11 +612,45 @@ def _read_part(folder: Path, one: ledger.Entry, columns: Sequence[str] | None = 
     """Columns of a part. Not by `pyarrow.parquet.read_table`, which imports the data set machinery
     for it (30 ms)."""
     path = _path(folder, one)
+    of_cases = one.file.startswith(f"{CASES}/")
+    return _table(path, columns, *((one.cases, one.first) if of_cases else ()))
+
+
+def _table(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    rows: int | None = None,
+    first: int | None = None,
+    content: bytes | None = None,
+) -> pa.Table:
+    """Columns of a part, or of what it holds. Raises StoreError if they are none of a run."""
+    try:
+        with pq.ParquetFile(source(path) if content is None else pa.BufferReader(content)) as file:
+            size = path.stat().st_size
+            if not (fault := file_fault(file, size, rows)):
+                lost = [name for name in columns or () if name not in file.schema_arrow.names]
+                fault = f"has no column {lost[0]}" if lost else ""
+            if not fault:
+                found = file.read(columns=columns).replace_schema_metadata(None)
+                found.validate(full=True)
+                fault = table_fault(found, first)
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise StoreError(f"{path}: cannot be read: {printable(str(error))}") from None
+    if fault:
+        raise StoreError(f"{path}: {fault}")
+    return found
+
+
+def _about(path: Path) -> tuple[pa.Schema, dict[bytes, bytes]]:
+    """The schema of a part, and what it says of itself. Raises StoreError if it is none of a
+    run."""
     try:
         with pq.ParquetFile(source(path)) as file:
-            return file.read(columns=columns)
-    except (OSError, pa.ArrowException) as error:
-        raise StoreError(f"{path}: cannot be read: {error}") from None
+            if fault := file_fault(file, path.stat().st_size):
+                raise StoreError(f"{path}: {fault}")
+            return file.schema_arrow, file.schema_arrow.metadata or {}
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise StoreError(f"{path}: cannot be read: {printable(str(error))}") from None
 
 
 def read_part(folder: Path, one: ledger.Entry) -> dict[str, np.ndarray]:
@@ -673,13 +715,19 @@ def number_after(folder: Path, count: int) -> int | None:
 def tallies(folder: Path) -> Iterator[str]:
     """What was counted of the cases of each part of a run: `sepmc.campaign.tally.Tally.text`."""
     for one in parts(folder, CASES):
-        said = pq.read_schema(source(_path(folder, one))).metadata
+        _, said = _about(_path(folder, one))
         if b"tally" not in said:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
                 "be continued; use --overwrite or another --out"
             )
-        yield said[b"tally"].decode()
+        yield said[b"tally"].decode(errors="replace")
+
+
+class NoColumn(StoreError, KeyError):
+    """The cases of a run do not have a column."""
+
+    __str__ = Exception.__str__
 
 
 class CaseColumns(Mapping[str, np.ndarray]):
@@ -698,12 +746,11 @@ class CaseColumns(Mapping[str, np.ndarray]):
         if not self._parts:
             raise StoreError(f"{folder}: holds no cases; give the folder of a run")
         self.rows = sum(part.cases for part in self._parts)
-        with pq.ParquetFile(source(_path(folder, self._parts[0]))) as file:
-            self._names = file.schema_arrow.names
+        self._names = _about(_path(folder, self._parts[0]))[0].names
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
-            raise KeyError(name)
+            raise NoColumn(f"{self.folder}: has no column {name}")
         if self.rows <= self.KEPT:
             return self._whole[name].to_numpy()
         return self._read([name])[name].to_numpy()
@@ -719,7 +766,12 @@ class CaseColumns(Mapping[str, np.ndarray]):
         return self._read(None)
 
     def _read(self, names: list[str] | None) -> pa.Table:
-        return pa.concat_tables([_read_part(self.folder, part, names) for part in self._parts])
+        read = [_read_part(self.folder, part, names) for part in self._parts]
+        try:
+            return pa.concat_tables(read)
+        except pa.ArrowException as error:
+            said = printable(str(error))
+            raise StoreError(f"{self.folder}: its parts differ in columns: {said}") from None
 
     def batches(
         self, names: Sequence[str]
@@ -746,7 +798,7 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
     """The row of a case of a run. Raises StoreError if the run does not hold it."""
     for part in parts(folder, CASES):
         if part.first <= number < part.first + part.cases:
-            frame = _read_part(folder, part).to_pandas()
+            frame = _read_part(folder, part).to_pandas(ignore_metadata=True)
             found = frame[frame["case"] == number]
             return {str(name): found[name].iloc[0] for name in found}
     raise StoreError(f"{folder}: does not hold case {number}")
@@ -772,7 +824,7 @@ def _read(
         raise StoreError(f"{folder}: holds no {kind}; give the folder of a run")
     frame = pd.concat(
         [
-            _read_part(folder, part, columns).to_pandas()
+            _read_part(folder, part, columns).to_pandas(ignore_metadata=True)
             for part in held
             if below is None or part.first < below
         ],
@@ -791,8 +843,8 @@ def units(folder: Path, kind: str = CASES) -> dict[str, str]:
     if part is None:
         return {}
     return {
-        field.name: (field.metadata or {}).get(b"unit", b"").decode()
-        for field in pq.read_schema(source(_path(folder, part)))
+        field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+        for field in _about(_path(folder, part))[0]
     }
 
 
@@ -891,6 +943,8 @@ def read_history(folder: Path) -> pd.DataFrame | None:
         content = ledger.whole(folder, one)
     except ValueError as error:
         raise StoreError(f"{folder / HISTORY}: {error}; fly it again with --overwrite") from None
-    frame = pq.read_table(pa.BufferReader(content)).to_pandas()
+    frame = _table(folder / HISTORY, content=content).to_pandas(ignore_metadata=True)
+    if not {"time_s", "phase"} <= set(frame):
+        raise StoreError(f"{folder / HISTORY}: is no history")
     frame["phase"] = frame["phase"].astype(str)
     return frame

@@ -11,6 +11,7 @@ import numpy as np
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.remarks import least_at_the_end
 from sepmc.engine.door import Block
+from sepmc.scene.messages import InputError
 from sepmc.schema import Status
 
 
@@ -51,7 +52,10 @@ class Tally(msgspec.Struct, frozen=True):
 
 def read(text: str | bytes) -> Tally:
     """A tally of `Tally.text`; an error may be infinite there, which JSON has no number for."""
-    return msgspec.convert(json.loads(text), Tally)
+    try:
+        return msgspec.convert(json.loads(text), Tally)
+    except (ValueError, RecursionError, msgspec.ValidationError):
+        raise InputError("what a part tells of its cases cannot be read; fly them again") from None
 
 
 def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:

@@ -9,6 +9,7 @@ from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
 from sepmc.scene.kinds import KINDS, rows_of, slides
+from sepmc.scene.limits import LARGEST, SMALLEST
 from sepmc.scene.load_checks import (
     check_air,
     check_known,
@@ -116,7 +117,10 @@ def _check_joint(name: str, joint: Joint, scene: Scene, problems: Problems) -> N
     check_pair(f"{place}.bodies", joint.bodies, scene, problems)
     x, y = np.array(joint.x_axis), np.array(joint.y_axis)
     lengths = float(np.linalg.norm(x)) * float(np.linalg.norm(y))
-    if float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths:
+    if (
+        min(np.abs(x).max(), np.abs(y).max()) < SMALLEST
+        or float(np.linalg.norm(np.cross(x, y))) <= 1e-6 * lengths
+    ):
         problems.add(
             f"{place}.y_axis", "must not be zero or parallel to x_axis", list(joint.y_axis)
         )
@@ -210,6 +214,9 @@ def check_dispersion(dispersion: Dispersion, scene: Scene, problems: Problems) -
         math.isfinite(high - low) and math.isfinite(dispersion.support[1] - dispersion.support[0])
     ):
         problems.add(place, "the range of the law must be finite", list(dispersion.numbers))
+        return
+    if max(-low, high) > LARGEST:
+        problems.add(place, f"must stay within {LARGEST:g} in size", list(dispersion.numbers))
         return
     for bound, shown in dict.fromkeys(zip((low, high), dispersion.support, strict=True)):
         _, allowed = (

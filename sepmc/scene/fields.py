@@ -164,6 +164,7 @@ _WORDS = {
     "`int` >= 1": "must be >= 1",
     "`float` <= 3.14": "must be at most 180 deg (an angle between two attitudes is no larger)",
     "`int` <= ": "must be at most 1000000000",
+    "`str` of length <= ": "a name has at most 64 letters",
     "`str` matching regex": "a name is a letter followed by letters, digits or _",
 }
 _TYPES = {

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sepmc.scene.limits import SMALLEST, TABLE_CELLS, TABLE_ROWS
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, AeroTable, Part, Scene, Spring
 
@@ -32,8 +33,11 @@ def check_pair(place: str, bodies: tuple[str, str], scene: Scene, problems: Prob
 def check_series(
     place: str, key: str, series: Sequence[float], least: int, problems: Problems
 ) -> None:
-    """The axis of a table must rise."""
-    if len(series) < least:
+    """The axis of a table must rise, and have so many rows."""
+    if len(series) > TABLE_ROWS:
+        said = f"has {len(series):,} values: must have at most {TABLE_ROWS:,}"
+        problems.add(f"{place}.{key}", said)
+    elif len(series) < least:
         problems.add(f"{place}.{key}", f"needs at least {least} values", list(series))
     elif not all(a < b for a, b in itertools.pairwise(series)):
         problems.add(f"{place}.{key}", "must rise strictly", list(series))
@@ -87,7 +91,7 @@ def check_loads(scene: Scene, problems: Problems) -> None:
 def _check_spring(spring: Spring, scene: Scene, problems: Problems) -> None:
     place = f"spring.{spring.name}"
     check_pair(f"{place}.bodies", spring.bodies, scene, problems)
-    if spring.axis is not None and not any(spring.axis):
+    if spring.axis is not None and max(map(abs, spring.axis)) < SMALLEST:
         problems.add(f"{place}.axis", "must not be zero", list(spring.axis))
     if spring.axis is None and (
         spring.second_point is None or math.dist(spring.point, spring.second_point) < 1e-9
@@ -121,6 +125,8 @@ def _check_aero_table(place: str, table: AeroTable, scene: Scene, problems: Prob
     if not given:
         problems.add(place, "needs an axis: mach, alpha_deg or beta_deg")
     shape = tuple(len(axis) for axis in given.values())
+    if math.prod(shape) > TABLE_CELLS:
+        problems.add(place, f"has {math.prod(shape):,} rows: must have at most {TABLE_CELLS:,}")
     for coefficient in _COEFFICIENTS:
         grid = getattr(table, coefficient)
         if not grid:

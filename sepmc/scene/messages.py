@@ -26,17 +26,26 @@ class RunWarning(UserWarning):
 
 
 _LISTED = 24  # words that a message lists
+_TOLD = 100  # problems of a file: it is read no further then
 
 
 def nobody(_: str) -> None:
     """Listens to what is announced, and tells no one."""
 
 
+class TooManyProblems(Exception):
+    """A file has so many problems that no more of them are looked for."""
+
+
 class Problems(list[str]):
     """Collects problems while a file is read."""
 
     def add(self, place: str, allowed: str, value: object = None) -> None:
-        """Note a problem: ``place = value: allowed``, or ``place: allowed`` without a value."""
+        """Note a problem: ``place = value: allowed``, or ``place: allowed`` without a value. Raises
+        TooManyProblems if there are a hundred."""
+        if len(self) == _TOLD:
+            self.append("there are more problems than these")
+            raise TooManyProblems
         shown = "" if value is None else f" = {shorten(value)}"
         self.append(f"{place}{shown}: {allowed}")
 
@@ -51,6 +60,12 @@ def shorten(value: object, limit: int = 60) -> str:
     """A value as text, cut to ``limit`` characters."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def printable(text: str, limit: int = 300) -> str:
+    """A text of a file as a screen can show it: what controls one is written as its code."""
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
+    return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 
 
 def nearest(word: str, known) -> str:

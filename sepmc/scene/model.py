@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
 
+from sepmc.scene.limits import CASES, NAME
+
 
 class Quantity(NamedTuple):
     """What a field measures (a kind of `sepmc.scene.units.UNITS`) and the names of its components,
@@ -28,7 +30,7 @@ Speed = Annotated[float, NotNegative, Quantity("speed")]
 Point = Annotated[Vector, Quantity("length", XYZ)]
 Direction = Annotated[Vector, Quantity("", XYZ)]
 Radius = Annotated[float, NotNegative]
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z")]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]*\Z", max_length=NAME)]
 # "const", "alpha", "alpha2", "alpha_beta", ... -> coefficient, angles in radians
 Polynomial = dict[str, float]
 Series = tuple[float, ...]
@@ -329,7 +331,7 @@ SALTELLI = "saltelli"
 
 class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
-    cases: Annotated[int, Meta(ge=1, le=10**9)] = 1000
+    cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
     seed: Annotated[int, NotNegative] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
     plan: str | None = None  # a table of inputs, a row for each case

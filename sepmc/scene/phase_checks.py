@@ -5,6 +5,7 @@ import math
 
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import KINDS, is_part, rows_of
+from sepmc.scene.limits import SMALLEST
 from sepmc.scene.load_checks import check_known
 from sepmc.scene.messages import Problems, nearest
 from sepmc.scene.model import GROUND, Scene, Until
@@ -216,7 +217,8 @@ def _check_rods(scene: Scene, problems: Problems) -> None:
     """A rod needs two points; every other kind needs one."""
     for name, joint in scene.joint.items():
         kinds = [phase.joints[name] for phase in scene.phase if name in phase.joints]
-        apart = joint.second_point is not None and math.dist(joint.point, joint.second_point) > 0.0
+        second = joint.second_point
+        apart = second is not None and math.dist(joint.point, second) > SMALLEST
         if "rod" in kinds and not apart:
             problems.add(
                 f"joint.{name}.second_point_m",

@@ -20,7 +20,16 @@ from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
 from sepmc.scene.input_table import InputTable, Reader
-from sepmc.scene.messages import Problems, SceneError, SceneWarning, nearest, shorten
+from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
+from sepmc.scene.messages import (
+    Problems,
+    SceneError,
+    SceneWarning,
+    TooManyProblems,
+    nearest,
+    printable,
+    shorten,
+)
 from sepmc.scene.model import (
     SALTELLI,
     VIOLATION,
@@ -119,13 +128,42 @@ def read_campaign(
     """
     path = find_file(file)
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    # TOMLDecodeError and UnicodeDecodeError are ValueErrors
-    except (ValueError, RecursionError) as error:
-        raise SceneError([f"{path}: is not TOML: {error}"]) from None
+        written = content(path, CAMPAIGN_BYTES)
+    except ValueError as error:
+        raise SceneError([f"{path}: {error}"]) from None
     except OSError as error:
         raise SceneError([f"{path}: cannot be read: {error.strerror}"]) from None
+    tree = read_text(written, str(path))
+    _check_plan_place(tree, path)
     return parse_campaign(tree, str(path.name), settings, path.stem, path.parent, reader)
+
+
+def read_text(written: bytes, source: str) -> dict[str, Any]:
+    """The TOML tree of what a file holds. Raises SceneError if it is not TOML."""
+    try:
+        text = written.decode("utf-8-sig")
+        if fault := check_keys(text):
+            raise ValueError(fault)
+        return tomllib.loads(text)
+    # TOMLDecodeError and UnicodeDecodeError are ValueErrors
+    except (ValueError, RecursionError) as error:
+        raise SceneError([f"{source}: is not TOML: {printable(str(error))}"]) from None
+
+
+def _check_plan_place(tree: dict[str, Any], path: Path) -> None:
+    """A file names a table of inputs beside it only: a stranger's file reads no other ones."""
+    run = tree.get("run")
+    plan = run.get("plan") if isinstance(run, dict) else None
+    if not isinstance(plan, str) or not plan.isprintable():
+        return
+    try:
+        folder = path.parent.resolve()
+        is_beside = (folder / plan).resolve().is_relative_to(folder)
+    except (OSError, ValueError, RuntimeError):  # a loop of links, a name no file can have
+        is_beside = False
+    if not is_beside:
+        said = "must lie beside the campaign, or in a folder there; --plan takes any"
+        raise SceneError([f"{path.name}: run.plan = {shorten(plan)}: {said}"])
 
 
 def parse_campaign(
@@ -143,15 +181,36 @@ def parse_campaign(
             [f"{source}: settings = {settings!r}: must be a dict by TOML path, as {example}"]
         )
     problems = Problems()
+    try:
+        return _parse(tree, source, settings or {}, default_name, folder, reader, problems)
+    except TooManyProblems:
+        problems.raise_if_any(source)
+        raise
+
+
+def _parse(
+    tree: dict[str, Any],
+    source: str,
+    settings: dict[str, Any],
+    default_name: str,
+    folder: Path,
+    reader: Reader | None,
+    problems: Problems,
+) -> CampaignFile:
+    check_tree(tree, problems)
+    problems.raise_if_any(source)
     tree = copy.deepcopy(tree)
-    for key, given in (settings or {}).items():
+    for key, given in settings.items():
         _put(tree, _parts(key), _builtin(given), problems, key)
+    if settings:
+        check_tree(tree, problems)
+        problems.raise_if_any(source)
     name = tree.get("name", default_name)
-    if not (isinstance(name, str) and _FILE_NAME.fullmatch(name)):
+    if not (isinstance(name, str) and _FILE_NAME.fullmatch(name) and len(name) <= NAME):
         problems.add(
             "name",
             "must be text that can name a folder: letters, digits, . - and _, beginning with a "
-            "letter or digit",
+            f"letter or digit, at most {NAME} of them",
             name,
         )
     if not isinstance(tree.get("title", ""), str):
@@ -205,7 +264,7 @@ def parse_campaign(
         _check_requirement(requirement, requirements, scene, problems)
     problems.raise_if_any(source)
     _warn_inertia_range(scene, dispersions, source)
-    no_effect = tuple(_of_no_effect(scene, settings or {}, dispersions, laws))
+    no_effect = tuple(_of_no_effect(scene, settings, dispersions, laws))
     return CampaignFile(
         str(name),
         tree.get("title", ""),

@@ -9,7 +9,9 @@ from typing import Any, get_args, get_origin
 import msgspec
 
 from sepmc.scene.fields import Field, convert, fields_of, to_si
-from sepmc.scene.messages import Problems
+from sepmc.scene.limits import LARGEST
+from sepmc.scene.limits import NAME as LONGEST_NAME
+from sepmc.scene.messages import Problems, shorten
 from sepmc.scene.units import split_unit
 
 _TERM = re.compile(r"^(const|(alpha[2-5]?)(_beta[2-5]?)?|beta[2-5]?)$")
@@ -62,8 +64,9 @@ def _read_value(field: Field, value: Any, factor: float, place: str, problems: P
     if get_origin(field.bare) is dict and isinstance(value, dict) and not field.table_of_tables:
         return _read_items(field, value, place, problems)
     scaled = to_si(value, factor)
-    if not _finite(scaled) and not (field.default == math.inf and value == math.inf):
-        problems.add(place, "must be finite", value)
+    fault = _size_fault(scaled)
+    if fault and not (field.default == math.inf and value == math.inf):
+        problems.add(place, fault, value)
         return None
     result, allowed = convert(scaled, field.type)
     if allowed:
@@ -84,8 +87,8 @@ def _read_items(
                 "terms are const, alpha, alpha2 ... alpha5, beta ... beta5 and products such as "
                 "alpha_beta2",
             )
-        elif not _finite(value):
-            problems.add(_join(place, key), "must be finite", value)
+        elif fault := _size_fault(value):
+            problems.add(_join(place, key), fault, value)
         else:
             result[key], allowed = convert(to_si(value, 1.0), kind)
             if allowed:
@@ -114,6 +117,8 @@ def _read_named(
     for name in tree:
         if not _NAME.fullmatch(name):
             problems.add(_join(place, name), "a name is a letter followed by letters, digits or _")
+        elif len(name) > LONGEST_NAME:
+            problems.add(_join(place, shorten(name)), f"must have at most {LONGEST_NAME} letters")
     return {name: read_table(kind, sub, _join(place, name), problems) for name, sub in tree.items()}
 
 
@@ -172,14 +177,17 @@ def _missing(field: Field) -> str:
     return repr(next(iter(field.keys)))
 
 
-def _finite(value: Any) -> bool:
+def _size_fault(value: Any) -> str:
+    """Why numbers, in SI, are none that can be computed with; empty if they can."""
     if isinstance(value, float):
-        return math.isfinite(value)
-    if isinstance(value, list):
-        return all(_finite(item) for item in value)
+        if abs(value) <= LARGEST:
+            return ""
+        return f"must be at most {LARGEST:g} in size" if math.isfinite(value) else "must be finite"
     if isinstance(value, dict):
-        return all(_finite(item) for item in value.values())
-    return True
+        value = value.values()
+    elif not isinstance(value, list):
+        return ""
+    return next(filter(None, map(_size_fault, value)), "")
 
 
 def _join(place: str, key: str) -> str:

@@ -1,0 +1,1 @@
+"""Strangers' files by the million: `python tests/measure_fuzz.py`."""
