@@ -3,7 +3,7 @@ it."""
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -37,7 +37,7 @@ class DaskCrew:
         job: Any,
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
-    ) -> Iterator[Any]:
+    ) -> Generator[Any]:
         """As `sepmc.campaign.work.Crew.map`. A range whose worker was lost is handed out again;
         where the scheduler itself is gone, so is all that was not done, once it is back."""
         source = iter(ranges)

@@ -4,6 +4,7 @@ million of them, at random: ``python tests/measure_fuzz.py``."""
 import os
 import shutil
 import tomllib
+from uuid import UUID
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -245,14 +246,22 @@ def test_a_file_with_another_name_elsewhere_is_refused(folder, tmp_path):
     assert call("stats", str(folder)) == 2
 
 
-def test_a_file_that_is_written_is_a_new_one(tmp_path):
+def test_a_file_that_is_written_is_a_new_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(ledger, "uuid4", lambda: UUID(int=0))
+    draft = f"x.{UUID(int=0).hex[:8]}.tmp"
     other = tmp_path / "other"
     for link in (os.link, os.symlink):
         other.write_text("precious")
-        link(other, tmp_path / "x.tmp")
+        link(other, tmp_path / draft)
+        with pytest.raises(FileExistsError):
+            ledger.put(tmp_path / "x", b"new")
+        assert other.read_text() == "precious"
+        (tmp_path / draft).unlink()
+        link(other, tmp_path / "x")
         ledger.put(tmp_path / "x", b"new")
         assert (tmp_path / "x").read_bytes() == b"new"
         assert other.read_text() == "precious"
+        (tmp_path / "x").unlink()
 
 
 @pytest.mark.parametrize(

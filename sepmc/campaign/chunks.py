@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -185,29 +186,35 @@ class Chunks:
             self.fly(0, done, tell)
             self._wait()
         text = (self.folder / store.CAMPAIGN).read_bytes()
-        job = Job(
-            self.folder.absolute(),
-            ledger.checksum(text),
-            self.flight.packed,
-            self.draws,
-            stream.apart() if stream else None,
-            self.orders.keep,
-        )
         left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         waiting: dict[int, Flown] = {}
-        for flown in crew.map(job, fly_range, self._ranges(left, crew.workers)):
-            waiting[flown.first] = flown
-            while stream and done in waiting:  # in the order of cases
-                counted = waiting.pop(done)
-                assert counted.apart is not None
-                stream.take(counted.apart)
-                self._receive(counted)
-                done += counted.cases
-            if not stream:
-                self._receive(waiting.pop(flown.first))
-            tell()
-            if self.too_many_failed:
-                break
+        try:
+            job = Job(
+                self.folder.absolute(),
+                ledger.checksum(text),
+                store.call(self.folder),
+                self.flight.packed,
+                self.draws,
+                stream.apart() if stream else None,
+                self.orders.keep,
+            )
+            ranges = self._ranges(left, crew.workers)
+            with closing(crew.map(job, fly_range, ranges)) as results:
+                for flown in results:
+                    waiting[flown.first] = flown
+                    while stream and done in waiting:  # in the order of cases
+                        counted = waiting.pop(done)
+                        assert counted.apart is not None
+                        stream.take(counted.apart)
+                        self._receive(counted)
+                        done += counted.cases
+                    if not stream:
+                        self._receive(waiting.pop(flown.first))
+                    tell()
+                    if self.too_many_failed:
+                        break
+        finally:
+            store.call_off(self.folder)
         store.sweep_parts(self.folder)
 
     def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:

@@ -15,6 +15,7 @@ from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pandas as pd
@@ -39,7 +40,7 @@ PLAN, HISTORY = "plan.parquet", "history.parquet"
 _HISTOGRAMS = "histograms.csv"
 _OURS = (CASES, HISTORIES, KEPT)
 _PART = "part-*.parquet"
-_PROBE = "is-writable"
+_PROBE, _CALL = "is-writable", "workers-called"
 _FIGURES = (
     "hist_*",
     "histograms",
@@ -61,6 +62,7 @@ _OUR_FILES = (
     CAMPAIGN,
     PLAN,
     ledger.LEDGER,
+    _CALL,
     "statistics.csv",
     "statistics.json",
     _HISTOGRAMS,
@@ -102,6 +104,7 @@ def opened(
             if overwrite:
                 _clear(folder)
             _sweep(folder)
+            call_off(folder)
             _ours.add(folder.resolve())
             yield folder
     finally:
@@ -223,6 +226,27 @@ def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
             name = Path(path.stem).stem
             if any(fnmatchcase(name, pattern) for pattern in (*_OUR_FILES, _PART)):
                 path.unlink()
+
+
+def call(folder: Path) -> str:
+    """Call workers to write parts into a folder; returns the word by which they know that they
+    still may."""
+    word = uuid4().hex
+    write_text(folder / _CALL, word)
+    return word
+
+
+def call_off(folder: Path) -> None:
+    """Let workers that were called, and that nobody waits for any more, write nothing."""
+    (folder / _CALL).unlink(missing_ok=True)
+
+
+def is_called(folder: Path, word: str) -> bool:
+    """Whether workers that were called by this word may write into a folder."""
+    try:
+        return (folder / _CALL).read_text(encoding="utf-8") == word
+    except OSError:
+        return False
 
 
 def write_text(path: Path, text: str) -> None:
@@ -444,7 +468,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run, whatever it says. Raises StoreError if there is none."""
     path = folder / MANIFEST
     own_files.check(folder)
-    if not os.path.lexists(path):
+    if not (path.exists() or (is_local(path) and path.is_symlink())):
         raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run")
     try:
         return manifests.read(own_files.content(path, MANIFEST_BYTES))

@@ -3,7 +3,7 @@ back."""
 
 import platform
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -26,11 +26,13 @@ from sepmc.scene.read import read_campaign
 @dataclass(frozen=True)
 class Job:
     """What flies ranges of a run. Its ``folder`` holds the campaign, whose text has the checksum
-    ``campaign``, and takes the parts, if there are to be any; else cases are counted ``apart``, and
-    some rows may be ``keep``-t."""
+    ``campaign``, and the ``word`` by which workers know that they are called still; it takes the
+    parts, if there are to be any; else cases are counted ``apart``, and some rows may be
+    ``keep``-t."""
 
     folder: Path
     campaign: str
+    word: str
     flight: Flight
     draws: Draws
     apart: Apart | None = None
@@ -67,7 +69,7 @@ class Crew(Protocol):
         job: Job,
         function: Callable[[Job, int, int, int], Flown],
         ranges: Iterable[tuple[int, int]],
-    ) -> Iterator[Flown]:
+    ) -> Generator[Flown]:
         """Have ``function(job, first, end, threads)`` called for each range, which are asked for
         one by one, a few ahead; results as they come."""
 
@@ -92,6 +94,8 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
         room = history_rows(campaign.scene) if separation else 0
         use_threads(threads)
         pieces = [fly_piece(campaign, flight, job.draws, first, end, room, timing)]
+    if not store.is_called(job.folder, job.word):
+        raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
     parts: list[ledger.Entry] = []
     chosen = Chosen(job.keep, campaign.file.requirements) if job.keep else None
     if job.apart:
