@@ -38,6 +38,7 @@ from sepmc.cli_output import (
     timing_line,
     verdicts_of,
 )
+from sepmc.cli_rare import RARE, tell_rare
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     help="Fly no more cases than it takes to know the mean of METRIC so well (95 %): "
     "separation_speed_m_s:0.01, upper_pitch_deg.p99:1%, or the share of a status.",
 )
+@RARE
 @click.option("--dry-run", is_flag=True, help="Say what would be flown, and fly nothing.")
 @CHECK
 @QUIET
@@ -92,6 +94,7 @@ def campaign(
     resume: bool,
     stats_only: bool,
     until: str | None,
+    rare: str | None,
     dry_run: bool,
     must_pass: bool,
     quiet: bool,
@@ -107,9 +110,11 @@ def campaign(
     Examples:
       sepmc campaign table2.toml --cases 1e5 --seed 7 --out runs/seven
       sepmc campaign srb.toml --set motor.bsm.thrust_N=9e4 --check
+      sepmc campaign residual-thrust.toml --rare no_recontact
     """
     say = speaker(quiet)
-    with plain_errors(quiet), drawing_beside(not (no_plots or dry_run)) as second:
+    beside = not (no_plots or dry_run or rare is not None)
+    with plain_errors(quiet), drawing_beside(beside) as second:
         if (resume or overwrite) and out is None:
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
@@ -120,6 +125,14 @@ def campaign(
             raise click.UsageError(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
+        if rare is not None:
+            others = {"plan": plan, "sampler": sampler, "until": until, "resume": resume}
+            others |= {"stats-only": stats_only, "check": must_pass}
+            code = tell_rare(
+                file, rare, cases, seed, out, threads, settings, overwrite, no_plots, dry_run,
+                quiet, [name for name, given in others.items() if given],
+            )  # fmt: skip
+            sys.exit(code)
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store
@@ -267,7 +280,7 @@ def run(
         from sepmc.cli_single import check_held, tell_single
 
         loaded = load_campaign(file, settings)
-        check_held(Path(file), number, seed)
+        check_held(Path(file), number, seed, loaded.file.input_table is not None)
         code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
     sys.exit(code)
 

@@ -28,6 +28,7 @@ from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.rare import MOST, Rare, seek, target
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept
@@ -470,6 +471,52 @@ class Campaign(Definition):
             resumed=len(done),
         )
 
+    def rare(
+        self,
+        requirement: str,
+        most: int = MOST,
+        seed: int | None = None,
+        out: str | Path | None = None,
+        *,
+        threads: int | None = None,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+        announce: Callable[[str], None] | None = None,
+    ) -> Rare:
+        """Estimate how rarely a requirement is violated, where cases of the laws are too few to
+        count: subset simulation, see `sepmc.analysis.rare`.
+
+        Parameters
+        ----------
+        requirement : str
+            Its name. It has a bound on an outcome that is a number, or asks for no contact.
+        most : int
+            Flights allowed; 1e5 tell a probability of 1e-6 to a quarter of it (95 %).
+        seed, threads, overwrite, progress, announce : as for `run`
+        out : path, optional
+            Folder for manifest, ``rare.json`` and ``rare.parquet``.
+
+        Returns
+        -------
+        found : Rare
+            Its ``probability``, ``interval`` (95 %), ``levels``, ``flights`` and ``notes``.
+
+        Raises
+        ------
+        StoreError
+            If ``out`` cannot be used as asked.
+        ValueError
+            If the requirement cannot be approached by degrees, nothing is dispersed by laws, or
+            the flights allowed are too few.
+        """
+        check_threads(threads)
+        target(self, requirement)
+        place = nullcontext() if out is None else store.opened(Path(out), overwrite, False, False)
+        with place as folder:
+            found = seek(self, requirement, most, seed, threads, folder, progress, announce)
+        _warn(found.notes, announce)
+        return found
+
     def until(self, text: str, numbers: Numbers, resume: bool) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         found = read_until(text, [column.name for column in self.outcome_columns])
@@ -491,6 +538,11 @@ class Campaign(Definition):
         if not store.is_run(folder):
             return np.empty(0, dtype=np.int64)
         manifest = store.made_by(folder)
+        if "rare" in manifest:
+            raise store.StoreError(
+                f"{folder}: holds {store.RARE}, so there are no cases to go on from; use "
+                "--overwrite or another --out"
+            )
         if manifest.get("stats_only"):
             raise store.StoreError(
                 f"{folder}: holds statistics only, so there are no cases to go on from; use "

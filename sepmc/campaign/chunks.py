@@ -224,39 +224,10 @@ class Chunks:
     @property
     def accuracy(self) -> Achieved:
         """Error of the run: the largest of its cases and of the trial cases."""
-        told = self.flight.achieved
-        assert told is not None
-        # no trial case tells anything, but cases that were flown again do
-        if not told.cases and self.tally.finer:
-            told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-        return told.with_errors(dict(self.tally.errors))
+        return accuracy(self.flight, self.tally)
 
     def _accuracy(self) -> dict[str, Any]:
-        flight, told = self.flight, self.accuracy
-        solver = self.campaign.scene.solver
-        said: dict[str, Any] = {
-            "formulation": solver.formulation,
-            "method": solver.method,
-            "methods": flight.method_names,
-        }
-        if flight.step is not None:
-            said |= {"step_s": flight.step}
-        else:
-            said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
-        worst, error = told.worst
-        said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
-        if told.history is not None:
-            said |= {"history": told.history}
-        if self.tally.finer:
-            said |= {"finer_cases": self.tally.finer}
-            said |= {"unsettled_cases": self.tally.unsettled}
-        if self.tally.spare:
-            said |= {"spare_cases": self.tally.spare}
-        if self.campaign.scene.solver.step is None:
-            said |= {"asked": told.asked, "met": told.met}
-        if told.worst_place:
-            said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
-        return {**said, "errors": told.errors}
+        return accuracy_told(self.campaign, self.flight, self.tally)
 
     @property
     def notes(self) -> list[str]:
@@ -296,6 +267,44 @@ class Chunks:
         """What the run leaves of what is flown so far."""
         self._wait()
         return self.sink.kept()
+
+
+def accuracy(flight: Flight, tally: Tally) -> Achieved:
+    """Error of cases: the largest that was counted of them, and of the trial cases."""
+    told = flight.achieved
+    assert told is not None
+    # no trial case tells anything, but cases that were flown again do
+    if not told.cases and tally.finer:
+        told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
+    return told.with_errors(dict(tally.errors))
+
+
+def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[str, Any]:
+    """What a manifest tells of how cases were flown, and of their error."""
+    solver, told = campaign.scene.solver, accuracy(flight, tally)
+    said: dict[str, Any] = {
+        "formulation": solver.formulation,
+        "method": solver.method,
+        "methods": flight.method_names,
+    }
+    if flight.step is not None:
+        said |= {"step_s": flight.step}
+    else:
+        said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
+    worst, error = told.worst
+    said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
+    if told.history is not None:
+        said |= {"history": told.history}
+    if tally.finer:
+        said |= {"finer_cases": tally.finer}
+        said |= {"unsettled_cases": tally.unsettled}
+    if tally.spare:
+        said |= {"spare_cases": tally.spare}
+    if solver.step is None:
+        said |= {"asked": told.asked, "met": told.met}
+    if told.worst_place:
+        said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
+    return {**said, "errors": told.errors}
 
 
 def row_bytes(campaign: Definition, separation: list[Column]) -> tuple[int, int]:

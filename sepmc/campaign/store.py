@@ -28,6 +28,7 @@ from sepmc.schema import Column
 
 CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
 PLAN, HISTORY = "plan.parquet", "history.parquet"
+RARE = "the estimate of a rare event"  # what a folder with "rare" in its manifest holds
 _OURS = (CASES, HISTORIES)
 _FIGURES = (
     "hist_*",
@@ -44,6 +45,7 @@ _FIGURES = (
     "convergence",
     "drivers",
     "scatter",
+    "rare",
 )
 _OUR_FILES = (
     MANIFEST,
@@ -56,6 +58,8 @@ _OUR_FILES = (
     "drivers.csv",
     "causes.csv",
     "report.html",
+    "rare.json",
+    "rare.parquet",
     "film.gif",
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
@@ -334,8 +338,9 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
 
 def holds_cases(manifest: Mapping[str, Any]) -> bool:
     """Whether a run holds rows of cases, which can be flown one by one: it is no single flight, and
-    not one of statistics only."""
-    return "case" not in manifest and not manifest.get("stats_only")
+    not one of statistics only, and not the estimate of a rare event."""
+    alone = "case" in manifest or "rare" in manifest
+    return not alone and not manifest.get("stats_only")
 
 
 def note(folder: Path, files: Iterable[Path]) -> None:

@@ -1,0 +1,174 @@
+"""Print how good estimates of rare events are: ``python tests/measure_rare.py [REPEATS]`` on
+problems of known probability 1e-6, ``python tests/measure_rare.py plain [CASES]`` beside plain
+cases of shipped campaigns.
+
+Coverage: how often the 95 % interval holds the probability; of 100 repeats, 90 to 99 are what
+chance leaves of 95 (central 97 %). Bias and scatter are of the estimates, as shares of the
+probability.
+"""
+
+import sys
+import time
+import warnings
+
+import numpy as np
+from scipy import stats
+
+import sepmc
+from sepmc.analysis import rare
+from sepmc.campaign.cases import generator
+
+P, FLIGHTS = 1e-6, 100_000
+
+
+def linear(d):
+    """A plane, in d dimensions, none of them alone decisive."""
+    bound = stats.norm.isf(P)
+    return d, lambda u: bound - u.sum(axis=1) / np.sqrt(d)
+
+
+def slab(d, ways):
+    """Beyond a bound on either side along each of so many axes: 2 ways each."""
+    beyond = -np.expm1(np.log1p(-P) / ways)  # in one axis, by itself
+    bound = stats.norm.isf(beyond / 2.0)
+    return d, lambda u: bound - np.abs(u[:, :ways]).max(axis=1)
+
+
+def sphere(d):
+    """Far from the middle, whatever the direction."""
+    bound = stats.chi2.isf(P, d)
+    return d, lambda u: bound - (u**2).sum(axis=1)
+
+
+def exponentials(d):
+    """A sum of exponential variables."""
+    bound = stats.gamma.isf(P, d)
+    return d, lambda u: bound + stats.norm.logsf(u).sum(axis=1)
+
+
+def corner(d):
+    """A sum of variables uniform in 0 to 1, near its upper end: d! P = (d - bound)^d."""
+    left = np.exp((np.log(P) + np.log(np.arange(1, d + 1)).sum()) / d)
+    assert left <= 1.0
+    return d, lambda u: stats.norm.sf(u).sum(axis=1) - left
+
+
+def rare_way(d):
+    """Two ways that have the probability in equal shares: one is gentle and one so steep that only
+    a case beyond 3 sigma sees it at all."""
+    bound = stats.norm.isf(P / 2.0)
+
+    def margin(u):
+        late = np.where(u[:, 1] > 3.0, 3.0 * (bound - u[:, 1]), np.inf)
+        return np.minimum(bound - u[:, 0], late)
+
+    return d, margin
+
+
+def steps(d):
+    """A plane whose margin has few values, as an outcome that is counted."""
+    bound = stats.norm.isf(P)
+    return d, lambda u: np.ceil(2.0 * (bound - u.sum(axis=1) / np.sqrt(d))) - 0.5
+
+
+PROBLEMS = {
+    "plane, d = 2": linear(2),
+    "plane, d = 10": linear(10),
+    "plane, d = 30": linear(30),
+    "two sides, d = 5": slab(5, 1),
+    "ten sides, d = 5": slab(5, 5),
+    "sphere, d = 10": sphere(10),
+    "exponentials, d = 8": exponentials(8),
+    "uniform corner, d = 6": corner(6),
+    "few values, d = 10": steps(10),
+    "a way seen late, d = 5": rare_way(5),
+}
+# requirements whose probability is some 1e-6 to 1e-5
+PLAIN = {
+    "table2": {
+        "slow": {"metric": "separation_speed_m_s", "at_least": 0.378},
+        "slower": {"metric": "separation_speed_m_s", "at_least": 0.371},
+        "pitch": {"metric": "upper_pitch_deg", "at_least": -1.93, "at_most": 2.03},
+        "roll": {"metric": "upper_roll_deg", "at_least": -6.35, "at_most": 6.35},
+        "yaw": {"metric": "upper_yaw_deg", "at_least": -2.63, "at_most": 2.63},
+    },
+    "spring-pushers": {
+        "tip_off": {
+            "metric": "pushed_payload_omega_z_deg_s",
+            "at_least": -3.25,
+            "at_most": 3.25,
+        },
+        "moment": {"metric": "clamp_peak_moment_N_m", "at_most": 53.0},
+    },
+}
+
+
+def known(repeats):
+    """Coverage on problems of known probability."""
+    print(f"{'problem':24s} cover  bias  scatter  told  flights  doubted")
+    for name, (d, margin) in PROBLEMS.items():
+
+        def limit(u, margin=margin):
+            return margin(u), np.empty((len(u), 0))
+
+        found, inside, flights, told, doubted = [], 0, 0, [], 0
+        for repeat in range(repeats):
+            one, _, flown = rare.estimate(
+                limit, d, lambda what, repeat=repeat: generator(repeat, what), FLIGHTS
+            )
+            low, high = one.interval
+            inside += low <= P <= high
+            found.append(one.probability / P)
+            told.append(one.spread / np.sqrt(rare.REPLICAS))
+            flights, doubted = max(flights, flown), doubted + bool(rare.remarks(one))
+        print(
+            f"{name:24s} {100 * inside / repeats:4.0f} % {np.mean(found) - 1.0:+.3f}  "
+            f"{np.std(found):.3f}   {np.median(told):.3f}  {flights}  {doubted}",
+            flush=True,
+        )
+
+
+def plain(name, cases, repeats=10):
+    """Estimates beside as many plain cases of a shipped campaign."""
+    about = [{"name": key, **item} for key, item in PLAIN[name].items()]
+    campaign = sepmc.load(name, {"requirement": about})
+    for item in about:
+        begun, seeds = time.perf_counter(), range(1, repeats + 1)
+        found = [campaign.rare(item["name"], seed=seed) for seed in seeds]
+        each = (time.perf_counter() - begun) / repeats
+        best = np.mean([one.probability for one in found])
+        item["found"] = found
+        print(
+            f"{name} {item['name']}: {found[0]!r}; mean of {repeats} {best:.3e}, scatter "
+            f"{np.std([one.probability for one in found]) / best:.2f}; {each:.1f} s each",
+            flush=True,
+        )
+    begun = time.perf_counter()
+    verdicts = campaign.run(cases=cases, seed=4711, stats_only=True).requirements()
+    print(f"{cases:.0e} plain cases of {name}: {time.perf_counter() - begun:.0f} s")
+    for item in about:
+        row = verdicts[verdicts["name"] == item["name"]].iloc[0]
+        share, low, high = row["violations"] / cases, row["share_low"], row["share_high"]
+        inside = sum(one.interval[0] <= high and low <= one.interval[1] for one in item["found"])
+        print(
+            f"  {item['name']:8s} {row['violations']} violate: {share:.3e} ({low:.2e} to "
+            f"{high:.2e}); {inside} of {repeats} intervals overlap, "
+            f"{sum(a <= share <= b for a, b in (one.interval for one in item['found']))} hold it",
+            flush=True,
+        )
+
+
+def main():
+    """Measure and print."""
+    warnings.simplefilter("ignore")
+    asked = sys.argv[1:]
+    if asked[:1] == ["plain"]:
+        cases = int(float(asked[1])) if len(asked) > 1 else 100_000_000
+        for name in asked[2:] or PLAIN:
+            plain(name, cases)
+    else:
+        known(int(asked[0]) if asked else 100)
+
+
+if __name__ == "__main__":
+    main()
