@@ -38,10 +38,6 @@ Limit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 Random = Callable[[str], np.random.Generator]  # by the name of what it is for
 
 
-class TooFew(ValueError):
-    """The flights allowed are too few; its argument is how many are needed at least."""
-
-
 @dataclass(frozen=True)
 class States:
     """Cases that chains stand at: ``scores`` (n, d), ``margin`` (n,), what is ``told`` of them (n,
@@ -179,28 +175,25 @@ def estimate(
         Of the cases that violate, and of these and those without a margin: the same, unless the
         latter are so many that they hide the others.
     flights : int
-
-    Raises
-    ------
-    TooFew
-        If the flights allowed are too few.
     """
     flown = _Flown(limit)
     trials = LENGTH * round(min(max(most // 100, _TRIALS[0]), _TRIALS[1]) / LENGTH)
-    courses = [_levels(flown, dimensions, random("levels"), trials, -math.inf)]
+    depth = _depth(most, trials)
+    courses = [_levels(flown, dimensions, random("levels"), trials, depth, -math.inf)]
     if courses[0].unknown > _SHARED * (courses[0].known + courses[0].unknown):
-        apart = _levels(flown, dimensions, random("levels without unknown"), trials, math.inf)
-        courses.insert(0, apart)
+        own, depth = random("levels without unknown"), _depth((most - flown.count) // 2, trials)
+        courses.insert(0, _levels(flown, dimensions, own, trials, depth, math.inf))
     for_each = (most - flown.count) // len(courses)
-    sizes = [_size(course, for_each) for course in courses]
-    if min(sizes) < _LEAST:
-        cases = sum(_LEAST * REPLICAS * _flights_of_a_case(course) for course in courses)
-        raise TooFew(10 ** math.ceil(math.log10(flown.count + cases)))
     found = [
-        _replicas(flown, dimensions, random, size, course)
-        for size, course in zip(sizes, courses, strict=True)
+        _replicas(flown, dimensions, random, _size(course, for_each), course) for course in courses
     ]
     return found[0], found[-1], flown.count
+
+
+def _depth(flights: int, trials: int) -> int:
+    """How many levels so many flights can go down, if trial chains have so many cases a level."""
+    levels = (flights / (trials + _LEAST * REPLICAS) - 1.0) / (1.0 - 1.0 / LENGTH)
+    return max(0, min(_MOST_LEVELS, int(levels)))
 
 
 def remarks(found: Estimate) -> list[str]:
@@ -211,7 +204,7 @@ def remarks(found: Estimate) -> list[str]:
         said.append(
             "trial chains did not come beyond the bound"
             + (f", only to a margin of {threshold:.4g}" if math.isfinite(threshold) else "")
-            + ": the probability may be 0, or jump there"
+            + ": it may never be violated, jump there, or take more flights"
         )
     if found.known.any() and len(found.levels) > 1:
         if low == 0.0 or found.spread > _APART:
@@ -253,9 +246,15 @@ def _order(states: States, worst: float) -> np.ndarray:
 
 
 def _levels(
-    flown: _Flown, dimensions: int, random: np.random.Generator, size: int, worst: float
+    flown: _Flown,
+    dimensions: int,
+    random: np.random.Generator,
+    size: int,
+    depth: int,
+    worst: float,
 ) -> Course:
-    """The way down that trial chains find, with so many cases a level."""
+    """The way down that trial chains find, with so many cases a level, and so many levels at
+    most."""
     states = flown.fly(random.standard_normal((size, dimensions)), 0, np.arange(size))
     thresholds: list[float] = []
     steps: list[np.ndarray] = []
@@ -265,7 +264,7 @@ def _levels(
         unknown, known = np.isnan(states.margin).sum(), np.count_nonzero(states.margin < 0.0)
         reached = np.count_nonzero(order < 0.0) >= chains
         threshold = None if reached else _next(order, chains, thresholds)
-        if threshold is None or len(thresholds) == _MOST_LEVELS:
+        if threshold is None or len(thresholds) == depth:
             return Course(thresholds, steps, worst, int(known), int(unknown), bool(reached))
         thresholds.append(threshold)
         seeds = states.at(_drawn(np.flatnonzero(order <= threshold), chains, random))
@@ -283,7 +282,8 @@ def _levels(
 
 def _next(order: np.ndarray, chains: int, before: list[float]) -> float | None:
     """The threshold that so many cases come to, beyond those ``before``; None if there is none."""
-    rising, last = np.sort(order), before[-1] if before else math.inf
+    rising = np.sort(order)
+    last = before[-1] if before else rising[-1]  # what all come to is no level
     if rising[chains - 1] < last:
         return max(0.0, float(rising[chains - 1]))
     beyond = rising[rising < last]  # many cases are alike
@@ -314,14 +314,10 @@ def _moved(
     return states.moved(to, accepted), float(accepted.mean())
 
 
-def _flights_of_a_case(course: Course) -> float:
-    """Flights of a replica for each case of a level: seeds are flown already."""
-    return 1.0 + len(course.thresholds) * (1.0 - 1.0 / LENGTH)
-
-
 def _size(course: Course, flights: int) -> int:
-    """Cases of a level of a replica, of so many flights in all."""
-    return LENGTH * int(flights / REPLICAS / _flights_of_a_case(course) / LENGTH)
+    """Cases of a level of a replica, of so many flights in all: seeds are flown already."""
+    of_each = 1.0 + len(course.thresholds) * (1.0 - 1.0 / LENGTH)
+    return LENGTH * max(1, int(flights / REPLICAS / of_each / LENGTH))
 
 
 def _replicas(

@@ -102,7 +102,7 @@ def target(campaign: Definition, name: str) -> Target:
     place = f"requirement.{name}.metric = {item.metric!r}"
     columns = {column.name: k for k, column in enumerate(campaign.outcome_columns)}
     if item.metric == VIOLATION:
-        others = ", ".join(known.keys() - {name})
+        others = ", ".join(other for other in known if other != name)
         raise InputError(f"{place}: is about several outcomes; seek each by itself: {others}")
     if item.metric not in columns:
         raise InputError(
@@ -119,8 +119,10 @@ def target(campaign: Definition, name: str) -> Target:
     if not is_yes_or_no(item.metric):
         at = columns[item.metric]
         return Target(item, campaign.outcome_columns[at], at)
-    if item.at_least is not None or not 0.0 <= (item.at_most or 0.0) < 1.0:
-        raise InputError(f"{place}: is 1 or 0; the only bound that asks for none is at_most = 0")
+    if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
+        raise InputError(
+            f"{place}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0"
+        )
     at = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
     return Target(item, campaign.outcome_columns[at], at, columns[item.metric])
 
@@ -264,7 +266,7 @@ def seek(
 ) -> Rare:
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
     that is open, if one is given."""
-    aim, most = target(campaign, name), whole("most", most, _LEAST, _LIMIT)
+    aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
     seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0)
     begun, started = datetime.now(UTC), time.perf_counter()
     use_threads(threads)
@@ -276,12 +278,7 @@ def seek(
     flights = Flights(campaign, flight, aim, tell, announce)
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
-    try:
-        known, all_of, flown = rare.estimate(flights.margins, dimensions, random, most)
-    except rare.TooFew as error:
-        raise InputError(
-            f"cases = {most}: too few flights for a probability so small; allow {error}"
-        ) from None
+    known, all_of, flown = rare.estimate(flights.margins, dimensions, random, most)
     found = Rare(
         aim.requirement.name,
         aim.column.name,
@@ -396,8 +393,9 @@ def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[st
     thresholds = np.array([level.threshold for level in found.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():
         said.append(
-            f"levels lie about as near to each other as the numerical error of {error:.1e}: ask "
-            "for a finer solver.accuracy"
+            f"two levels lie about as near to each other as the numerical error of {error:.1e}, or "
+            "the outcome is the same in many cases: which of them go on is round-off there, so the "
+            "interval is wider than it could be"
         )
     return said
 
