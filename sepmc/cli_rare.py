@@ -45,9 +45,9 @@ def tell_rare(
     if cases is not None and not isinstance(cases, int):
         raise click.UsageError("--rare takes how many flights are allowed, --cases 1e5, not which")
     say, loaded = speaker(quiet), load_campaign(file, settings)
-    from sepmc.campaign import rare, store
+    from sepmc.campaign import limit, rare, store
 
-    aim, most = rare.target(loaded, requirement), rare.MOST if cases is None else cases
+    aim, most = limit.target(loaded, requirement), rare.MOST if cases is None else cases
     folder = out or store.next_folder(f"{loaded.name}-rare")
     if dry_run:
         store.check_folder(folder, overwrite, resumable=False)

@@ -17,7 +17,7 @@ import sepmc
 from sepmc import cli
 from sepmc.analysis import rare
 from sepmc.campaign import cases, store
-from sepmc.campaign.rare import Target, target
+from sepmc.campaign.limit import Target, target
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Requirement
 from sepmc.schema import Column, Status
@@ -207,6 +207,17 @@ def test_a_campaign_of_known_probability(spinning, name):
         assert next(iter(found.inputs)) == "in_initial_omega_x_deg_s"
         assert found.inputs["in_initial_omega_x_deg_s"][0] < -4.5
     assert repr(found).startswith(f"<Rare {name}: probability 1.") or "e-0" in repr(found)
+
+
+def test_a_value_that_levels_do_not_see_is_told(spinning):
+    """Of a million cases one spins, far beyond the bound: no level leads there."""
+    law = {"discrete": [0.0, 50.0], "weights": [1.0 - 1e-6, 1e-6]}
+    with_one = spinning.with_settings({"dispersion.initial.omega_deg_s.x": law})
+    item = {"name": "slow", "metric": "fore_omega_x_deg_s", "at_most": 1.0}
+    found = with_one.with_settings({"requirement": [item]}).rare("slow", most=FLIGHTS)
+    assert found.probability == 0.0
+    said = "initial.omega_deg_s.x = 50 has a probability of 1e-06, and of such cases 100 % violate"
+    assert any(note.startswith(said) for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -26,9 +26,10 @@ from sepmc.campaign.chunks import Chunks, Draws, Earlier
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
+from sepmc.campaign.limit import target
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.pilot import plan_flight
-from sepmc.campaign.rare import MOST, Rare, seek, target
+from sepmc.campaign.rare import MOST, Rare, seek
 from sepmc.campaign.remarks import together
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.sinks import Kept

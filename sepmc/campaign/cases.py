@@ -232,6 +232,13 @@ def at_scores(
     return table.T
 
 
+def score(probability: float) -> float:
+    """The standard normal score of a probability."""
+    from scipy.special import ndtri  # noqa: PLC0415
+
+    return float(ndtri(probability))
+
+
 def mixed(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
     """Normal scores (n, d) of parameters that vary together, made of independent ones."""
     rows = scores.T.copy()

@@ -3,7 +3,6 @@ the kernel of the campaign."""
 
 import os
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,25 +17,18 @@ import pandas as pd
 from sepmc import schema
 from sepmc.analysis import rare
 from sepmc.analysis.rare import Estimate, Level
-from sepmc.analysis.requirements import margins, share_text
-from sepmc.analysis.statistics import Worst
+from sepmc.analysis.requirements import share_text
 from sepmc.campaign import cases, store
 from sepmc.campaign.chunks import accuracy, accuracy_told, implausible_note
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import Flight, Say, fly
+from sepmc.campaign.flight import Flight, Say
+from sepmc.campaign.limit import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
-from sepmc.campaign.tally import Tally, count
-from sepmc.engine.door import Block, use_threads, whole
-from sepmc.scene.messages import InputError, nearest
-from sepmc.scene.model import VIOLATION, Requirement
-from sepmc.schema import Column, Status, is_yes_or_no
+from sepmc.engine.door import use_threads, whole
+from sepmc.schema import Column, Status
 
 MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
-_AT_ONCE = 4096  # cases that one call flies: it cannot be interrupted
-_LABELS = [status.label for status in Status]
-_CONTACT = "_recontact"
-_TOUCHED = -1e-9  # mm: the margin of outlines that touch is below zero
 _NEAR = 0.1  # of the probability, or between levels: so much within the numerical error is told
 REPORT, TABLE = "rare.json", "rare.parquet"
 _ABOUT = (
@@ -45,86 +37,6 @@ _ABOUT = (
     Column("replica", "1", "replica that has it"),
     Column("weight", "1", "probability it stands for; of all that violate these add up to theirs"),
 )
-
-
-@dataclass(frozen=True)
-class Target:
-    """A requirement on an outcome that comes nearer to its bound by degrees: the outcome's
-    ``column`` at its ``place``; of one on a contact, this is the clearance, and ``contact`` the
-    place of whether there is one."""
-
-    requirement: Requirement
-    column: Column
-    place: int
-    contact: int | None = None
-
-    @property
-    def sentence(self) -> str:
-        """What is asked, in words."""
-        item, unit = self.requirement, "" if self.column.unit == "1" else f" {self.column.unit}"
-        bounds = [
-            f"{word} {bound:g}{unit}"
-            for word, bound in ((">=", item.at_least), ("<=", item.at_most))
-            if bound is not None and self.contact is None
-        ]
-        said = f"{item.metric} {' and '.join(bounds)}" if bounds else f"no {item.metric}"
-        return f"requirement.{item.name}: {said}"
-
-    @property
-    def size(self) -> float:
-        """Size of the bound, in the unit of the outcome."""
-        bounds = (self.requirement.at_least, self.requirement.at_most)
-        return max(abs(x) for x in bounds if x is not None) if self.contact is None else 0.0
-
-    def margin(self, block: Block) -> np.ndarray:
-        """How far cases (n,) are within the bound; NaN of those of which it is not known, as for a
-        verdict."""
-        values = block.outcomes[:, self.place] * self.column.scale
-        if self.contact is None:
-            found = margins(values, self.requirement)
-        else:  # what never counts is never near
-            met = block.outcomes[:, self.contact]
-            apart = np.where(np.isnan(values), np.inf, np.maximum(values, 0.0))
-            found = np.where(met > 0.5, np.fmin(values, _TOUCHED), apart)
-            found = np.where(np.isnan(met), np.nan, found)
-        return np.where(block.status == Status.OK, found, np.nan)
-
-
-def target(campaign: Definition, name: str) -> Target:
-    """The requirement of this name. Raises InputError if its violation cannot be approached by
-    degrees, or the campaign does not vary by laws."""
-    known = {item.name: item for item in campaign.file.requirements}
-    if not known:
-        raise InputError(f"rare = {name}: needs a [[requirement]] in {campaign.name}")
-    if name not in known:
-        raise InputError(f"rare = {name}: no such requirement; {nearest(name, known)}")
-    item, inputs = known[name], campaign.file.input_table
-    place = f"requirement.{name}.metric = {item.metric!r}"
-    columns = {column.name: k for k, column in enumerate(campaign.outcome_columns)}
-    if item.metric == VIOLATION:
-        others = ", ".join(other for other in known if other != name)
-        raise InputError(f"{place}: is about several outcomes; seek each by itself: {others}")
-    if item.metric not in columns:
-        raise InputError(
-            f"{place}: is a status, which no case comes nearer to by degrees; give a requirement "
-            "with a bound on an outcome that is a number"
-        )
-    if inputs is not None:
-        raise InputError(
-            f"run.plan = {inputs.path.name}: rare events are sought beyond the cases of a table; "
-            "give [dispersion] laws, and no run.plan"
-        )
-    if not campaign.file.dispersions:
-        raise InputError(f"rare = {name}: nothing is dispersed; give [dispersion]")
-    if not is_yes_or_no(item.metric):
-        at = columns[item.metric]
-        return Target(item, campaign.outcome_columns[at], at)
-    if (item.at_least or 0.0) > 0.0 or (item.at_most or 0.0) < 0.0:
-        raise InputError(
-            f"{place}: is 1 or 0, and can be sought with at_most = 0 only: that it is 0"
-        )
-    at = columns[f"{item.metric.removesuffix(_CONTACT)}_clearance_mm"]
-    return Target(item, campaign.outcome_columns[at], at, columns[item.metric])
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,58 +114,6 @@ class Rare:
         }
 
 
-class Flights:
-    """What flies scores of a campaign, and counts what it flies."""
-
-    def __init__(
-        self,
-        campaign: Definition,
-        flight: Flight,
-        aim: Target,
-        tell: Callable[[int, int], None],
-        announce: Say | None,
-    ):
-        self.campaign, self.flight, self.aim = campaign, flight, aim
-        self.tell, self.announce = tell, announce
-        self.count, self.tally, self.statuses = 0, Tally(), Counter[str]()
-        self.scales = np.array([column.scale for column in campaign.result_columns])
-        names = [column.name for column in campaign.result_columns]
-        self.audited = {
-            names.index(column.name): Worst(column.name, schema.AUDIT_BOUNDS)
-            for column in schema.audit_columns()
-        }
-
-    def margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Margins (n,) at scores (n, d), and what is told of the cases (n, k): inputs, status and
-        results, in their units."""
-        parts = [
-            self._margins(scores[first : first + _AT_ONCE])
-            for first in range(0, len(scores), _AT_ONCE)
-        ]
-        margin, told = zip(*parts, strict=True)
-        return np.concatenate(margin), np.concatenate(told)
-
-    def _margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        campaign, file = self.campaign, self.campaign.file
-        drawn = cases.at_scores(file.dispersions, scores, file.copulas)
-        block = fly(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
-        self.tally += count(campaign, drawn, block)
-        numbers, ok = self.count + np.arange(len(drawn)), block.status == Status.OK
-        for place, worst in self.audited.items():
-            worst.add(block.outcomes[ok, place], numbers[ok])
-        self.count += len(drawn)
-        self.statuses.update(_LABELS[code] for code in block.status)
-        self.tell(self.count, self.tally.failures)
-        told = np.column_stack([drawn, block.status, block.outcomes * self.scales])
-        return self.aim.margin(block), told
-
-    @property
-    def beyond(self) -> dict[str, int]:
-        """How many flown cases are beyond each bound of the audit, of those that are."""
-        names = [column.name for column in self.campaign.result_columns]
-        return {names[k]: worst.beyond for k, worst in self.audited.items() if worst.beyond}
-
-
 def seek(
     campaign: Definition,
     name: str,
@@ -278,7 +138,9 @@ def seek(
     flights = Flights(campaign, flight, aim, tell, announce)
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
-    known, all_of, flown = rare.estimate(flights.margins, dimensions, random, most)
+    values = seldom(flights, random("seldom"))
+    left = most - flights.count
+    known, all_of, _ = rare.estimate(flights.margins, dimensions, random, left)
     found = Rare(
         aim.requirement.name,
         aim.column.name,
@@ -289,12 +151,12 @@ def seek(
         (known.interval[0], max(known.interval[1], all_of.interval_with_unknown[1])),
         tuple(known.known.tolist()),
         known.levels,
-        flown,
+        flights.count,
         seed,
         _rows(campaign, known),
         _common(campaign, known),
-        {label: flights.statuses[label] for label in _LABELS if flights.statuses[label]},
-        [*_notes(flights, known, all_of)],
+        {label: flights.statuses[label] for label in LABELS if flights.statuses[label]},
+        _notes(flights, known, all_of, values),
         folder,
     )
     if folder:
@@ -322,7 +184,7 @@ def _rows(campaign: Definition, found: Estimate) -> dict[str, np.ndarray]:
     order = np.argsort(found.last.margin[places], kind="stable")  # NaN last
     places, weight = places[order], weight[order]
     told, inputs = found.last.told[places], len(campaign.input_columns)
-    labels = np.array(_LABELS, dtype=object)[told[:, inputs].astype(int)]
+    labels = np.array(LABELS, dtype=object)[told[:, inputs].astype(int)]
     names = [c.name for c in campaign.input_columns], [c.name for c in campaign.result_columns]
     return {
         "case": np.arange(len(places)),
@@ -352,11 +214,12 @@ def _common(campaign: Definition, found: Estimate) -> dict[str, tuple[float, flo
     return {names[k]: (float(mean[k]), float(sigma[k])) for k in order}
 
 
-def _notes(flights: Flights, known: Estimate, all_of: Estimate) -> list[str]:
+def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Seldom]) -> list[str]:
     """What a person should know of an estimate."""
     campaign, flight, tally, aim = flights.campaign, flights.flight, flights.tally, flights.aim
     told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
     found = rare.remarks(known)
+    found += [said for one in values if (said := one.missed(campaign, all_of))]
     if missing := flights.count - flights.statuses[Status.OK.label]:
         unknown = float(all_of.unknown.mean())
         found.append(
