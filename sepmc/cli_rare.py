@@ -2,16 +2,15 @@
 
 import math
 import sys
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from sepmc.cli_options import load_campaign
+from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import INTERRUPTED, accuracy_text, progress_bar, speaker
 
 if TYPE_CHECKING:
-    from sepmc.campaign.numbers import Numbers
     from sepmc.campaign.rare import Rare
 
 RARE = click.option(
@@ -20,68 +19,65 @@ RARE = click.option(
     help="Estimate how rarely a requirement is violated, down to 1e-6 and below, in no more "
     "flights than --cases (default 1e5).",
 )
+# options of `sepmc campaign` that have no meaning beside it, as they are read and written
+_EXCLUDED = {
+    "plan": "plan",
+    "sampler": "sampler",
+    "until": "until",
+    "resume": "resume",
+    "stats_only": "stats-only",
+    "must_pass": "check",
+}
 _INPUTS = 6  # that the violating cases have in common, on the screen
 
 
-def tell_rare(
-    file: str,
-    requirement: str,
-    cases: "int | Numbers | None",
-    seed: int | None,
-    out: Path | None,
-    threads: int | None,
-    settings: tuple[str, ...],
-    overwrite: bool,
-    no_plots: bool,
-    dry_run: bool,
-    quiet: bool,
-    others: list[str],
-) -> int:
-    """Estimate how rarely a requirement is violated, into a folder; ``others`` are options given
-    that have no meaning here. Returns the exit code: 3 if the audit failed or the accuracy asked
-    was not met, 1 if no case came to its end."""
-    if others:
-        raise click.UsageError(f"--rare and --{others[0]} exclude each other")
-    if cases is not None and not isinstance(cases, int):
+def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
+    """Estimate how rarely a requirement is violated, into a folder, with what else was ``given`` to
+    `sepmc campaign`. Returns the exit code: 3 if the audit failed or the accuracy asked was not
+    met, 1 if no case came to its end."""
+    for other, name in _EXCLUDED.items():
+        if given[other]:
+            raise click.UsageError(f"--rare and --{name} exclude each other")
+    if not isinstance(given["cases"], int | None):
         raise click.UsageError("--rare takes how many flights are allowed, --cases 1e5, not which")
-    say, loaded = speaker(quiet), load_campaign(file, settings)
+    say, loaded = speaker(given["quiet"]), load_campaign(given["file"], given["settings"])
     from sepmc.campaign import limit, rare, store
 
-    aim, most = limit.target(loaded, requirement), rare.MOST if cases is None else cases
-    folder = out or store.next_folder(f"{loaded.name}-rare")
-    if dry_run:
+    aim, most = limit.target(loaded, requirement), given["cases"] or rare.MOST
+    overwrite, folder = given["overwrite"], given["out"]
+    folder = folder or store.next_folder(f"{loaded.name}-rare")
+    if given["dry_run"]:
         store.check_folder(folder, overwrite, resumable=False)
         click.echo(f"{loaded.name}: {aim.sentence}; at most {most} flights, into {folder}")
         return 0
     with store.opened(folder, overwrite, resumable=False):
-        with progress_bar(most, quiet) as progress:
+        with progress_bar(most, given["quiet"]) as progress:
             try:
                 found = loaded.rare(
                     requirement,
                     most,
-                    seed,
+                    given["seed"],
                     folder,
-                    threads=threads,
+                    threads=given["threads"],
                     progress=progress,
                     announce=say,
                 )
             except KeyboardInterrupt:
                 click.echo("\ninterrupted; with --rare nothing is kept", err=True)
                 sys.exit(INTERRUPTED)
-        for note in found.notes:
+        for note in found.notes + redundant(loaded):
             click.echo(f"warning: {note}", err=True)
         say(text(found))
         manifest = store.read_manifest(folder)
         accuracy = manifest["accuracy"]
         stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
         say(accuracy_text(accuracy, stages))
-        if not no_plots:
+        if not given["no_plots"]:
             from sepmc.report.rare_figures import rare_figure
 
-            paths = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
-            store.note(
-                folder, [rare_figure(found, folder, paths, f"{loaded.name}, {aim.sentence}")]
-            )
+            keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
+            about = f"{loaded.name}, {aim.sentence}"
+            store.note(folder, [rare_figure(found, folder, keys, about)])
         say(f"wrote {folder}")
     faults = (
         (not found.statuses.get("ok"), 1, "no case was flown to the end"),

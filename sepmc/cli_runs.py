@@ -113,8 +113,7 @@ def campaign(
       sepmc campaign residual-thrust.toml --rare no_recontact
     """
     say = speaker(quiet)
-    beside = not (no_plots or dry_run or rare is not None)
-    with plain_errors(quiet), drawing_beside(beside) as second:
+    with plain_errors(quiet), drawing_beside(not (no_plots or dry_run or rare)) as second:
         if (resume or overwrite) and out is None:
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
@@ -126,13 +125,7 @@ def campaign(
                 "--stats-only keeps no cases to go on from, so it excludes --resume"
             )
         if rare is not None:
-            others = {"plan": plan, "sampler": sampler, "until": until, "resume": resume}
-            others |= {"stats-only": stats_only, "check": must_pass}
-            code = tell_rare(
-                file, rare, cases, seed, out, threads, settings, overwrite, no_plots, dry_run,
-                quiet, [name for name, given in others.items() if given],
-            )  # fmt: skip
-            sys.exit(code)
+            sys.exit(tell_rare(rare, click.get_current_context().params))
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store

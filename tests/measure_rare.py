@@ -9,14 +9,18 @@ probability.
 
 import sys
 import time
+import tomllib
 import warnings
 
 import numpy as np
-from scipy import stats
+from conftest import _PAIR
+from scipy import optimize, stats
 
 import sepmc
 from sepmc.analysis import rare
+from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import generator
+from sepmc.scene.read import parse_campaign
 
 P, FLIGHTS = 1e-6, 100_000
 
@@ -104,28 +108,73 @@ PLAIN = {
 
 
 def known(repeats):
-    """Coverage on problems of known probability."""
-    print(f"{'problem':24s} cover  bias  scatter  told  flights  doubted")
+    """Coverage on problems of known probability, and on a campaign whose outcomes have known laws:
+    bodies that turn for ever as they begin to."""
+    print(f"{'problem':28s} cover  bias  scatter  told  flights  doubted")
     for name, (d, margin) in PROBLEMS.items():
 
         def limit(u, margin=margin):
             return margin(u), np.empty((len(u), 0))
 
-        found, inside, flights, told, doubted = [], 0, 0, [], 0
-        for repeat in range(repeats):
-            one, _, flown = rare.estimate(
-                limit, d, lambda what, repeat=repeat: generator(repeat, what), FLIGHTS
-            )
-            low, high = one.interval
-            inside += low <= P <= high
-            found.append(one.probability / P)
-            told.append(one.spread / np.sqrt(rare.REPLICAS))
-            flights, doubted = max(flights, flown), doubted + bool(rare.remarks(one))
-        print(
-            f"{name:24s} {100 * inside / repeats:4.0f} % {np.mean(found) - 1.0:+.3f}  "
-            f"{np.std(found):.3f}   {np.median(told):.3f}  {flights}  {doubted}",
-            flush=True,
-        )
+        def repeat(seed, limit=limit, d=d):
+            one, _, flown = rare.estimate(limit, d, lambda what: generator(seed, what), FLIGHTS)
+            return one.known, one.interval, flown, rare.remarks(one)
+
+        tell(name, repeat, repeats)
+    for coefficient in (0.0, 0.8):
+        campaign = spinning(coefficient)
+        for name in ("transverse", "roll") if coefficient == 0.0 else ("transverse",):
+
+            def repeat(seed, campaign=campaign, name=name):
+                one = campaign.rare(name, FLIGHTS, seed)
+                return np.array(one.replicas), one.interval, one.flights, one.notes
+
+            tell(f"campaign, {name}, r = {coefficient}", repeat, repeats)
+
+
+def tell(name, repeat, repeats):
+    """Repeat an estimate, and print how good it is."""
+    found, inside, flights, told, doubted = [], 0, 0, [], 0
+    for seed in range(repeats):
+        each, (low, high), flown, doubts = repeat(seed)
+        inside += low <= P <= high
+        found.append(each.mean() / P)
+        told.append(each.std(ddof=1) / each.mean() / np.sqrt(len(each)))
+        flights, doubted = max(flights, flown), doubted + bool(doubts)
+    print(
+        f"{name:28s} {100 * inside / repeats:4.0f} % {np.mean(found) - 1.0:+.3f}  "
+        f"{np.std(found):.3f}   {np.median(told):.3f}  {flights}  {doubted}",
+        flush=True,
+    )
+
+
+def spinning(coefficient):
+    """Two bodies whose rates across the axis are normal, with a correlation, and whose roll rate is
+    uniform."""
+    angles = (np.arange(4096) + 0.5) * np.pi / 2048
+    across = np.cos(angles) ** 2 / (1 + coefficient) + np.sin(angles) ** 2 / (1 - coefficient)
+
+    def beyond(square):  # of the sum of squares, integrated over the direction
+        density = np.exp(-0.5 * square * across) / across
+        return np.mean(density) / np.sqrt(1 - coefficient**2) - P
+
+    bound = float(np.sqrt(optimize.brentq(beyond, 1.0, 200.0, xtol=1e-12)))
+    axes = [f"initial.omega_deg_s.{axis}" for axis in "yz"]
+    settings = {
+        "body.fore.inertia_kg_m2": [3.0, 4.0, 4.0],
+        "initial.omega_deg_s": [0.0, 0.0, 0.0],
+        "output.transverse": ["fore"],
+        "dispersion": {
+            **{axis: {"normal": 1.0} for axis in axes},
+            "initial.omega_deg_s.x": {"uniform": 1.0},
+        },
+        "correlation": [{"parameters": axes, "coefficient": coefficient}],
+        "requirement": [
+            {"name": "transverse", "metric": "fore_transverse_rate_deg_s", "at_most": bound},
+            {"name": "roll", "metric": "fore_omega_x_deg_s", "at_most": 1.0 - 2.0 * P},
+        ],
+    }
+    return Campaign(parse_campaign(tomllib.loads(_PAIR), "spinning", settings))
 
 
 def plain(name, cases, repeats=10):

@@ -484,31 +484,21 @@ class Campaign(Definition):
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
     ) -> Rare:
-        """Estimate how rarely a requirement is violated, where cases of the laws are too few to
-        count: subset simulation, see `sepmc.analysis.rare`.
+        """How rarely a requirement is violated, where plain cases are too few to count: subset
+        simulation, see `sepmc.analysis.rare`.
 
         Parameters
         ----------
         requirement : str
-            Its name. It has a bound on an outcome that is a number, or asks for no contact.
+            Its name; on an outcome that is a number, or that there is no contact.
         most : int
-            Flights allowed; 1e5 tell a probability of 1e-6 to a quarter of it (95 %).
-        seed, threads, overwrite, progress, announce : as for `run`
-        out : path, optional
-            Folder for manifest, ``rare.json`` and ``rare.parquet``.
-
-        Returns
-        -------
-        found : Rare
-            Its ``probability``, ``interval`` (95 %), ``levels``, ``flights`` and ``notes``.
+            Flights allowed: 1e5 tell 1e-6 to a quarter of it (95 %).
+        seed, out, threads, overwrite, progress, announce : as for `run`
 
         Raises
         ------
-        StoreError
-            If ``out`` cannot be used as asked.
-        ValueError
-            If the requirement cannot be approached by degrees, nothing is dispersed by laws, or
-            the flights allowed are too few.
+        StoreError, ValueError
+            If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
         target(self, requirement)

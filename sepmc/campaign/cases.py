@@ -5,7 +5,8 @@ without unit. Case i uses number i of each stream: one more parameter, or more c
 other draw, and any case can be drawn alone. A Latin hypercube puts case i into the stratum that a
 permutation of the cases gives it; a Sobol sequence gives every parameter a dimension, in the order
 of the file; a Saltelli design is made of groups of cases, a Sobol point each and what it becomes
-when one parameter after the other is taken from a second point.
+when one parameter after the other is taken from a second point. What seeks rare events draws normal
+scores from generators that the seed and their purpose key.
 """
 
 import hashlib

@@ -136,6 +136,7 @@ def seek(
     compiled = time.perf_counter()
     tell = (lambda done, failed: progress(done, most, failed)) if progress else (lambda *_: None)
     flights = Flights(campaign, flight, aim, tell, announce)
+    tell(0, 0)  # so that compiling does not count
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
     values = seldom(flights, random("seldom"))
