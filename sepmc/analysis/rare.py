@@ -20,7 +20,7 @@ import numpy as np
 from sepmc.analysis.proportions import CONFIDENCE
 from sepmc.analysis.proportions import interval as of_shares
 
-REPLICAS = 10  # twenty, each of half the size: coverage of 90 to 95 % instead of 94 to 97 %
+REPLICAS = 10  # twenty, each of half the size: 92 to 96 % of intervals hold, not 94 to 97 %
 LENGTH = 10  # states of a chain; a tenth of the cases go on. A fifth of them: 4 % more spread
 _ACCEPTED = 0.44  # of the moves of trial chains: Papaioannou et al., section 3.3
 _FIRST_STEP = 0.6
