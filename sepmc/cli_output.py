@@ -165,6 +165,11 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
     from sepmc.campaign import store
 
     manifest = store.read_manifest(folder)
+    if "rare" in manifest:
+        raise store.StoreError(
+            f"{folder}: holds {store.RARE} and no run: see rare.json and rare.png; sepmc campaign "
+            f"{folder} --plan {folder / 'rare.parquet'} flies its cases as a run"
+        )
     if manifest.get("stats_only"):
         kept = (
             "what there is stands in statistics.csv and statistics.json, and sepmc run "

@@ -41,6 +41,7 @@ from sepmc.cli_output import (
     timing_line,
     verdicts_of,
 )
+from sepmc.cli_rare import RARE, tell_rare
 
 if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
@@ -106,6 +107,7 @@ if TYPE_CHECKING:
     help="Stop once more than N cases did not come to their end; the exit code is then 1.",
 )
 @click.option("--fail-fast", is_flag=True, help="Short for --max-failures 0.")
+@RARE
 @click.option("--dry-run", is_flag=True, help="Say what would be flown, and fly nothing.")
 @CHECK
 @QUIET
@@ -130,6 +132,7 @@ def campaign(
     until: str | None,
     max_failures: int | None,
     fail_fast: bool,
+    rare: str | None,
     dry_run: bool,
     must_pass: bool,
     quiet: bool,
@@ -145,9 +148,10 @@ def campaign(
     Examples:
       sepmc campaign table2.toml --cases 1e5 --seed 7 --out runs/seven
       sepmc campaign srb.toml --set motor.bsm.thrust_N=9e4 --check
+      sepmc campaign residual-thrust.toml --rare no_recontact
     """
     say = speaker(quiet)
-    with plain_errors(quiet), drawing_beside(not (no_plots or dry_run)) as second:
+    with plain_errors(quiet), drawing_beside(not (no_plots or dry_run or rare)) as second:
         if (resume or overwrite) and out is None:
             raise click.UsageError(
                 f"--{'resume' if resume else 'overwrite'} needs --out, the run folder meant"
@@ -161,6 +165,8 @@ def campaign(
                 f"--{'keep' if keep else 'stats-only'} keeps no cases to go on from, so it "
                 "excludes --resume"
             )
+        if rare is not None:
+            sys.exit(tell_rare(rare, click.get_current_context().params))
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
         from sepmc.campaign import store
@@ -334,7 +340,7 @@ def run(
         from sepmc.places import place
 
         loaded = load_campaign(file, settings)
-        check_held(place(file), number, seed)
+        check_held(place(file), number, seed, loaded.file.input_table is not None)
         code = tell_single(loaded, number, seed, every_s, out, overwrite, say, not no_plots)
     sys.exit(code)
 

@@ -177,7 +177,7 @@ def chosen(
     return number
 
 
-def check_held(file: Path, number: int | None, seed: int | None) -> None:
+def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool = False) -> None:
     """A case replayed from a run folder must be one that the run holds."""
     from sepmc.campaign import store
     from sepmc.campaign.numbers import named
@@ -185,6 +185,13 @@ def check_held(file: Path, number: int | None, seed: int | None) -> None:
     if number is None or seed is not None or not (file / store.MANIFEST).is_file():
         return
     manifest = store.read_manifest(file)
+    if "rare" in manifest:
+        if has_plan:
+            return
+        raise store.StoreError(
+            f"{file}: holds {store.RARE}, whose cases are those of rare.parquet: add "
+            "--set run.plan=rare.parquet"
+        )
     held, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in named(which):
         raise store.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")

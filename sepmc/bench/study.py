@@ -1,6 +1,7 @@
 """What all parts of a bench share: the campaign, its cases, how it is flown by default, how often
 things are timed."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,8 @@ Say = Callable[[str], None]
 FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
 # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
 _PART, _FEWEST = 16, 16
+# A way that takes longer is flown by fewer cases, but no fewer than these; cases that are timed.
+_LONG_S, _FEW, _TIMED = 1.0, 200, 1000
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,21 @@ class Study:
     def formulation(self) -> str:
         """Formulation of the equations, as the scene has it."""
         return self.campaign.scene.solver.formulation
+
+    @cached_property
+    def seconds(self) -> float:
+        """That a case takes as it is flown by default, about."""
+        few = self.draws[: self.part(self.formulation)][:_TIMED]
+        self.default.fly(few)  # what comes only once
+        began = time.perf_counter()
+        self.default.fly(few)
+        return (time.perf_counter() - began) / len(few)
+
+    def affordable(self, evaluations: int) -> int:
+        """How many of the cases are flown where a case takes so many evaluations: all, or as many
+        as take about a second."""
+        each = self.seconds * evaluations / max(1, self.default.evaluations)
+        return min(self.cases, max(_FEW, int(_LONG_S / each)))
 
     def part(self, formulation: str) -> int:
         """How many of the cases a formulation flies: all, or a part of them."""

@@ -133,9 +133,15 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
                 f"left out, more than {_MOST} times the work of the default: {way.formulation}, "
                 f"{way.method}, {way.setting}"
             )
-    return sorted(
-        (way for way in found.values() if way.evaluations <= most), key=lambda way: way.evaluations
-    )
+    left = [way for way in found.values() if way.evaluations <= most]
+    if formulation != FULL:
+        left = [
+            way
+            if way.default
+            else replace(way, cases=min(way.cases, study.affordable(way.evaluations)))
+            for way in left
+        ]
+    return sorted(left, key=lambda way: way.evaluations)
 
 
 def _multiples(flight: Flight) -> list[Flight]:

@@ -22,9 +22,11 @@ from sepmc.campaign.forecast import forecast
 from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.keep import ALL, Keep, read_keep
 from sepmc.campaign.label import as_text
+from sepmc.campaign.limit import target
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws
 from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.rare import MOST, Rare, seek
 from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
@@ -370,6 +372,42 @@ class Campaign(Definition):
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
         return read_keep(keep, columns, single, self.file.requirements, self.columns)
 
+    def rare(
+        self,
+        requirement: str,
+        most: int = MOST,
+        seed: int | None = None,
+        out: str | Path | None = None,
+        *,
+        threads: int | None = None,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+        announce: Callable[[str], None] | None = None,
+    ) -> Rare:
+        """How rarely a requirement is violated, where plain cases are too few to count: subset
+        simulation, see `sepmc.analysis.rare`.
+
+        Parameters
+        ----------
+        requirement : str
+            Its name; on an outcome that is a number, or that there is no contact.
+        most : int
+            Flights allowed: 1e5 tell 1e-6 to a quarter of it (95 %).
+        seed, out, threads, overwrite, progress, announce : as for `run`
+
+        Raises
+        ------
+        StoreError, ValueError
+            If ``out`` cannot be used as asked, or the requirement cannot be sought.
+        """
+        check_threads(threads)
+        target(self, requirement)
+        into = nullcontext() if out is None else store.opened(place(out), overwrite, False, False)
+        with into as folder:
+            found = seek(self, requirement, most, seed, threads, folder, progress, announce)
+        _warn(found.notes, announce)
+        return found
+
     def until(self, text: str, numbers: Numbers, resume: bool) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         found = read_until(text, [column.name for column in self.outcome_columns])
@@ -391,6 +429,11 @@ class Campaign(Definition):
         if not store.is_run(folder):
             return np.empty(0, dtype=np.int64)
         manifest = store.made_by(folder)
+        if "rare" in manifest:
+            raise store.StoreError(
+                f"{folder}: holds {store.RARE}, so there are no cases to go on from; use "
+                "--overwrite or another --out"
+            )
         if manifest.get("stats_only"):
             raise store.StoreError(
                 f"{folder}: holds statistics only, so there are no cases to go on from; use "

@@ -5,7 +5,8 @@ without unit. Case i uses number i of each stream: one more parameter, or more c
 other draw, and any case can be drawn alone. A Latin hypercube puts case i into the stratum that a
 permutation of the cases gives it; a Sobol sequence gives every parameter a dimension, in the order
 of the file; a Saltelli design is made of groups of cases, a Sobol point each and what it becomes
-when one parameter after the other is taken from a second point.
+when one parameter after the other is taken from a second point. What seeks rare events draws normal
+scores from generators that the seed and their purpose key.
 """
 
 import hashlib
@@ -26,6 +27,7 @@ _RARE = 1e-6  # of the probability of a law: less is beyond its ends
 _PER_BLOCK = 4  # Philox 4x64 gives four numbers per counter value
 _BITS = 32  # of a number of a Sobol sequence
 _TOP = 1.0 - 2.0**-53  # the largest number below 1
+_LEAST = 1e-300  # of a probability
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,11 @@ def stream(seed: int, path: str, first: int, count: int) -> np.ndarray:
     u *= 2.0**-53
     u += 2.0**-54
     return np.minimum(u, _TOP, out=u)
+
+
+def generator(seed: int, what: str) -> np.random.Generator:
+    """A generator of its own for ``what``, of which no parameter has the path."""
+    return np.random.Generator(np.random.Philox(key=_key(seed, f"{what}:")))
 
 
 def _key(seed: int, path: str) -> int:
@@ -153,10 +160,20 @@ def _correlate(u: np.ndarray, copula: Copula) -> None:
     from scipy.special import ndtr, ndtri  # noqa: PLC0415
 
     scores = [ndtri(u[place]) for place in copula.places]
+    for place in _mix(u, copula, scores):
+        u[place] = ndtr(u[place])
+
+
+def _mix(rows: np.ndarray, copula: Copula, scores: Sequence[np.ndarray] | np.ndarray) -> list[int]:
+    """Put scores that vary together in place of rows (d, n), made of independent ``scores``.
+    Returns the places of those that are put; others stay as they are, to the last bit."""
+    found = []
     for k, (place, factors) in enumerate(zip(copula.places, copula.factor, strict=True)):
-        if any(factors[:k]):  # others stay as they are, to the last bit
+        if any(factors[:k]):
             # no product of matrices, whose round-off depends on the number of cases
-            u[place] = ndtr(sum(f * score for f, score in zip(factors, scores, strict=True) if f))
+            rows[place] = sum(f * score for f, score in zip(factors, scores, strict=True) if f)
+            found.append(place)
+    return found
 
 
 def quantile(dispersion: Dispersion, u: np.ndarray) -> np.ndarray:
@@ -205,6 +222,34 @@ def draw(
     for row, dispersion in zip(table, dispersions, strict=True):
         row[:] = quantile(dispersion, row)
     return table.T
+
+
+def at_scores(
+    dispersions: Sequence[Dispersion], scores: np.ndarray, copulas: Sequence[Copula] = ()
+) -> np.ndarray:
+    """Case table (n, d), in the units of the keys, at independent standard normal scores (n, d) of
+    the parameters: a normal law that correlates with none is linear in its own."""
+    from scipy.special import ndtr  # noqa: PLC0415
+
+    table = np.clip(ndtr(mixed(scores, copulas).T), _LEAST, _TOP)
+    for row, dispersion in zip(table, dispersions, strict=True):
+        row[:] = quantile(dispersion, row)
+    return table.T
+
+
+def score(probability: float) -> float:
+    """The standard normal score of a probability."""
+    from scipy.special import ndtri  # noqa: PLC0415
+
+    return float(ndtri(probability))
+
+
+def mixed(scores: np.ndarray, copulas: Sequence[Copula]) -> np.ndarray:
+    """Normal scores (n, d) of parameters that vary together, made of independent ones."""
+    rows = scores.T.copy()
+    for copula in copulas:
+        _mix(rows, copula, scores.T[list(copula.places)])
+    return rows.T
 
 
 def extremes(scene: Scene, dispersions: Sequence[Dispersion]) -> tuple[Scene, ...]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -29,7 +29,7 @@ from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws, Piece, fly_piece
 from sepmc.campaign.remarks import failed, mixed, sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
-from sepmc.campaign.tally import Tally
+from sepmc.campaign.tally import Tally, accuracy, accuracy_told
 from sepmc.campaign.work import Crew, Flown, Job, fly_range
 from sepmc.schema import Status
 
@@ -344,49 +344,10 @@ class Chunks:
     @property
     def accuracy(self) -> Achieved:
         """Error of the run: the largest of its cases and of the trial cases."""
-        told = self.flight.achieved
-        assert told is not None
-        # no trial case tells anything, but cases that were flown again do
-        if not told.cases and self.tally.finer:
-            told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
-        return told.with_errors(self._errors)
-
-    @property
-    def _errors(self) -> dict[str, float]:
-        """The largest error of the cases by outcome."""
-        found, estimate = dict(self.tally.errors), self.flight.estimate
-        if estimate is None or not found:
-            return found
-        names, errors = list(found), np.array(list(found.values()))
-        largest = estimate.largest(errors, np.array(self.tally.guards))
-        return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
+        return accuracy(self.flight, self.tally)
 
     def _accuracy(self) -> dict[str, Any]:
-        flight, told = self.flight, self.accuracy
-        solver = self.campaign.scene.solver
-        said: dict[str, Any] = {
-            "formulation": solver.formulation,
-            "method": solver.method,
-            "methods": flight.method_names,
-        }
-        if flight.step is not None:
-            said |= {"step_s": flight.step}
-        else:
-            said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
-        worst, error = told.worst
-        said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
-        if told.history is not None:
-            said |= {"history": told.history}
-        if self.tally.finer:
-            said |= {"finer_cases": self.tally.finer}
-            said |= {"unsettled_cases": self.tally.unsettled}
-        if self.tally.spare:
-            said |= {"spare_cases": self.tally.spare}
-        if self.campaign.scene.solver.step is None:
-            said |= {"asked": told.asked, "met": told.met}
-        if told.worst_place:
-            said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
-        return {**said, "errors": told.errors}
+        return accuracy_told(self.campaign, self.flight, self.tally)
 
     @property
     def notes(self) -> list[str]:

@@ -16,6 +16,7 @@ _TEXT = 100_000  # characters of a note
 _OF_ALL = ("campaign", "files", "files_sha256", "campaign_sha256")
 _OF_CASES = ("seed", "cases", "sessions")
 _OF_ONE = ("bodies", "joints")
+_OF_EVENT = ("seed", "sessions")
 
 
 class _Session(Struct):
@@ -102,7 +103,8 @@ def read(written: bytes) -> dict[str, Any]:
     except msgspec.ValidationError as error:
         raise ValueError(f"it holds no manifest: {error}") from None
     if "sha256" in said:
-        wanted = (*_OF_ALL, *(_OF_ONE if "case" in said else _OF_CASES))
+        own = _OF_ONE if "case" in said else _OF_EVENT if "rare" in said else _OF_CASES
+        wanted = (*_OF_ALL, *own)
         for key in wanted:
             if said.get(key) is None or (key == "sessions" and not said[key]):
                 raise ValueError(f"it holds no manifest: {key} is missing")

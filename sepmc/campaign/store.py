@@ -41,6 +41,7 @@ _HISTOGRAMS = "histograms.csv"
 _OURS = (CASES, HISTORIES, KEPT)
 _PART = "part-*.parquet"
 _PROBE, _CALL = "is-writable", "workers-called"
+RARE = "the estimate of a rare event"  # what a folder with "rare" in its manifest holds
 _FIGURES = (
     "hist_*",
     "histograms",
@@ -56,6 +57,7 @@ _FIGURES = (
     "convergence",
     "drivers",
     "scatter",
+    "rare",
 )
 _OUR_FILES = (
     MANIFEST,
@@ -70,6 +72,8 @@ _OUR_FILES = (
     "drivers.csv",
     "causes.csv",
     "report.html",
+    "rare.json",
+    "rare.parquet",
     "film.gif",
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
@@ -391,8 +395,9 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
 
 def holds_cases(manifest: Mapping[str, Any]) -> bool:
     """Whether a run holds rows of cases, which can be flown one by one: it is no single flight, and
-    not one of statistics only."""
-    return "case" not in manifest and not manifest.get("stats_only")
+    not one of statistics only, and not the estimate of a rare event."""
+    alone = "case" in manifest or "rare" in manifest
+    return not alone and not manifest.get("stats_only")
 
 
 def note(folder: Path, files: Iterable[Path]) -> None:

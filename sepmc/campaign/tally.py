@@ -3,12 +3,15 @@
 import json
 from collections import Counter
 from collections.abc import Mapping
-from typing import Self
+from dataclasses import replace
+from typing import Any, Self
 
 import msgspec
 import numpy as np
 
+from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
+from sepmc.campaign.flight import Flight
 from sepmc.campaign.remarks import least_at_the_end
 from sepmc.engine.door import Block
 from sepmc.scene.messages import InputError
@@ -75,4 +78,52 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
     )
 
 
-__all__ = ["Tally", "count", "read"]
+def accuracy(flight: Flight, tally: Tally) -> Achieved:
+    """Error of cases: the largest that was counted of them, and of the trial cases."""
+    told = flight.achieved
+    assert told is not None
+    # no trial case tells anything, but cases that were flown again do
+    if not told.cases and tally.finer:
+        told = replace(told, errors=dict.fromkeys(told.errors, 0.0))
+    return told.with_errors(_errors(flight, tally))
+
+
+def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
+    """The largest error of cases that were counted, by outcome."""
+    found, estimate = dict(tally.errors), flight.estimate
+    if estimate is None or not found:
+        return found
+    names, errors = list(found), np.array(list(found.values()))
+    largest = estimate.largest(errors, np.array(tally.guards))
+    return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
+
+
+def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[str, Any]:
+    """What a manifest tells of how cases were flown, and of their error."""
+    solver, told = campaign.scene.solver, accuracy(flight, tally)
+    said: dict[str, Any] = {
+        "formulation": solver.formulation,
+        "method": solver.method,
+        "methods": flight.method_names,
+    }
+    if flight.step is not None:
+        said |= {"step_s": flight.step}
+    else:
+        said |= {"steps": flight.steps.tolist(), "stages": flight.stages}
+    worst, error = told.worst
+    said |= {"achieved": error, "worst_outcome": worst, "cases": told.cases}
+    if told.history is not None:
+        said |= {"history": told.history}
+    if tally.finer:
+        said |= {"finer_cases": tally.finer}
+        said |= {"unsettled_cases": tally.unsettled}
+    if tally.spare:
+        said |= {"spare_cases": tally.spare}
+    if solver.step is None:
+        said |= {"asked": told.asked, "met": told.met}
+    if told.worst_place:
+        said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
+    return {**said, "errors": told.errors}
+
+
+__all__ = ["Tally", "accuracy", "accuracy_told", "count", "read"]
