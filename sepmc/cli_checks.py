@@ -408,9 +408,9 @@ def bench(
             raise click.UsageError("--overwrite needs --out, the folder meant")
         loaded = load_campaign(file, settings)
         from sepmc.bench.bench import bench as measure
-        from sepmc.campaign import store
+        from sepmc.campaign import folders
 
-        folder = out or store.next_folder(f"bench-{loaded.name}")
+        folder = out or folders.next_folder(f"bench-{loaded.name}")
         measure(
             loaded,
             folder,

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from sepmc.campaign import store
+from sepmc.campaign import folders, record
 from sepmc.campaign.campaign import load
 from sepmc.cli_output import tell_results
 
 FIGURES = (".png", ".svg", ".pdf")
 
 
-def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None]) -> int:
+def mend(folder: Path, found: Sequence[record.Finding], say: Callable[[str], None]) -> int:
     """Make anew what was found wrong with a run folder; returns the exit code: 1 if it is not as it
     was afterwards.
 
@@ -23,10 +23,10 @@ def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None
     """
     for finding in found:
         if not finding.mends:
-            raise store.StoreError(f"{finding.said}. It cannot be mended; fly it again")
-    known = store.knows_all(folder)
-    store.trust(folder)
-    manifest = store.made_by(folder)
+            raise folders.StoreError(f"{finding.said}. It cannot be mended; fly it again")
+    known = folders.knows_all(folder)
+    record.trust(folder)
+    manifest = record.made_by(folder)
     loaded = load(folder, verify=False)
     result = loaded.run(
         manifest.get("numbers", manifest.get("cases")),
@@ -39,10 +39,10 @@ def mend(folder: Path, found: Sequence[store.Finding], say: Callable[[str], None
     figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
     tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
     say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
-    lost = store.forget(folder, FIGURES)
+    lost = record.forget(folder, FIGURES)
     if lost:
         say(f"not drawn again: {', '.join(lost)}; sepmc plot {folder} draws them for print")
-    left = store.diagnose(folder)
+    left = record.diagnose(folder)
     for finding in left:
         click.echo(finding.said, err=True)
     return 1 if left else 0

@@ -162,13 +162,13 @@ def timing_line(result: "Result") -> str:
 
 def manifest_with_rows(folder: Path) -> dict[str, Any]:
     """The manifest of a run that holds case rows."""
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, record
 
-    manifest = store.read_manifest(folder)
+    manifest = record.read_manifest(folder)
     if "rare" in manifest:
-        raise store.StoreError(
-            f"{folder}: holds {store.RARE} and no run: see rare.json and rare.png; sepmc campaign "
-            f"{folder} --plan {folder / 'rare.parquet'} flies its cases as a run"
+        raise folders.StoreError(
+            f"{folder}: holds {folders.RARE} and no run: see rare.json and rare.png; sepmc "
+            f"campaign {folder} --plan {folder / 'rare.parquet'} flies its cases as a run"
         )
     if manifest.get("stats_only"):
         kept = (
@@ -178,21 +178,21 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             else "it was interrupted, so nothing was kept; fly it again with --overwrite"
         )
         of = "statistics, and rows of some cases in kept/" if manifest.get("keep") else ""
-        raise store.StoreError(f"{folder}: holds {of or 'statistics only and no cases'}; {kept}")
+        raise folders.StoreError(f"{folder}: holds {of or 'statistics only and no cases'}; {kept}")
     if "cases" not in manifest:
-        raise store.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")
+        raise folders.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")
     return manifest
 
 
 def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     """Statistics of a run folder, from its case rows."""
     from sepmc.analysis.rows import summarise
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, store
 
     cases = store.CaseColumns(folder)
     outcomes = loaded.summarised[0]
     if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
-        raise store.StoreError(
+        raise folders.StoreError(
             f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
             "sepmc, or changed; fly them again"
         )
@@ -217,12 +217,12 @@ def tell_results(
     from sepmc.analysis import requirements
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.analysis.told import bins_of
-    from sepmc.campaign import store
+    from sepmc.campaign import record, store
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
-    accuracy = store.read_manifest(folder).get("accuracy") or {}
+    accuracy = record.read_manifest(folder).get("accuracy") or {}
     errors, chosen = errors_told(accuracy), _matching(table, shown)
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
@@ -258,14 +258,14 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
-    if store.read_manifest(folder).get("stats_only"):  # no rows to count them of again
+    if record.read_manifest(folder).get("stats_only"):  # no rows to count them of again
         bins = bins_of({str(name): summary.histogram(str(name)) for name in table.index})
         written.append(store.write_histograms(folder, bins))
     if plots:
         written += draw_figures(
             folder, loaded, summary, table, say=say, verdicts=verdicts, second=second
         )
-    store.note(folder, written)
+    record.note(folder, written)
     say(f"wrote {folder}")
     faults = (
         (not ok, 1, "no case was flown to the end; see the column status"),
@@ -306,7 +306,7 @@ def tell_given(
     from sepmc.analysis.given import in_words, names_of, outcomes_of, where
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.statistics import ok_rows, summary_text
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, record, store
     from sepmc.scene.messages import InputError
 
     cases = store.CaseColumns(folder)
@@ -319,7 +319,7 @@ def tell_given(
     summary = Rows(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
     ok = int(ok_rows(cases)[held].sum())
-    accuracy = store.read_manifest(folder).get("accuracy") or {}
+    accuracy = record.read_manifest(folder).get("accuracy") or {}
     table, audited = summary.statistics(), summary.audit()
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     if as_json:
@@ -328,7 +328,7 @@ def tell_given(
         told |= store.statistics_as_json(
             _matching(table, shown), summary.counts, units, audited, summary.failed, of
         )
-        click.echo(store.json_text(told), nl=False)
+        click.echo(folders.json_text(told), nl=False)
         return
     folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
     if not ok:
@@ -568,11 +568,11 @@ def _share_figures(
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
-    from sepmc.campaign import store
+    from sepmc.campaign import record, store
     from sepmc.report.share_figures import beyond_figure, convergence_figure
 
     required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
-    if store.read_manifest(folder).get("stats_only") or not (required or converged):
+    if record.read_manifest(folder).get("stats_only") or not (required or converged):
         return []
     cases, values = store.CaseColumns(folder), {}
     ok = ok_rows(cases)
@@ -591,10 +591,10 @@ def _share_figures(
 
 def about_run(folder: Path) -> str:
     """What a run is called in the titles of figures."""
-    from sepmc.campaign import store
+    from sepmc.campaign import record
     from sepmc.campaign.label import of_run
 
-    return of_run(store.read_manifest(folder))
+    return of_run(record.read_manifest(folder))
 
 
 def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:

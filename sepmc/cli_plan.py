@@ -101,10 +101,10 @@ def write_sample(
     table = pd.DataFrame({"case": which})
     for i, column in enumerate(loaded.input_columns):
         table[column.name] = drawn[:, i]
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, store
 
     if out.suffix.lower() == ".csv":
-        store.write_text(out, table.to_csv(index=False))
+        folders.write_text(out, table.to_csv(index=False))
     else:
         from sepmc.schema import Column
 

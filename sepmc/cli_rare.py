@@ -46,16 +46,16 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
     if not isinstance(given["cases"], int | None):
         raise click.UsageError("--rare takes how many flights are allowed, --cases 1e5, not which")
     say, loaded = speaker(given["quiet"]), load_campaign(given["file"], given["settings"])
-    from sepmc.campaign import limit, rare, store
+    from sepmc.campaign import folders, limit, rare, record
 
     aim, most = limit.target(loaded, requirement), given["cases"] or rare.MOST
     overwrite, folder = given["overwrite"], given["out"]
-    folder = folder or store.next_folder(f"{loaded.name}-rare")
+    folder = folder or folders.next_folder(f"{loaded.name}-rare")
     if given["dry_run"]:
-        store.check_folder(folder, overwrite, resumable=False)
+        folders.check_folder(folder, overwrite, resumable=False)
         click.echo(f"{loaded.name}: {aim.sentence}; at most {most} flights, into {folder}")
         return 0
-    with store.opened(folder, overwrite, resumable=False):
+    with folders.opened(folder, overwrite, resumable=False):
         with progress_bar(most, given["quiet"]) as progress:
             try:
                 found = loaded.rare(
@@ -73,7 +73,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
         for note in found.notes + redundant(loaded):
             click.echo(f"warning: {note}", err=True)
         say(text(found))
-        manifest = store.read_manifest(folder)
+        manifest = record.read_manifest(folder)
         accuracy = manifest["accuracy"]
         stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
         say(accuracy_text(accuracy, stages))
@@ -82,7 +82,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
 
             keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
             about = f"{loaded.name}, {aim.sentence}"
-            store.note(folder, [rare_figure(found, folder, keys, about)])
+            record.note(folder, [rare_figure(found, folder, keys, about)])
         say(f"wrote {folder}")
     faults = (
         (not found.statuses.get("ok"), 1, "no case was flown to the end"),

@@ -24,7 +24,7 @@ from sepmc.analysis.statistics import (
     summary_text,
 )
 from sepmc.analysis.stream import Stream
-from sepmc.campaign import store
+from sepmc.campaign import folders, record, store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
@@ -122,7 +122,7 @@ def _check_known(loaded: Campaign, named: tuple[str, ...]) -> None:
     known = [column.name for column in loaded.outcome_columns]
     for name in named:
         if name not in known:
-            raise store.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
+            raise folders.StoreError(f"{name}: no such outcome; {nearest(name, known)}")
 
 
 def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
@@ -133,13 +133,13 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     every = [str(name) for name in table.index if not is_yes_or_no(str(name))]
     for name in named:
         if name not in every:
-            raise store.StoreError(f"{name}: is yes or no, so it has no law")
+            raise folders.StoreError(f"{name}: is yes or no, so it has no law")
     found = laws.laws(store.CaseColumns(folder), every)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
     folded(laws.text(found.loc[told], table, units, screen_width(), sampler))
-    store.write_text(folder / "laws.csv", found.to_csv())
+    folders.write_text(folder / "laws.csv", found.to_csv())
     click.echo(folder / "laws.csv")
 
 
@@ -154,9 +154,9 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
         before = _told_before(folder, list(table.columns)) if named else table[:0]
         table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
-        store.write_text(folder / "drivers.csv", table.to_csv(index=False))
+        folders.write_text(folder / "drivers.csv", table.to_csv(index=False))
         click.echo(folder / "drivers.csv")
-    store.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
+    folders.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
     click.echo(folder / "causes.csv")
     if plots:
         for path in draw_drivers(driven, folder, loaded, folder):
@@ -182,7 +182,7 @@ def draw_drivers(
     if not driven.drivers:
         return []
     units = {c.name: c.unit for c in loaded.outcome_columns}
-    about = of_run(store.read_manifest(folder))
+    about = of_run(record.read_manifest(folder))
     cases = store.CaseColumns(folder)
     ok = ok_rows(cases)
     by_metric: dict[str, np.ndarray] = {}
@@ -201,7 +201,7 @@ def draw_drivers(
 
 
 def tell_comparison(
-    folders: tuple[Path, Path],
+    places: tuple[Path, Path],
     runs: tuple[Campaign, Campaign],
     out: Path | None,
     overwrite: bool,
@@ -209,13 +209,13 @@ def tell_comparison(
     """What differs between two runs, in their files, statuses, verdicts and outcomes: to the
     screen, and to ``compare.csv`` and ``compare.png`` in a folder if one is given."""
     if out is not None and (out / "compare.csv").exists() and not overwrite:
-        raise store.StoreError(
+        raise folders.StoreError(
             f"{out}: holds a comparison; add --overwrite or choose another --out"
         )
-    rows = [store.CaseColumns(folder) for folder in folders]
-    summaries = [summary_of(folder, run) for folder, run in zip(folders, runs, strict=True)]
+    rows = [store.CaseColumns(folder) for folder in places]
+    summaries = [summary_of(folder, run) for folder, run in zip(places, runs, strict=True)]
     tables = [summary.statistics() for summary in summaries]
-    told_of = [store.read_manifest(folder).get("accuracy") or {} for folder in folders]
+    told_of = [record.read_manifest(folder).get("accuracy") or {} for folder in places]
     changed = compare.differences(runs[0].file.tree, runs[1].file.tree) or ["nothing"]
     click.echo("what differs in the files\n" + "\n".join("  " + line for line in changed))
     counts = [summary.counts for summary in summaries]
@@ -239,7 +239,7 @@ def tell_comparison(
         {d.parameter.column: (d.law, d.numbers, d.weights) for d in run.file.dispersions}
         for run in runs
     ]
-    draws = [_drawn(store.read_manifest(f), run) for f, run in zip(folders, runs, strict=True)]
+    draws = [_drawn(record.read_manifest(f), run) for f, run in zip(places, runs, strict=True)]
     given = {d.parameter.column for run in runs for d in run.file.dispersions if d.column}
     redrawn = [
         name
@@ -252,8 +252,8 @@ def tell_comparison(
     click.echo(compare.text(table.loc[telling], screen_width()))
     if out is None:
         return
-    store.make_writable(out)
-    store.write_text(out / "compare.csv", table.to_csv())
+    folders.make_writable(out)
+    folders.write_text(out / "compare.csv", table.to_csv())
     click.echo(f"wrote {out / 'compare.csv'}")
     values = {}
     for name in telling:
@@ -263,7 +263,7 @@ def tell_comparison(
             values[name] = one, two
     if values:
         units = {c.name: c.unit for c in runs[0].outcome_columns}
-        names = str(folders[0]), str(folders[1])
+        names = str(places[0]), str(places[1])
         click.echo(f"wrote {overlay_figure(values, out, units, names)}")
 
 
@@ -295,7 +295,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
     """Draw the vehicle, and the outcomes, of a run into a folder; returns the paths of both."""
     loaded = load_campaign(str(folder), (), warn=False)
     summary = summary_of(folder, loaded)
-    table, manifest = summary.statistics(), store.read_manifest(folder)
+    table, manifest = summary.statistics(), record.read_manifest(folder)
     accuracy = manifest.get("accuracy") or {}
     vehicle = drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
     outcomes = draw_figures(
@@ -316,7 +316,7 @@ def _found(
 ) -> tuple[page.Report, Driven]:
     """What the report of a run tells, with its worst cases flown again and drawn into a folder, and
     what drives its outcomes."""
-    summary, manifest = summary_of(folder, loaded), store.read_manifest(folder)
+    summary, manifest = summary_of(folder, loaded), record.read_manifest(folder)
     table, audited = summary.statistics(loaded.reference), summary.audit()
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)

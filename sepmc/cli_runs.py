@@ -169,24 +169,24 @@ def campaign(
             sys.exit(tell_rare(rare, click.get_current_context().params))
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         _check_required(loaded, must_pass)
-        from sepmc.campaign import store
+        from sepmc.campaign import folders, record
         from sepmc.engine.door import check_threads
 
         check_threads(threads)
-        folder = out or store.next_folder(loaded.name)
+        folder = out or folders.next_folder(loaded.name)
         if resume and cases is None and _is_of(file, folder):  # those that it is a run of
-            cases = store.made_by(folder).get("numbers")
+            cases = record.made_by(folder).get("numbers")
         numbers, _ = loaded.asked(cases)
         if dry_run:
             from sepmc.cli_plan import tell_plan
 
-            store.check_folder(folder, overwrite, resume)
+            folders.check_folder(folder, overwrite, resume)
             if until:
                 loaded.until(until, numbers, resume)
                 click.echo(f"stops as soon as {until} is known, of at most:")
             tell_plan(loaded, cases, seed, folder, stats_only or bool(keep), click.echo)
             return
-        with store.opened(folder, overwrite, resume):  # until all is written
+        with folders.opened(folder, overwrite, resume):  # until all is written
             with (
                 progress_bar(numbers.count, quiet) as progress,
                 _crew(workers, cluster, threads) as crew,
@@ -218,7 +218,7 @@ def campaign(
                     )
                     if stats_only or keep:
                         what = "with --stats-only nothing is kept"
-                    elif not (folder / store.MANIFEST).is_file():
+                    elif not (folder / folders.MANIFEST).is_file():
                         what = "no case was flown yet"
                     click.echo(f"\ninterrupted; {what}", err=True)
                     sys.exit(INTERRUPTED)
@@ -439,10 +439,10 @@ def stats(
       sepmc stats runs/windy --json | jq .outcomes.separation_speed_m_s.p99
     """
     with plain_errors(False):
-        from sepmc.campaign import store
+        from sepmc.campaign import folders, store
 
         if store.read_history(folder) is not None:
-            raise store.StoreError(f"{folder}: is a single run, which has no statistics")
+            raise folders.StoreError(f"{folder}: is a single run, which has no statistics")
         manifest = manifest_with_rows(folder)
         loaded = load_campaign(str(folder), (), warn=False)
         _check_required(loaded, must_pass)
@@ -494,7 +494,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
       sepmc plot runs/windy --all --format pdf
     """
     with plain_errors(False):
-        from sepmc.campaign import store
+        from sepmc.campaign import record, store
         from sepmc.campaign.label import of_case
         from sepmc.report.figures import run_figures
         from sepmc.report.style import PRINTED, dots
@@ -502,13 +502,13 @@ def plot(folder: Path, every: bool, ending: str) -> None:
         history, suffix = store.read_history(folder), f".{ending}"
         with dots(PRINTED):
             if history is not None:
-                told = store.read_manifest(folder)
+                told = record.read_manifest(folder)
                 about = of_case(told["campaign"], told["case"], told.get("settings", {}))
                 written = run_figures(
                     history, folder, told["bodies"], told["joints"], about, suffix
                 )
             else:
-                told = store.read_manifest(folder)
+                told = record.read_manifest(folder)
                 if not (told.get("stats_only") and told.get("complete")):
                     manifest_with_rows(folder)
                 draw = partial(
@@ -528,7 +528,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     written = draw(
                         folder, loaded, summary, table, verdicts=verdicts, converging=True
                     )
-                store.note(folder, written)
+                record.note(folder, written)
         for path in written:
             click.echo(path)
 
@@ -550,9 +550,9 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
     """
     say = speaker(quiet)
     with plain_errors(quiet):
-        from sepmc.campaign import store
+        from sepmc.campaign import record
 
-        found = store.diagnose(folder)
+        found = record.diagnose(folder)
         for finding in found:
             click.echo(finding.said)
         if not found:

@@ -34,19 +34,21 @@ def tell_single(
     """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
     is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
     from sepmc import schema
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, record
     from sepmc.engine.door import check_every
     from sepmc.places import is_local
 
     check_every(every_s, loaded.scene, "--every-s")
     about = "nominal case" if number is None else f"case {number}"
     case = loaded.nominal() if number is None else loaded.case(number, seed)
-    folder = out or store.next_folder(
+    folder = out or folders.next_folder(
         loaded.name if number is None else f"{loaded.name}-case{number}"
     )
     if film and not is_local(folder):
-        raise store.StoreError(f"{folder}: a film is written on this machine; give --out a folder")
-    with store.opened(folder, overwrite, resumable=False):
+        raise folders.StoreError(
+            f"{folder}: a film is written on this machine; give --out a folder"
+        )
+    with folders.opened(folder, overwrite, resumable=False):
         start = time.perf_counter()
         history = loaded.simulate(case, every_s, say)
         seconds = time.perf_counter() - start
@@ -86,7 +88,7 @@ def tell_single(
         path = folder / f"film.{film}"
         animation.film(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
-    store.note(folder, written)
+    record.note(folder, written)
     say(f"wrote {folder}")
     return 0 if status is schema.Status.OK and same else 1
 
@@ -101,7 +103,7 @@ def _write(
 ) -> None:
     """Write the history of a case, its file and its manifest."""
     from sepmc import schema
-    from sepmc.campaign import store
+    from sepmc.campaign import record, store
 
     meanings = {c.name: c.meaning for c in schema.history_columns(loaded.plan.contents)}
     store.write_history(folder, history, meanings)
@@ -118,9 +120,9 @@ def _write(
         **{key: history.attrs[key] for key in _TOLD},
         "bodies": loaded.plan.bodies,
         "joints": list(loaded.plan.joints),
-        **store.versions(),
+        **record.versions(),
     }
-    store.write_manifest(folder, manifest, store.campaign_text(loaded.file))
+    record.write_manifest(folder, manifest, store.campaign_text(loaded.file))
 
 
 _TOLD = ("status", "compiled", "outcomes", "errors", "notes")
@@ -128,9 +130,9 @@ _TOLD = ("status", "compiled", "outcomes", "errors", "notes")
 
 def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], None]) -> bool:
     """Say whether the row of a case comes out again to the last bit."""
-    from sepmc.campaign import replay, store
+    from sepmc.campaign import record, replay
 
-    manifest = store.read_manifest(run)
+    manifest = record.read_manifest(run)
     total = manifest.get("of", manifest["cases"])
     flight = replay.flown_before(loaded, say)
     found = replay.check_row(loaded, flight, run, number, manifest["seed"], total)
@@ -145,9 +147,9 @@ def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], 
 
 def _other_versions(manifest: dict[str, Any]) -> str:
     """Versions and machine of a run that are not those of today."""
-    from sepmc.campaign import store
+    from sepmc.campaign import record
 
-    made, now = manifest["sessions"][-1], store.versions()
+    made, now = manifest["sessions"][-1], record.versions()
     before, here = (
         {"sepmc": one.get("sepmc"), **one.get("versions", {}), "machine": one.get("machine")}
         for one in (made, now)
@@ -159,13 +161,13 @@ def chosen(
     folder: Path, loaded: "Campaign", way: str, asked: str, say: Callable[[str], None]
 ) -> int:
     """The case of a run that is asked for as the worst, least, greatest or nearest."""
-    from sepmc.campaign import replay, store
+    from sepmc.campaign import record, replay, store
     from sepmc.campaign.accuracy import with_scales
 
     cases = store.CaseColumns(folder)
     if way == "worst":
         summary = summary_of(folder, loaded)
-        told = errors_told(store.read_manifest(folder).get("accuracy") or {})
+        told = errors_told(record.read_manifest(folder).get("accuracy") or {})
         errors = with_scales(loaded, told, summary.statistics())
         number, said = replay.worst(summary, loaded, errors, asked)
     elif way == "nearest":
@@ -179,23 +181,23 @@ def chosen(
 
 def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool = False) -> None:
     """A case replayed from a run folder must be one that the run holds."""
-    from sepmc.campaign import store
+    from sepmc.campaign import folders, record
     from sepmc.campaign.numbers import named
 
-    if number is None or seed is not None or not (file / store.MANIFEST).is_file():
+    if number is None or seed is not None or not (file / folders.MANIFEST).is_file():
         return
-    manifest = store.read_manifest(file)
+    manifest = record.read_manifest(file)
     if "rare" in manifest:
         if has_plan:
             return
-        raise store.StoreError(
-            f"{file}: holds {store.RARE}, whose cases are those of rare.parquet: add "
+        raise folders.StoreError(
+            f"{file}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
             "--set run.plan=rare.parquet"
         )
     held, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in named(which):
-        raise store.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
+        raise folders.StoreError(f"{file}: holds cases {which}; --case {number} is none of them")
     if not which and isinstance(held, int) and number >= held:
-        raise store.StoreError(
+        raise folders.StoreError(
             f"{file}: holds cases 0 to {held - 1}; --case {number} is none of them"
         )

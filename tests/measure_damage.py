@@ -19,7 +19,7 @@ import numpy as np
 from click.testing import CliRunner
 
 from sepmc import cli
-from sepmc.campaign import store
+from sepmc.campaign import folders, record, store
 
 SETTINGS = {"run.chunk": 4, "run.history_step_s": 0.1}
 WAYS = ("deleted", "cut short", "flipped", "swapped", "edited", "grown")
@@ -76,7 +76,7 @@ def rows(folder):
     """All rows and histories, as bytes; None if the folder is refused."""
     try:
         read = store.read_cases(folder), store.read_histories(folder)
-    except store.StoreError:
+    except folders.StoreError:
         return None
     return tuple(b"" if frame is None else frame.to_json().encode() for frame in read)
 
@@ -84,14 +84,14 @@ def rows(folder):
 def contents(folder):
     """What a mended folder must have again: all but times of day and of work."""
     found = {name: (folder / name).read_bytes() for name in files(folder)}
-    del found[store.MANIFEST], found[store.ledger.LEDGER]
+    del found[folders.MANIFEST], found[store.ledger.LEDGER]
     return found
 
 
 def is_told(folder, before, was):
     """Whether a damage is told, or did nothing, and no other numbers are read than before."""
     changed = {name: (folder / name).read_bytes() for name in files(folder)} != before
-    told = store.diagnose(folder)
+    told = record.diagnose(folder)
     found = rows(folder)
     return (bool(told) or not changed) and (found is None or found == was or bool(told))
 
@@ -99,8 +99,8 @@ def is_told(folder, before, was):
 def is_mended(folder, before):
     """Whether ``--repair`` brings back all but the campaign that was flown."""
     code = call("doctor", str(folder), "--repair", "--quiet")
-    path = folder / store.CAMPAIGN
-    if not path.is_file() or path.read_bytes() != before[store.CAMPAIGN]:
+    path = folder / folders.CAMPAIGN
+    if not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
         return code == 2
     return code == 0 and contents(folder) == before
 

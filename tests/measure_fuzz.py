@@ -13,7 +13,7 @@ import json
 import os
 import sys
 
-from fuzz import campaigns, flights, folders, tables
+from fuzz import campaigns, flights, run_folders, tables
 from fuzz.watch import spread
 
 # what is tried, and what share of --count and of --seconds it takes
@@ -22,7 +22,7 @@ PARTS = {
     "texts": (campaigns.texts, 0.2, 0.15),
     "sizes": (campaigns.sizes, 0.001, 0.05),
     "tables": (tables.tables, 0.199, 0.15),
-    "folders": (folders.folders, 0.005, 0.2),
+    "folders": (run_folders.run_folders, 0.005, 0.2),
     "rows": (flights.rows, 0.01, 0.05),
     "numbers": (flights.numbers, 0.005, 0.1),
     "kernels": (campaigns.kernels, 0.001, 0.05),

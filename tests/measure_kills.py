@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from sepmc.campaign import store
+from sepmc.campaign import folders, record, store
 
 OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
 OPTIONS += ["--set", "run.history_step_s=0.1"]
@@ -47,7 +47,7 @@ def same(one, other):
 
 def killed(folder, rng, longest):
     """Start or resume a run and kill it; returns whether it came to its end before."""
-    there = store.is_run(folder)
+    there = folders.is_run(folder)
     run = subprocess.Popen(
         command(folder, *(["--resume"] if there else [])),
         stderr=subprocess.PIPE,
@@ -80,7 +80,7 @@ def main():
             folder, runs = Path(temporary) / f"run-{runs}", runs + 1
             while not killed(folder, rng, 1.3 * takes):
                 kills += 1
-            wrong += not same(whole, folder) or bool(store.diagnose(folder))
+            wrong += not same(whole, folder) or bool(record.diagnose(folder))
     print(json.dumps({"kills": kills, "runs": runs, "seconds a run": round(takes, 2)}))
     print(f"{wrong} of {runs} runs differ from one that was left alone")
     sys.exit(1 if wrong else 0)

@@ -31,8 +31,8 @@ from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.flight import by_name
+from sepmc.campaign.own_files import StoreError
 from sepmc.campaign.pilot import plan_flight
-from sepmc.campaign.store import StoreError
 from sepmc.kernel.structure import make_shape
 
 STAGES = ("import", "pilot", "kernel", "statistics")

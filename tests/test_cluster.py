@@ -15,7 +15,7 @@ import sepmc
 from sepmc import cli
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
-from sepmc.campaign import store
+from sepmc.campaign import record, store
 from sepmc.campaign.work import OutOfStepError
 from sepmc.cluster import ClusterError, DaskCrew, crew
 from sepmc.scene.messages import InputError
@@ -49,8 +49,8 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers)
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
-    assert not store.diagnose(tmp_path / "run")
-    one, other = (store.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
+    assert not record.diagnose(tmp_path / "run")
+    one, other = (record.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
     for name in ("failures", "accuracy", "notes", "complete", "cases_held"):
         assert one[name] == other[name], name
     (kind, flown), *more = other["sessions"][0]["flown_by"].items()
@@ -82,7 +82,7 @@ def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
     assert not pids
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
-    assert not store.diagnose(tmp_path / "run")
+    assert not record.diagnose(tmp_path / "run")
 
 
 def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from measure_damage import call, contents, damage, files, fly, is_mended, is_told, rows
 
 import sepmc
-from sepmc.campaign import ledger, store
+from sepmc.campaign import folders, ledger, record, store
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +38,9 @@ def test_what_is_damaged_is_mended(whole, folder, seed):
 
 def test_another_campaign_is_not_replayed(folder):
     """One edited number in the run's own file: neither a case nor the run goes on with it."""
-    path = folder / store.CAMPAIGN
+    path = folder / folders.CAMPAIGN
     path.write_text(path.read_text(encoding="utf-8").replace("458", "459", 1), encoding="utf-8")
-    with pytest.raises(store.StoreError, match="is not the campaign that was flown"):
+    with pytest.raises(folders.StoreError, match="is not the campaign that was flown"):
         sepmc.load(folder)
     for words in (["run", folder, "--case", "5"], ["stats", folder], ["doctor", folder]):
         assert call(*map(str, words)) in (1, 2)
@@ -50,13 +50,13 @@ def test_a_part_that_is_gone_is_told_with_its_cases(folder):
     part = folder / "cases" / "part-0000000004.parquet"
     part.unlink()
     said = rf"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .* --out {folder} --"
-    with pytest.raises(store.StoreError, match=said):
+    with pytest.raises(folders.StoreError, match=said):
         store.read_cases(folder)
     assert call("stats", str(folder)) == 2
 
 
 def test_what_differs_is_named(folder):
-    with pytest.raises(store.StoreError, match=r"upper\.mass_kg: 458.* -> 460"):
+    with pytest.raises(folders.StoreError, match=r"upper\.mass_kg: 458.* -> 460"):
         sepmc.load("table2", {"body.upper.mass_kg": 460.0, "run.history_step_s": 0.1}).run(
             cases=14, out=folder, resume=True
         )
@@ -64,24 +64,24 @@ def test_what_differs_is_named(folder):
 
 def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     """Without a last manifest: what was counted of its parts stands in them."""
-    told = store.read_manifest(folder)
-    lost = store.parts(folder, store.CASES)[-1]
+    told = record.read_manifest(folder)
+    lost = store.parts(folder, folders.CASES)[-1]
     ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
     said = told | {"complete": False, "accuracy": {}, "failures": 0}
-    store.seal(folder, said)
+    record.seal(folder, said)
     campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
     campaign.run(cases=14, out=folder, resume=True)
-    again = store.read_manifest(folder)
+    again = record.read_manifest(folder)
     assert again["accuracy"] == told["accuracy"]
     assert [again[key] for key in ("failures", "complete", "cases_held")] == [0, True, 14]
 
 
 def test_a_folder_without_checksums_is_trusted_if_asked(folder):
     """As other versions left it."""
-    told = store.read_manifest(folder)
+    told = record.read_manifest(folder)
     (folder / ledger.LEDGER).unlink()
     kept = ("sha256", "files", "files_sha256", "campaign_sha256")
-    store.write_json(folder / store.MANIFEST, {k: v for k, v in told.items() if k not in kept})
+    folders.write_json(folder / folders.MANIFEST, {k: v for k, v in told.items() if k not in kept})
     assert call("stats", str(folder)) == 2
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
@@ -90,7 +90,7 @@ def test_a_folder_without_checksums_is_trusted_if_asked(folder):
 
 def test_the_cases_that_are_flown_stay(tmp_path):
     """Those of a run of some cases only, though its manifest is gone, or one of its parts."""
-    for lost in (store.MANIFEST, "cases/part-0000000020.parquet"):
+    for lost in (folders.MANIFEST, "cases/part-0000000020.parquet"):
         folder = tmp_path / lost.partition("/")[0]
         sepmc.load("table2", {"run.history_step_s": 0.0}).run("5:9,20", out=folder)
         assert call("stats", str(folder)) == 0
@@ -114,11 +114,11 @@ def test_a_shorter_list_of_files_is_told(folder, tmp_path, kind, left):
         words = words if kind == "single" else ["campaign", "table2.toml", "--stats-only"]
         words += ["--cases", "20"] if kind == "statistics" else []
         assert call(*words, "--quiet", "--out", str(folder)) == 0
-    assert store.diagnose(folder) == []
+    assert record.diagnose(folder) == []
     lines = (folder / ledger.LEDGER).read_bytes().splitlines(keepends=True)
     assert len(lines) > left
     (folder / ledger.LEDGER).write_bytes(b"".join(lines[:left]))
-    assert store.diagnose(folder)
+    assert record.diagnose(folder)
     assert call("doctor", str(folder)) == 1
 
 
@@ -126,5 +126,5 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     folder = str(tmp_path / "one")
     assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
     (tmp_path / "one" / "angles.png").write_bytes(b"")
-    (told,) = store.diagnose(tmp_path / "one")
+    (told,) = record.diagnose(tmp_path / "one")
     assert "angles.png: was changed" in told.said

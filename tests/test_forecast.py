@@ -8,7 +8,7 @@ import pytest
 
 import sepmc
 from sepmc.campaign.forecast import forecast
-from sepmc.campaign.store import StoreError
+from sepmc.campaign.own_files import StoreError
 
 
 def size_of(folder):

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis.requirements import margins
-from sepmc.campaign import chunks, sinks, store
+from sepmc.campaign import chunks, folders, record, sinks, store
 from sepmc.campaign.keep import Keep
 from sepmc.scene.messages import InputError
 
@@ -89,8 +89,8 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
     assert frame["kept_as"].astype(str).str.contains(rule.partition(":")[0]).all()
     every = campaign.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), every.statistics(), check_exact=True)
-    assert not store.diagnose(result.folder)
-    assert (len(store.parts(result.folder, store.KEPT)) > 1) == many
+    assert not record.diagnose(result.folder)
+    assert (len(store.parts(result.folder, folders.KEPT)) > 1) == many
 
 
 def test_why_rows_are_kept(campaign, rows, kept):
@@ -150,7 +150,7 @@ def test_command_line(tmp_path):
     options += ["--set", "run.end_time_s=0.285"]
     done = call("campaign", *options, "--keep", "failed,every:100", "--float32")
     assert done.exit_code == 0, done.output
-    manifest = store.read_manifest(tmp_path / "run")
+    manifest = record.read_manifest(tmp_path / "run")
     assert manifest["keep"] == "failed,every:100; float32"
     assert manifest["complete"]
     assert not (tmp_path / "run" / "cases").exists()
@@ -162,7 +162,7 @@ def test_command_line(tmp_path):
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
-    assert "float32" not in store.read_manifest(tmp_path / "run")["keep"]
+    assert "float32" not in record.read_manifest(tmp_path / "run")["keep"]
     both = call("campaign", *options, "--keep", "failed", "--resume")
     assert "excludes --resume" in both.stderr
 

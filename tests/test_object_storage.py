@@ -11,7 +11,7 @@ from moto.server import ThreadedMotoServer
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import store
+from sepmc.campaign import folders, record, store
 from sepmc.cluster import crew
 from sepmc.places import place
 
@@ -62,7 +62,7 @@ def test_the_same_rows(campaign, alone):
     found = campaign.run(cases=CASES, out=place("s3://bucket/one"))
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
-    assert not store.diagnose(found.folder)
+    assert not record.diagnose(found.folder)
 
 
 def test_workers_write_it(campaign, alone):
@@ -78,14 +78,14 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in store.diagnose(folder)]
+    said = [finding.said for finding in record.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
-    with pytest.raises(store.StoreError, match="--resume"):
+    with pytest.raises(folders.StoreError, match="--resume"):
         store.read_cases(folder)
     campaign.run(cases=CASES, out=folder, resume=True)
     same(folder, alone.folder)
-    assert not store.diagnose(folder)
+    assert not record.diagnose(folder)
 
 
 def test_command_line(alone, tmp_path):
@@ -116,8 +116,10 @@ def test_command_line(alone, tmp_path):
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not store.parts(place(where), store.CASES)
-    assert len(store.read_part(place(where), store.parts(place(where), store.KEPT)[0])["case"]) == 5
+    assert not store.parts(place(where), folders.CASES)
+    assert (
+        len(store.read_part(place(where), store.parts(place(where), folders.KEPT)[0])["case"]) == 5
+    )
 
 
 @pytest.mark.parametrize(

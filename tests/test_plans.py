@@ -12,7 +12,8 @@ from sepmc.analysis.precision import read_until
 from sepmc.analysis.proportions import interval
 from sepmc.analysis.rows import Rows
 from sepmc.campaign.numbers import Numbers, read
-from sepmc.campaign.store import StoreError, read_manifest
+from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.record import read_manifest
 from sepmc.cli import main
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.trust.gate.plain import flown_plainly

@@ -16,7 +16,7 @@ from scipy import stats
 import sepmc
 from sepmc import cli
 from sepmc.analysis import rare
-from sepmc.campaign import cases, store
+from sepmc.campaign import cases, record, store
 from sepmc.campaign.limit import Target, target
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Requirement
@@ -306,8 +306,8 @@ def test_a_folder(folder):
         "campaign.toml", "manifest.json", "checksums.jsonl", "rare.json", "rare.parquet",
         "rare.png",
     }  # fmt: skip
-    assert store.diagnose(run) == []
-    manifest = store.read_manifest(run)
+    assert record.diagnose(run) == []
+    manifest = record.read_manifest(run)
     assert manifest["rare"]["name"] == "slow"
     assert manifest["accuracy"]["met"]
     rows = pd.read_parquet(run / "rare.parquet")

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 import sepmc
-from sepmc.campaign import ledger, store
+from sepmc.campaign import ledger, record, store
 from sepmc.cli import main
 from sepmc.report import animation
 from sepmc.report.animation import _Shot
@@ -65,7 +65,7 @@ def test_the_case_that_is_asked_for(folder, tmp_path, words, which):
     code, said = command("replay", folder, *words, "--out", out, "--no-plots", "--every-s", 0.01)
     number = int(which(folder))
     assert (code, f"row {number} is the same bit by bit" in said) == (0, True), said
-    told = store.read_manifest(out)
+    told = record.read_manifest(out)
     assert told["case"] == number
     row = store.read_row(folder, number)
     for name in ("separation_speed_m_s", "upper_omega_x_deg_s"):
@@ -76,7 +76,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     """One bit in one column of a row is found, and named, though the checksum is of what is
     there."""
     folder = shutil.copytree(folder, tmp_path / "run")
-    manifest, (one,) = store.read_manifest(folder), store.parts(folder, "cases")
+    manifest, (one,) = record.read_manifest(folder), store.parts(folder, "cases")
     table = pd.read_parquet(folder / one.file)
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
     table.to_parquet(folder / one.file)
@@ -85,7 +85,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     assert (code, "was changed" in said) == (2, True), said
     content = (folder / one.file).read_bytes()
     ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
-    store.seal(folder, manifest)
+    record.seal(folder, manifest)
     code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
 

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis import rows
-from sepmc.campaign import chunks, forecast, store
-from sepmc.campaign.store import StoreError
+from sepmc.campaign import chunks, forecast, record, store
+from sepmc.campaign.own_files import StoreError
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
 
@@ -128,7 +128,7 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
     with pytest.raises(KeyboardInterrupt):
         campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
     assert store.cases_done(tmp_path).tolist() == list(range(25))
-    assert store.read_manifest(tmp_path)["cases_held"] == 25
+    assert record.read_manifest(tmp_path)["cases_held"] == 25
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
 
 
@@ -181,7 +181,7 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
         "histograms.png",
     } <= names
     assert not names & {"cases", "histories", "separation_speed.png"}
-    manifest = store.read_manifest(folder)
+    manifest = record.read_manifest(folder)
     assert (
         manifest["complete"],
         manifest["stats_only"],
@@ -235,7 +235,7 @@ def test_a_folder_of_statistics_only(tmp_path):
     for refused in (["stats", folder], ["campaign", *options, "--resume"]):
         said = call(*refused)
         assert (said.exit_code, "statistics only" in said.stderr) == (2, True), said.output
-    store.seal(folder, store.read_manifest(folder) | {"complete": False})
+    record.seal(folder, record.read_manifest(folder) | {"complete": False})
     assert "nothing was kept" in call("stats", folder).stderr
     assert "excludes --resume" in call("campaign", *options, "--resume", "--stats-only").stderr
     assert (
@@ -325,7 +325,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     assert stopped.stopped
     assert 2 < stopped.status_counts["never-released"] < failed
     assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
-    manifest = store.read_manifest(tmp_path / "run")
+    manifest = record.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
     assert manifest["cases_held"] == len(stopped.to_pandas()) < 50
     again = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=2)

@@ -15,7 +15,7 @@ from sepmc.analysis import requirements
 from sepmc.analysis.rows import Rows
 from sepmc.campaign import cases
 from sepmc.campaign.cases import Sampling, probabilities
-from sepmc.campaign.store import StoreError
+from sepmc.campaign.own_files import StoreError
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement
 from sepmc.trust.gate.plain import flown_plainly

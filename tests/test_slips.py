@@ -9,8 +9,8 @@ from scipy.stats import norm
 
 import sepmc
 from sepmc import cli
+from sepmc.campaign.record import read_manifest
 from sepmc.campaign.remarks import of_file
-from sepmc.campaign.store import read_manifest
 from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
 

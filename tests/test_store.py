@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import ledger, store
+from sepmc.campaign import folders, ledger, record, store
 from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.own_files import StoreError
 from sepmc.campaign.replay import check_row, flown_before
-from sepmc.campaign.store import StoreError
 from sepmc.schema import Column
 
 COLUMNS = [
@@ -142,28 +142,28 @@ def test_parts_are_named_by_their_first_case(run_folder):
 
 def test_table_round_trip(tmp_path):
     for first in (3, 0):  # written in any order, read in order of case
-        written = store.write_part(tmp_path, store.CASES, first, 3, COLUMNS, part(first, 3), {})
+        written = store.write_part(tmp_path, folders.CASES, first, 3, COLUMNS, part(first, 3), {})
         store.note_parts(tmp_path, [written])
     frame = store.read_cases(tmp_path)
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
     np.testing.assert_array_equal(frame["speed_m_s"], part(0, 6)["speed_m_s"])
     # NaN is a number that is none, not null
-    assert pq.read_table(store.part_path(tmp_path, store.CASES, 3))["speed_m_s"].null_count == 0
+    assert pq.read_table(store.part_path(tmp_path, folders.CASES, 3))["speed_m_s"].null_count == 0
     field = store.table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
     assert field.metadata == {b"unit": b"m/s", b"meaning": b"speed"}
 
 
 def test_next_folder(tmp_path):
-    assert store.next_folder("a", tmp_path) == tmp_path / "a-1"
+    assert folders.next_folder("a", tmp_path) == tmp_path / "a-1"
     (tmp_path / "a-1").mkdir()
     (tmp_path / "a-3").mkdir()
-    assert store.next_folder("a", tmp_path) == tmp_path / "a-2"
-    assert store.next_folder("b", tmp_path) == tmp_path / "b-1"
+    assert folders.next_folder("a", tmp_path) == tmp_path / "a-2"
+    assert folders.next_folder("b", tmp_path) == tmp_path / "b-1"
 
 
 def test_open_folder(tmp_path):
-    with store.opened(tmp_path / "deep" / "run") as folder:
+    with folders.opened(tmp_path / "deep" / "run") as folder:
         assert folder.is_dir()
     assert not folder.exists()  # nothing came of it
     folder.mkdir()
@@ -172,28 +172,28 @@ def test_open_folder(tmp_path):
         enter(folder)
     (folder / "notes.txt").unlink()
     enter(folder)  # empty: nothing to lose
-    store.write_json(folder / store.MANIFEST, {})
+    folders.write_json(folder / folders.MANIFEST, {})
     with pytest.raises(StoreError, match=r"exists; add --overwrite.*--out"):
         enter(folder)  # no cases to go on from
-    (folder / store.CASES).mkdir()
+    (folder / folders.CASES).mkdir()
     with pytest.raises(StoreError, match=r"--resume.*--overwrite.*--out"):
         enter(folder)
     enter(folder, resume=True)
-    assert (folder / store.MANIFEST).exists()
+    assert (folder / folders.MANIFEST).exists()
     enter(folder, overwrite=True)
-    assert not (folder / store.MANIFEST).exists()
+    assert not (folder / folders.MANIFEST).exists()
 
 
 def enter(folder, **how):
-    with store.opened(folder, **how):
+    with folders.opened(folder, **how):
         pass
 
 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from sepmc.campaign import ledger, store
-with store.opened(Path(sys.argv[1])):
+from sepmc.campaign import folders, ledger, record, store
+with folders.opened(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -214,19 +214,19 @@ def test_one_process_writes(tmp_path):
 
 
 def test_a_write_that_fails_leaves_the_old_text(tmp_path, monkeypatch):
-    store.write_text(tmp_path / "a.txt", "old")
-    monkeypatch.setattr(store.os, "replace", lambda *_: (_ for _ in ()).throw(OSError("no space")))
+    folders.write_text(tmp_path / "a.txt", "old")
+    monkeypatch.setattr(ledger.os, "replace", lambda *_: (_ for _ in ()).throw(OSError("no space")))
     with pytest.raises(OSError, match="no space"):
-        store.write_text(tmp_path / "a.txt", "new")
+        folders.write_text(tmp_path / "a.txt", "new")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "old"
 
 
 @pytest.mark.parametrize("content", [b"{", b"", b"[]", b"\xff\xfe"])
 def test_broken_manifest(tmp_path, content):
     """Half a table, nothing, a list, binary junk."""
-    (tmp_path / store.MANIFEST).write_bytes(content)
+    (tmp_path / folders.MANIFEST).write_bytes(content)
     with pytest.raises(StoreError, match=r"manifest\.json"):
-        store.read_manifest(tmp_path)
+        record.read_manifest(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -312,28 +312,30 @@ def test_resume_of_another_campaign_is_refused(run_folder, other):
 def test_resume_with_fewer_cases(run_folder, tmp_path):
     """Refused: the folder would hold more cases than its manifest says."""
     folder = shutil.copytree(run_folder, tmp_path / "run")
-    before = (folder / store.MANIFEST).read_bytes()
+    before = (folder / folders.MANIFEST).read_bytes()
     with pytest.raises(StoreError, match="holds cases up to 9; --cases 5 would leave some out"):
         sepmc.load("table2", {"run.chunk": 4}).run(cases=5, out=folder, resume=True)
-    assert (folder / store.MANIFEST).read_bytes() == before
+    assert (folder / folders.MANIFEST).read_bytes() == before
 
 
 def test_manifest_is_json(tmp_path):
     """A number that is not finite is null: no JSON reader but Python's takes the word NaN."""
-    store.write_json(tmp_path / store.MANIFEST, {"outcomes": {"release_time_s": float("nan")}})
-    json.loads((tmp_path / store.MANIFEST).read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    folders.write_json(tmp_path / folders.MANIFEST, {"outcomes": {"release_time_s": float("nan")}})
+    json.loads(
+        (tmp_path / folders.MANIFEST).read_text(encoding="utf-8"), parse_constant=pytest.fail
+    )
 
 
 def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     """Its statistics and replays stay, but it is not continued: parts would not fit together."""
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
-    manifest = store.read_manifest(folder)
+    manifest = record.read_manifest(folder)
     for one in store.parts(folder, "cases"):
         path = folder / one.file
         pq.write_table(pq.ParquetFile(path).read().drop_columns(["error"]), path)
         ledger.add(folder, ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
-    store.seal(folder, manifest)
+    record.seal(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)

@@ -9,12 +9,12 @@ from uuid import UUID
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fuzz import campaigns, flights, folders, mutate, tables
+from fuzz import campaigns, flights, mutate, run_folders, tables
 from fuzz.watch import spread
 from measure_damage import call, fly
 
 import sepmc
-from sepmc.campaign import input_file, ledger, manifests, store
+from sepmc.campaign import folders, input_file, ledger, manifests, record, store
 from sepmc.campaign.campaign import Campaign
 from sepmc.scene import limits
 from sepmc.scene.messages import InputError, Problems, SceneError
@@ -31,7 +31,7 @@ PLAN = "case,in_body_a_mass_kg,in_body_b_mass_kg\n0,1.0,2.0\n1,1.5,2.5\n"
         (campaigns.sizes, 25),
         (campaigns.kernels, 6),
         (tables.tables, 150),
-        pytest.param(folders.folders, 25, marks=pytest.mark.slow),
+        pytest.param(run_folders.run_folders, 25, marks=pytest.mark.slow),
         pytest.param(flights.rows, 2, marks=pytest.mark.slow),
         pytest.param(flights.numbers, 2, marks=pytest.mark.slow),
     ],
@@ -296,14 +296,14 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
 )
 def test_a_forged_manifest_is_told(folder, changes, said):
     """With the checksum that it should have."""
-    folders._seal(folder, manifests.read((folder / store.MANIFEST).read_bytes()) | changes)
-    with pytest.raises(store.StoreError) as caught:
-        store.read_manifest(folder)
+    run_folders._seal(folder, manifests.read((folder / folders.MANIFEST).read_bytes()) | changes)
+    with pytest.raises(folders.StoreError) as caught:
+        record.read_manifest(folder)
     assert said in str(caught.value)
 
 
 def test_a_manifest_that_is_deep_is_told(folder):
-    (folder / store.MANIFEST).write_text("[" * 10**5)
+    (folder / folders.MANIFEST).write_text("[" * 10**5)
     assert call("stats", str(folder)) == 2
 
 
@@ -333,8 +333,8 @@ def _changed(table, way):
 def test_forged_parts_are_told(folder, way, said):
     path = folder / "cases" / "part-0000000000.parquet"
     pq.write_table(_changed(pq.read_table(path), way), path)
-    folders._reseal(folder)
-    with pytest.raises(store.StoreError, match=said):
+    run_folders._reseal(folder)
+    with pytest.raises(folders.StoreError, match=said):
         store.CaseColumns(folder)["separation_distance_mm"]
     for words in READERS[0], READERS[3]:
         assert call(words[0], str(folder)) == 2

@@ -23,7 +23,7 @@ from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.peers.inputs import check
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Say, Study, drawn
-from sepmc.campaign import store
+from sepmc.campaign import folders
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import plan_flight
 from sepmc.engine.blocks import max_threads
@@ -125,7 +125,7 @@ def _parts(
 
     def write() -> None:
         tables = {name: frames[name].to_dict("records") for name in text.TABLES if name in frames}
-        store.write_json(folder / SUMMARY, told | tables)
+        folders.write_json(folder / SUMMARY, told | tables)
 
     def keep(name: str, frame: pd.DataFrame) -> None:
         frames[name] = frame

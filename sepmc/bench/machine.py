@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any
 
 from sepmc.bench.clock import rounds
-from sepmc.campaign import store
+from sepmc.campaign import record
 from sepmc.engine import fma_peak as peak
 from sepmc.engine.blocks import max_threads, use_threads
 
@@ -21,7 +21,7 @@ def describe(threads: int) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "threads_available": max_threads(),
         "threads": threads,
-        **store.versions(),
+        **record.versions(),
     }
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from sepmc.bench import apart
 from sepmc.bench.clock import rounds, seconds, spread
 from sepmc.bench.study import Study, drawn
-from sepmc.campaign import pilot, store
+from sepmc.campaign import pilot, record
 from sepmc.campaign.campaign import load
 from sepmc.engine import door
 from sepmc.scene.messages import nobody
@@ -70,7 +70,7 @@ def _cold(study: Study, command: list[str], folder: Path) -> list[dict[str, Any]
     study.say("flying with an empty cache folder ...")
     cache = {"SEPMC_CACHE_DIR": str(folder / "cache")}
     whole = seconds(lambda: apart.run(command, cache))
-    compiling = store.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
+    compiling = record.read_manifest(folder / "cold")["sessions"][-1]["timing_s"]["compile"]
     return [
         _row("sepmc campaign FILE --no-plots", "command, cold", [whole]),
         _row("compile and pilot", "stage, cold", [compiling]),

@@ -14,7 +14,7 @@ import pandas as pd
 from sepmc import schema
 from sepmc.analysis.compare import differences
 from sepmc.analysis.precision import Until, read_until
-from sepmc.campaign import store
+from sepmc.campaign import folders, record, store
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.chunks import Chunks, Earlier, Orders
 from sepmc.campaign.definition import Case, Definition
@@ -68,10 +68,10 @@ def load(
     """
     file = find_file(path)
     before: dict[str, str] = {}  # what was set when it was flown
-    if file.name == store.CAMPAIGN and store.is_run(file.parent):
+    if file.name == folders.CAMPAIGN and folders.is_run(file.parent):
         if verify:
-            store.read_manifest(file.parent)
-        before = store.made_by(file.parent).get("settings", {})
+            record.read_manifest(file.parent)
+        before = record.made_by(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
     return Campaign(read, before | as_text(settings or {}))
 
@@ -276,7 +276,7 @@ class Campaign(Definition):
             progress,
             announce,
         )
-        into = nullcontext() if out is None else store.opened(place(out), overwrite, resume)
+        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
         with into as folder:
             return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
@@ -319,7 +319,7 @@ class Campaign(Definition):
         earlier = Earlier()
         if folder and len(done):
             tally = sum((read_tally(text) for text in store.tallies(folder)), Tally())
-            earlier = Earlier(len(done), tally, tuple(store.made_by(folder).get("sessions", ())))
+            earlier = Earlier(len(done), tally, tuple(record.made_by(folder).get("sessions", ())))
         wanted = numbers.without(done)
         left = wanted.count
         if announce and len(done):
@@ -402,7 +402,7 @@ class Campaign(Definition):
         """
         check_threads(threads)
         target(self, requirement)
-        into = nullcontext() if out is None else store.opened(place(out), overwrite, False, False)
+        into = nullcontext() if out is None else folders.opened(place(out), overwrite, False, False)
         with into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce)
         _warn(found.notes, announce)
@@ -426,46 +426,46 @@ class Campaign(Definition):
         announce: Callable[[str], None] | None,
     ) -> np.ndarray:
         """Cases a folder already holds whole, if it is the same campaign."""
-        if not store.is_run(folder):
+        if not folders.is_run(folder):
             return np.empty(0, dtype=np.int64)
-        manifest = store.made_by(folder)
+        manifest = record.made_by(folder)
         if "rare" in manifest:
-            raise store.StoreError(
-                f"{folder}: holds {store.RARE}, so there are no cases to go on from; use "
+            raise folders.StoreError(
+                f"{folder}: holds {folders.RARE}, so there are no cases to go on from; use "
                 "--overwrite or another --out"
             )
         if manifest.get("stats_only"):
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: holds statistics only, so there are no cases to go on from; use "
                 "--overwrite or another --out"
             )
         if manifest.get("digest") not in (None, self.digest):
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: was flown with another campaign, so its cases cannot be continued; use "
                 f"--overwrite or another --out. {self._differences(folder)}"
             )
         if manifest.get("seed") not in (None, seed):
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: was flown with another seed ({manifest.get('seed')}, not {seed}), so "
                 "its cases cannot be continued; use --overwrite or another --out"
             )
         sampler, held = self.scene.run.sampler, manifest.get("of", manifest.get("cases"))
         if sampler in OF_ITS_SIZE and held not in (None, total):
             what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: is {what} of {held} cases, which cannot be continued to {total}; use "
                 "--overwrite or another --out"
             )
         dropped = store.drop_damaged(folder, self.has_histories)
         done, own = store.cases_done(folder), [column.name for column in self.columns]
         if len(done) and (other := set(own).symmetric_difference(store.CaseColumns(folder))):
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: was flown by another version of sepmc, whose rows differ in "
                 f"{', '.join(sorted(other))}, so its cases cannot be continued; use --overwrite or "
                 "another --out"
             )
         if numbers.leave_out(done):
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{folder}: holds cases up to {done[-1]}; --cases {_said(numbers)} would leave "
                 "some out"
             )
@@ -481,7 +481,7 @@ class Campaign(Definition):
         try:
             other = read_campaign(str(folder))
         except InputError:
-            return f"What differs is not known, as its {store.CAMPAIGN} cannot be read."
+            return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
         found = differences(other.tree, self.file.tree)
         more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
         return f"It differs in {'; '.join(found[:_TOLD])}{more}"

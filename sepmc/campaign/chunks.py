@@ -19,7 +19,7 @@ from sepmc import schema
 from sepmc.analysis.precision import Until
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
-from sepmc.campaign import ledger, store
+from sepmc.campaign import folders, ledger, record, store
 from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, history_rows
@@ -185,14 +185,14 @@ class Chunks:
             done = min(ROOM, numbers.end)
             self.fly(0, done, tell)
             self._wait()
-        text = (self.folder / store.CAMPAIGN).read_bytes()
+        text = (self.folder / folders.CAMPAIGN).read_bytes()
         left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         waiting: dict[int, Flown] = {}
         try:
             job = Job(
                 self.folder.absolute(),
                 ledger.checksum(text),
-                store.call(self.folder),
+                folders.call(self.folder),
                 self.flight.packed,
                 self.draws,
                 stream.apart() if stream else None,
@@ -214,8 +214,8 @@ class Chunks:
                     if self.too_many_failed:
                         break
         finally:
-            store.call_off(self.folder)
-        store.sweep_parts(self.folder)
+            folders.call_off(self.folder)
+        folders.sweep_parts(self.folder)
 
     def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
@@ -315,9 +315,9 @@ class Chunks:
         }
         try:
             text = store.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
-            store.write_manifest(self.folder, manifest, text)
+            record.write_manifest(self.folder, manifest, text)
         except OSError as error:
-            raise store.StoreError(
+            raise folders.StoreError(
                 f"{self.folder}: cannot be written: {error.strerror or error}"
             ) from None
 
@@ -338,7 +338,7 @@ class Chunks:
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
             "threads": self.orders.threads or os.cpu_count(),
             **({"flown_by": dict(self.kinds)} if self.kinds else {}),
-            **store.versions(),
+            **record.versions(),
         }
 
     @property

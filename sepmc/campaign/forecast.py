@@ -8,7 +8,7 @@ from sepmc import schema
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import history_rows
 from sepmc.campaign.keep import Keep
-from sepmc.campaign.store import StoreError
+from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
 
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory

@@ -18,7 +18,7 @@ from sepmc import schema
 from sepmc.analysis import rare
 from sepmc.analysis.rare import Estimate, Level
 from sepmc.analysis.requirements import share_text
-from sepmc.campaign import cases, store
+from sepmc.campaign import cases, folders, record, store
 from sepmc.campaign.chunks import implausible_note
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say
@@ -294,11 +294,11 @@ def _write(
                 "finished": datetime.now(UTC).isoformat(timespec="seconds"),
                 "timing_s": {k: round(v, 6) for k, v in times.items()},
                 "threads": threads or os.cpu_count(),
-                **store.versions(),
+                **record.versions(),
             }
         ],
     }
-    store.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=found.seed))
+    record.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=found.seed))
     about = {
         "campaign": campaign.name,
         "digest": campaign.digest,
@@ -307,5 +307,5 @@ def _write(
     }
     of = columns(campaign, found.unit)
     store.write_parquet(folder / TABLE, of, found.rows, about)
-    store.write_json(folder / REPORT, found.to_dict())
-    store.note(folder, [folder / TABLE, folder / REPORT])
+    folders.write_json(folder / REPORT, found.to_dict())
+    record.note(folder, [folder / TABLE, folder / REPORT])

@@ -11,7 +11,7 @@ import pandas as pd
 from sepmc import __version__
 from sepmc.analysis.rows import Rows, summarise
 from sepmc.analysis.stream import Apart, Stream
-from sepmc.campaign import store
+from sepmc.campaign import folders, store
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.keep import WHY, Chosen
 from sepmc.campaign.ledger import Entry
@@ -111,14 +111,16 @@ class InFolder:
             over_time = _histories(pieces, self.separation)
             written.append(
                 store.write_part(
-                    self.folder, store.HISTORIES, first, count, columns, over_time, about
+                    self.folder, folders.HISTORIES, first, count, columns, over_time, about
                 )
             )
         table: dict[str, Any] = _table(campaign, pieces) | {
             "status": pd.Categorical.from_codes(_codes(pieces), pd.Index(_LABELS))
         }
         written.append(
-            store.write_part(self.folder, store.CASES, first, count, campaign.columns, table, about)
+            store.write_part(
+                self.folder, folders.CASES, first, count, campaign.columns, table, about
+            )
         )
         return written
 
@@ -158,19 +160,19 @@ class KeptRows:
         about = {"campaign": campaign.name, "digest": campaign.digest, "keep": keep.text}
         about |= {"seed": str(self.draws.seed), "sepmc": __version__}
         count = len(kept["case"])
-        return store.write_part(self.folder, store.KEPT, first, count, columns, kept, about)
+        return store.write_part(self.folder, folders.KEPT, first, count, columns, kept, about)
 
     def finish(self) -> None:
         """Let go of rows that turned out not to be among the worst, and put few rows into one
         part."""
-        parts = store.parts(self.folder, store.KEPT)
+        parts = store.parts(self.folder, folders.KEPT)
         if sum(part.cases for part in parts) <= _IN_ONE_PART:
             rows = _join([store.read_part(self.folder, part) for part in parts]) if parts else {}
             if rows:
-                store.replace_parts(self.folder, store.KEPT, [self._still(0, rows)])
+                store.replace_parts(self.folder, folders.KEPT, [self._still(0, rows)])
         elif self.chosen.keep.worst:
             kept = (self._still(part.first, store.read_part(self.folder, part)) for part in parts)
-            store.replace_parts(self.folder, store.KEPT, kept)
+            store.replace_parts(self.folder, folders.KEPT, kept)
 
     def _still(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
         """Write the part of those rows that are kept still."""

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from sepmc import __version__, schema
 from sepmc.analysis.stream import Apart
-from sepmc.campaign import ledger, store
+from sepmc.campaign import folders, ledger
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, history_rows
 from sepmc.campaign.input_file import read_input_table
@@ -94,7 +94,7 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
         room = history_rows(campaign.scene) if separation else 0
         use_threads(threads)
         pieces = [fly_piece(campaign, flight, job.draws, first, end, room, timing)]
-    if not store.is_called(job.folder, job.word):
+    if not folders.is_called(job.folder, job.word):
         raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
     parts: list[ledger.Entry] = []
     chosen = Chosen(job.keep, campaign.file.requirements) if job.keep else None
@@ -122,7 +122,7 @@ _last: dict[tuple[str, str, bool], tuple[Definition, Flight]] = {}
 def _ready(job: Job) -> tuple[Definition, Flight]:
     """The campaign and the flight of a job, loaded once in a process."""
     if job.key not in _last:
-        text = job.folder / store.CAMPAIGN
+        text = job.folder / folders.CAMPAIGN
         try:
             written = ledger.checksum(text.read_bytes())
         except OSError as error:

@@ -17,7 +17,7 @@ from fuzz.places import scratch
 from fuzz.tables import _METADATA, damage
 from fuzz.watch import Wrong, turns
 from sepmc import cli
-from sepmc.campaign import ledger, store
+from sepmc.campaign import folders, ledger, record
 from sepmc.scene.messages import InputError
 
 _SETTINGS = ["--set=run.chunk=4", "--set=run.history_step_s=0.1"]
@@ -30,7 +30,7 @@ _NEW = (
 _LONG = ("replay", "campaign", "run", "compare", "plot", "report")  # they fly or draw
 
 
-def folders(rng, count, until, tried):
+def run_folders(rng, count, until, tried):
     """Run folders, changed, and a command for each."""
     with scratch() as place:
         whole = _whole(place)
@@ -148,7 +148,7 @@ def _change(folder, outside, rng):
         pa.ArrowException,
         ValueError,
         RecursionError,
-        store.StoreError,
+        folders.StoreError,
     ) as error:  # what was changed already
         said = f"not done: {error}"
     return f"{way.__name__[1:]} {said}"
@@ -206,7 +206,7 @@ def _odd(folder, outside, rng):
 
 
 def _manifest(folder, _, rng):
-    path = _own(folder / store.MANIFEST)
+    path = _own(folder / folders.MANIFEST)
     said = json.loads(path.read_text())
     made = _Values()
     for _ in range(rng.choice((1, 1, 2, 4))):
@@ -256,16 +256,16 @@ def _entries(folder):
 
 def _seal(folder, manifest):
     """Write a manifest with the checksums that belong to the files, as anyone can."""
-    campaign = ledger.checksum(_own(folder / store.CAMPAIGN).read_bytes())
+    campaign = ledger.checksum(_own(folder / folders.CAMPAIGN).read_bytes())
     files = _entries(folder).values()
     sealed = manifest | {"files": len(files), "files_sha256": ledger.digest(files)}
     if "campaign_sha256" in manifest:
         sealed["campaign_sha256"] = campaign
     try:
-        text = json.dumps({**sealed, "sha256": store._seal(sealed)}, default=str)
+        text = json.dumps({**sealed, "sha256": record._seal(sealed)}, default=str)
     except (ValueError, TypeError, OverflowError):
         return
-    _own(folder / store.MANIFEST).write_text(text)
+    _own(folder / folders.MANIFEST).write_text(text)
 
 
 def _reseal(folder, entries=None):
@@ -277,7 +277,7 @@ def _reseal(folder, entries=None):
             if _is_own(path):
                 entries.append(ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
     _own(folder / ledger.LEDGER).write_text("".join(one.line for one in entries))
-    _seal(folder, json.loads(_own(folder / store.MANIFEST).read_text()))
+    _seal(folder, json.loads(_own(folder / folders.MANIFEST).read_text()))
 
 
 def _ledger(folder, outside, rng):
@@ -383,7 +383,7 @@ def _table(folder, _, rng):
 
 
 def _campaign(folder, _, rng):
-    path = _own(folder / store.CAMPAIGN)
+    path = _own(folder / folders.CAMPAIGN)
     made = mutate.Trees.__new__(mutate.Trees)
     made.texts, made.weights = [path.read_text()], [1.0]
     path.write_bytes(made.text(rng))

@@ -1,0 +1,242 @@
+"""What a run folder says of itself: its manifest, and what is wrong with its files."""
+
+import contextlib
+import json
+import platform
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from sepmc import __version__
+from sepmc.campaign import folders, ledger, manifests, own_files, store
+from sepmc.campaign.own_files import StoreError
+from sepmc.places import is_local
+from sepmc.scene.limits import CAMPAIGN_BYTES, MANIFEST_BYTES
+
+
+def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
+    """Write the manifest of a run folder, sealed, with a checksum of the text of the campaign,
+    which is put beside it. The manifest comes first: it makes a folder a run."""
+    seal(folder, {**manifest, "campaign_sha256": ledger.checksum(campaign.encode())})
+    folders.write_text(folder / folders.CAMPAIGN, campaign)
+
+
+def seal(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Write the manifest of a run folder with checksums of the ledger, as it is now, and of
+    itself."""
+    files = ledger.read(folder).values()
+    sealed = {**manifest, "files": len(files), "files_sha256": ledger.digest(files)}
+    folders.write_json(folder / folders.MANIFEST, {**sealed, "sha256": _seal(sealed)})
+
+
+def _seal(manifest: Mapping[str, Any]) -> str:
+    """The checksum of a manifest, of all that it says besides."""
+    said = {key: value for key, value in manifest.items() if key != "sha256"}
+    return ledger.checksum(json.dumps(folders.finite(said), sort_keys=True).encode())
+
+
+def _is_sealed(manifest: Mapping[str, Any]) -> bool:
+    """Whether a manifest is as it was written."""
+    return manifest.get("sha256") == _seal(manifest)
+
+
+def forget(folder: Path, endings: tuple[str, ...]) -> list[str]:
+    """Take files that are not as they were written out of the ledger of a folder, if their names
+    end so. Returns their names."""
+    held = ledger.read(folder)
+    some = [(name, one) for name, one in held.items() if name.endswith(endings)]
+    lost = [name for name, one in some if store.fault_of(folder, one)]
+    if lost:
+        ledger.rewrite(folder, [one for name, one in held.items() if name not in lost])
+        seal(folder, _manifest(folder))
+    return lost
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong with a run folder: a sentence, the file there if it is one that follows from
+    the cases, and whether flying, counting or drawing again mends it."""
+
+    said: str
+    file: str = ""
+    mends: bool = True
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run, as it was written, beside the campaign that was flown. Raises
+    StoreError if there is none, or if either was changed."""
+    manifest = _manifest(folder)
+    for finding in changed(folder, manifest):
+        raise StoreError(finding.said)
+    return manifest
+
+
+def made_by(folder: Path) -> dict[str, Any]:
+    """By what the cases of a run folder were made: its manifest or, where that was changed, what
+    its store.parts say: ``digest``, ``seed`` and, if they are not the first ones, ``numbers``."""
+    own_files.check(folder)
+    try:
+        manifest = _manifest(folder)
+        if _is_sealed(manifest):
+            return manifest
+    except StoreError:
+        pass
+    for path in sorted((folder / folders.CASES).glob("part-*.parquet")):
+        with contextlib.suppress(StoreError, KeyError, ValueError):
+            _, said = store.about(path)
+            found = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
+            numbers = said[b"numbers"].decode()
+            return found | ({"numbers": numbers} if numbers else {})
+    return {}
+
+
+def changed(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
+    """What is wrong with the manifest of a folder, with what was flown, and its list of files."""
+    if "sha256" not in manifest:
+        said = (
+            f"{folder}: was flown by a version of sepmc that kept no checksums; fly it again, or "
+            f"trust it as it is: sepmc doctor {folder} --repair"
+        )
+        return [Finding(said)]
+    if not _is_sealed(manifest):
+        said = "was changed since it was written: its checksum is another"
+        return [Finding(f"{folder / folders.MANIFEST}: {said}")]
+    return [*_not_as_flown(folder, manifest), *_files_lost(folder, manifest)]
+
+
+def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the campaign of a folder, or the store.table of its inputs, is not what was flown."""
+    try:
+        written = ledger.checksum(own_files.content(folder / folders.CAMPAIGN, CAMPAIGN_BYTES))
+    except StoreError as error:
+        yield Finding(str(error), mends=False)
+    else:
+        if written != manifest["campaign_sha256"]:
+            said = (
+                "is not the campaign that was flown; to fly it as it is now, copy it to another "
+                "place"
+            )
+            yield Finding(f"{folder / folders.CAMPAIGN}: {said}", mends=False)
+    plan = ledger.read(folder).get(folders.PLAN)
+    if plan and (problem := store.fault_of(folder, plan)):
+        said = f"{folder / folders.PLAN}: {problem}; it gave inputs of the cases: put it back"
+        yield Finding(said, mends=False)
+
+
+def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
+    """Whether the ledger of a run that is complete tells of other files."""
+    files = ledger.read(folder).values()
+    if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
+        said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
+        how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
+        yield Finding(f"{folder / ledger.LEDGER}: {said}{how if holds_cases(manifest) else ''}")
+
+
+def holds_cases(manifest: Mapping[str, Any]) -> bool:
+    """Whether a run holds rows of cases, which can be flown one by one: it is no single flight, and
+    not one of statistics only, and not the estimate of a rare event."""
+    alone = "case" in manifest or "rare" in manifest
+    return not alone and not manifest.get("stats_only")
+
+
+def note(folder: Path, files: Iterable[Path]) -> None:
+    """Note what follows from the cases of a run, statistics and figures, in its ledger."""
+    names = [path.relative_to(folder).as_posix() for path in files]
+    ledger.add(folder, *(ledger.entry(name, (folder / name).read_bytes()) for name in names))
+    seal(folder, _manifest(folder))
+
+
+def diagnose(folder: Path) -> list[Finding]:
+    """All that is wrong with a run folder, file by file."""
+    if not folders.is_run(folder):
+        said = f"{folder}: no {folders.MANIFEST} here; give the folder of a run"
+        return [Finding(said, mends=False)]
+    try:
+        manifest = _manifest(folder)
+        found = changed(folder, manifest)
+    except StoreError as error:
+        manifest, found = {}, [Finding(str(error), mends=bool(made_by(folder)))]
+    held, lost = ledger.read(folder), ledger.lost_lines(folder)
+    if lost:
+        said = f"{lost} of its lines were cut short or changed"
+        found.append(Finding(f"{folder / ledger.LEDGER}: {said}"))
+    for one in held.values():
+        if one.file != folders.PLAN:
+            try:
+                ledger.whole(folder, one)
+            except ValueError as error:
+                of = f", with {one.numbers}" if one.cases else ""
+                found.append(Finding(f"{folder / one.file}: {error}{of}", one.file))
+    for kind in folders.OURS:
+        for path in sorted((folder / kind).glob("*")):
+            if f"{kind}/{path.name}" not in held:
+                said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
+                found.append(Finding(f"{path}: {said}"))
+    if _is_sealed(manifest) and holds_cases(manifest):
+        there = sum(one.cases for one in store.parts(folder, folders.CASES))
+        if there < manifest["cases"]:
+            found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
+    if not holds_cases(manifest):  # it is flown again as a whole
+        found = [replace(one, mends=False) for one in found]
+    return found
+
+
+def trust(folder: Path) -> None:
+    """Take a run folder of a version that kept no checksums as it is."""
+    try:
+        manifest = _manifest(folder)
+    except StoreError:
+        return
+    if "sha256" in manifest or folders.has_ledger(folder):
+        return
+    found = []
+    for kind in folders.OURS:
+        for path in sorted((folder / kind).glob("part-*.parquet")):
+            numbers = np.unique(store.read_table(path, ["case"])["case"].to_numpy())
+            if not len(numbers):
+                raise StoreError(f"{path}: holds no cases")
+            name = f"{kind}/{path.name}"
+            one = ledger.entry(name, path.read_bytes(), int(numbers[0]), len(numbers))
+            found.append(one)
+    ledger.rewrite(folder, found)
+    write_manifest(folder, manifest, _campaign_text(folder))
+
+
+def _campaign_text(folder: Path) -> str:
+    try:
+        return own_files.content(folder / folders.CAMPAIGN, CAMPAIGN_BYTES).decode()
+    except UnicodeDecodeError as error:
+        raise StoreError(f"{folder / folders.CAMPAIGN}: is not text in UTF-8: {error}") from None
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run, whatever it says. Raises StoreError if there is none."""
+    path = folder / folders.MANIFEST
+    own_files.check(folder)
+    if not (path.exists() or (is_local(path) and path.is_symlink())):
+        raise StoreError(f"{folder}: no {folders.MANIFEST} here; give the folder of a run")
+    try:
+        return manifests.read(own_files.content(path, MANIFEST_BYTES))
+    except ValueError as error:
+        raise StoreError(f"{path}: cannot be read: {error}") from None
+
+
+def versions() -> dict[str, Any]:
+    """What made a run: versions and machine."""
+    packages = {
+        "numpy": np.__version__,
+        "numba": version("numba"),
+        "pandas": pd.__version__,
+        "pyarrow": pa.__version__,
+    }
+    return {
+        "sepmc": __version__,
+        "versions": {"python": platform.python_version(), **packages},
+        "machine": f"{platform.machine()} {platform.system()}",
+    }
