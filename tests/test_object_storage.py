@@ -2,7 +2,6 @@
 
 import os
 
-import boto3
 import numpy as np
 import pandas as pd
 import pytest
@@ -32,7 +31,7 @@ def server():
         AWS_DEFAULT_REGION="us-east-1",
         AWS_ENDPOINT_URL=f"http://{host}:{port}",
     )
-    boto3.client("s3").create_bucket(Bucket="bucket")
+    place("s3://bucket").mkdir()
     yield
     os.environ.clear()
     os.environ.update(before)
