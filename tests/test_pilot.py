@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
 from sepmc import cli
-from sepmc.campaign import cases, chunks, pilot, search
+from sepmc.campaign import cases, piece, pilot, search
 from sepmc.campaign.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.flight import Flight, _is_like_trials
 from sepmc.campaign.remarks import unmet
@@ -445,7 +445,7 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     behind tells it."""
     calls = []
     monkeypatch.setattr(
-        chunks, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named)
+        piece, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named)
     )
 
     def stop(done, total, failures):

@@ -2,7 +2,6 @@
 --stats-only keeps no rows."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis import rows
-from sepmc.campaign import chunks, forecast, record, store
+from sepmc.campaign import chunks, forecast, ledger, record, store
 from sepmc.campaign.own_files import StoreError
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
@@ -78,7 +77,7 @@ def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monke
 def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
     """A full disk in the second part: a sentence, no traceback, and the finished part goes on from
     there."""
-    folder, write = tmp_path / "run", Path.write_bytes
+    folder, write = tmp_path / "run", ledger.put
 
     def full(path, content):
         if "cases" in str(path) and "0000000020" in str(path):
@@ -86,7 +85,7 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
         return write(path, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "write_bytes", full)
+        patch.setattr(ledger, "put", full)
         with pytest.raises(
             StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"
         ):
