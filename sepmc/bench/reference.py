@@ -83,6 +83,6 @@ def _other(study: Study, own: Way, times: int) -> Way:
     """Another way to the same answer: the other formulation of the equations, at so many times its
     resolution, by a part of the cases."""
     other = "reduced" if own.formulation == FULL else FULL
-    campaign = own.campaign.with_settings({"solver.formulation": other})
-    flight = plan_flight(campaign, announce=study.say).sharper(times)
-    return Way(flight, campaign, min(own.cases, _CHECKED // (10 if study.quick else 1)))
+    way = own.by_formulation(study, other)
+    cases = min(own.cases, _CHECKED // (10 if study.quick else 1))
+    return replace(way, flight=way.flight.sharper(times), cases=cases)

@@ -18,7 +18,7 @@ from sepmc.scene.messages import nobody
 from sepmc.scene.read import parse_campaign
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
-_LONGEST_S = 60.0  # kernel time of one flight
+_LONGEST_S = 20.0  # kernel time of one flight
 
 
 def measure(study: Study) -> pd.DataFrame:
@@ -33,7 +33,7 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
     each = 0.0  # s a case, of the size before
     for cases in SIZES[:2] if study.quick else SIZES:
         if each * cases > (_LONGEST_S / 10.0 if study.quick else _LONGEST_S):
-            study.say(f"left out, a minute or more: {cases} cases")
+            study.say(f"left out, more than {_LONGEST_S:g} s: {cases} cases")
             break
         repeats = study.repeats if each * cases < 1.0 else 1
         study.say(f"flying {cases} cases ...")

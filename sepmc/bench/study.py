@@ -3,7 +3,7 @@ things are timed."""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from sepmc.campaign.accuracy import decisive, scene_scales
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.pilot import Flight, fly, relative_error
+from sepmc.campaign.pilot import Flight, fly, relative_error, unpacked
 from sepmc.engine.door import Block
 from sepmc.schema import Status
 
@@ -20,7 +20,7 @@ FULL = "full"  # the formulation that takes some 50 times as long as the reduced
 # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
 _PART, _FEWEST = 16, 16
 # A way that takes longer is flown by fewer cases, but no fewer than these; cases that are timed.
-_LONG_S, _FEW, _TIMED = 1.0, 200, 1000
+_LONG_S, _FEW, _TIMED = 0.3, 200, 1000
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Study:
 
     def affordable(self, evaluations: int) -> int:
         """How many of the cases are flown where a case takes so many evaluations: all, or as many
-        as take about a second."""
+        as take a third of a second."""
         each = self.seconds * evaluations / max(1, self.default.evaluations)
         return min(self.cases, max(_FEW, int(_LONG_S / each)))
 
@@ -181,6 +181,19 @@ class Way:
     def evaluations(self) -> int:
         """About how many a case takes; with a step that is given, only in proportion."""
         return self.flight.evaluations
+
+    def by_formulation(self, study: Study, other: str) -> "Way":
+        """The same steps by the other formulation of the equations, with nothing flown again."""
+        given = {"solver.method": self.method, "solver.formulation": other}
+        campaign = study.with_settings(given)
+        flight = replace(
+            unpacked(campaign, self.flight.packed, history=False),
+            limits=None,
+            angles={},
+            estimate=None,
+            most=np.inf,
+        )
+        return Way(flight, campaign, study.part(other), self.asked)
 
     def fly(self, draws: np.ndarray) -> Block:
         """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
