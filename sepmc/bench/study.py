@@ -187,7 +187,7 @@ class Way:
         given = {"solver.method": self.method, "solver.formulation": other}
         campaign = study.with_settings(given)
         flight = replace(
-            unpacked(campaign, self.flight.packed, history=False),
+            unpacked(campaign, self.flight.packed, history=False, announce=study.say),
             limits=None,
             angles={},
             estimate=None,

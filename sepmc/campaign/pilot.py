@@ -191,11 +191,13 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
         care = wanted
 
 
-def unpacked(campaign: Definition, flight: Flight, history: bool) -> Flight:
+def unpacked(
+    campaign: Definition, flight: Flight, history: bool, announce: Say | None = None
+) -> Flight:
     """A flight that another process planned (`Flight.packed`), with kernels of this one."""
     text = kernel_text(campaign, history=history, care=flight.care)
     left = spares(campaign, history, flight.care)
-    return replace(flight, kernel=load_kernel(text), spares=left)
+    return replace(flight, kernel=load_kernel(text, announce), spares=left)
 
 
 def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
