@@ -2,6 +2,7 @@
 folder."""
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.peers.inputs import check
-from sepmc.bench.reference import make_reference
+from sepmc.bench.reference import make_reference, reference_times
 from sepmc.bench.study import Say, Study, drawn
 from sepmc.campaign import folders
 from sepmc.campaign.campaign import Campaign
@@ -32,6 +33,7 @@ from sepmc.scene.messages import SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000
 REPEATS, QUICK_REPEATS = 7, 3
+_REFERENCE_S = 60.0  # that the reference takes at most, unless a number of cases is asked for
 
 
 def bench(
@@ -83,7 +85,7 @@ def bench(
         history = campaign.scene.run.history_step
         study = _study(
             campaign,
-            cases or (QUICK_CASES if quick else CASES),
+            cases,
             repeats or (QUICK_REPEATS if quick else REPEATS),
             threads,
             quick,
@@ -100,15 +102,21 @@ def bench(
 
 
 def _study(
-    campaign: Campaign, cases: int, repeats: int, threads: int, quick: bool, say: Say
+    campaign: Campaign, cases: int | None, repeats: int, threads: int, quick: bool, say: Say
 ) -> Study:
     bare = campaign.with_settings({"run.history_step_s": 0.0})
     flight = plan_flight(bare, announce=say)
+    wanted = cases or (QUICK_CASES if quick else CASES)
+    study = Study(bare, flight, drawn(bare, wanted), repeats, threads, quick, say)
+    fit = max(QUICK_CASES, int(_REFERENCE_S / (reference_times() * study.seconds)))
+    if cases is None and fit < wanted:
+        say(f"{fit} cases, as the reference of {wanted} would take more than {_REFERENCE_S:g} s")
+        study = replace(study, draws=study.draws[:fit])
     say(
-        f"{campaign.name}: {cases} cases, {repeats} repeats, {threads} threads, "
+        f"{campaign.name}: {study.cases} cases, {repeats} repeats, {threads} threads, "
         f"{bare.scene.solver.formulation} formulation"
     )
-    return Study(bare, flight, drawn(bare, cases), repeats, threads, quick, say)
+    return study
 
 
 def _parts(

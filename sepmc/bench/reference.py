@@ -47,6 +47,11 @@ class Reference:
         )
 
 
+def reference_times() -> int:
+    """How many times as long as the cases the reference takes at most."""
+    return sum(2**k for k in range(_DOUBLINGS + 1))
+
+
 def make_reference(study: Study) -> Reference:
     """The reference of a study."""
     campaign = study.with_settings({"solver.method": METHOD})
