@@ -24,7 +24,6 @@ def tell_plan(
 ) -> None:
     """What a campaign would fly, write and take. Where its kernel is compiled, some cases are flown
     for that; nothing is written."""
-    from sepmc import schema
     from sepmc.campaign.forecast import forecast, size_text, time_text
     from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 
@@ -35,11 +34,7 @@ def tell_plan(
     inputs, outcomes = len(loaded.input_columns), len(loaded.outcome_columns)
     audits = len(loaded.result_columns) - outcomes
     say(f"  a row     {inputs} inputs, {outcomes} outcomes, {audits} audit columns, status")
-    separation = (
-        schema.separation_columns(list(loaded.plan.joints))
-        if loaded.has_histories and not stats_only
-        else []
-    )
+    separation = loaded.over_time(not stats_only)
     takes = forecast(loaded, n, bool(separation))
     disk = "some kB: statistics only"
     if not stats_only:

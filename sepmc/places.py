@@ -12,8 +12,10 @@ class PlaceError(ValueError):
 
 def place(name: str | Path) -> Path:
     """The path of a name. Raises PlaceError if what reaches such a place is not installed."""
-    if not (isinstance(name, str) and "://" in name):
-        return cast(Path, name) if not isinstance(name, str) else Path(name)
+    if not isinstance(name, str):
+        return name
+    if "://" not in name:
+        return Path(name)
     try:
         from upath import UPath  # noqa: PLC0415  (an extra)
 

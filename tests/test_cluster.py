@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from distributed import LocalCluster
+from measure_cluster import statistics_of
 from measure_kills import same
 
 import sepmc
@@ -39,10 +40,6 @@ def alone(campaign, tmp_path_factory):
 def workers():
     with crew(2, threads=1) as found:
         yield found
-
-
-def statistics_of(result):
-    return result.statistics().to_csv(float_format="%.17g")
 
 
 def test_workers_fly_the_same(campaign, alone, workers, tmp_path):

@@ -4,7 +4,7 @@ the manifest says how far the run got."""
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -15,14 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from sepmc import schema
 from sepmc.analysis.precision import Until
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
 from sepmc.campaign import folders, ledger, record, store
 from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import Flight, Say, history_rows
+from sepmc.campaign.flight import Flight, Say
 from sepmc.campaign.forecast import forecast
 from sepmc.campaign.keep import Chosen, Keep
 from sepmc.campaign.numbers import Numbers
@@ -95,11 +94,7 @@ class Chunks:
         self.held = 0  # those that the sink has taken
         self.tally = earlier.tally
         self.started = datetime.now(UTC)
-        joints = list(campaign.plan.joints)
-        self.separation = (
-            schema.separation_columns(joints) if campaign.has_histories and not stats_only else []
-        )
-        self.room = history_rows(campaign.scene) if self.separation else 0
+        self.separation = campaign.over_time(not stats_only)
         self.forecast = forecast(campaign, self.wanted, bool(self.separation))
         self.size, self._foretold = self.forecast.chunk, announce is None
         self.rows: KeptRows | None = None  # that are kept though cases are let go
@@ -170,7 +165,7 @@ class Chunks:
             self.draws,
             first,
             end,
-            self.room,
+            bool(self.separation),
             self.timing,
             self.orders.announce,
         )
@@ -187,7 +182,6 @@ class Chunks:
             self._wait()
         text = (self.folder / folders.CAMPAIGN).read_bytes()
         left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
-        waiting: dict[int, Flown] = {}
         try:
             job = Job(
                 self.folder.absolute(),
@@ -200,16 +194,11 @@ class Chunks:
             )
             ranges = self._ranges(left, crew.workers)
             with closing(crew.map(job, fly_range, ranges)) as results:
-                for flown in results:
-                    waiting[flown.first] = flown
-                    while stream and done in waiting:  # in the order of cases
-                        counted = waiting.pop(done)
-                        assert counted.apart is not None
-                        stream.take(counted.apart)
-                        self._receive(counted)
-                        done += counted.cases
-                    if not stream:
-                        self._receive(waiting.pop(flown.first))
+                for flown in _in_order(results, done) if stream else results:
+                    if stream:
+                        assert flown.apart is not None
+                        stream.take(flown.apart)
+                    self._receive(flown)
                     tell()
                     if self.too_many_failed:
                         break
@@ -324,10 +313,8 @@ class Chunks:
     @property
     def _which(self) -> dict[str, Any]:
         """Which cases are wanted, unless they are the first ones, and of how many."""
-        numbers, total = self.draws.numbers, self.draws.total
-        if numbers.are_first and total == numbers.count:
-            return {}
-        return {"numbers": str(numbers), "of": total}
+        told = self.draws.told
+        return {"numbers": told, "of": self.draws.total} if told else {}
 
     def _session(self) -> dict[str, Any]:
         """What this command did, on what."""
@@ -389,6 +376,17 @@ class Chunks:
         """What the run leaves of what is flown so far."""
         self._wait()
         return self.sink.kept()
+
+
+def _in_order(results: Iterable[Flown], first: int) -> Iterator[Flown]:
+    """Results as their cases follow each other, from the ``first``."""
+    waiting: dict[int, Flown] = {}
+    for flown in results:
+        waiting[flown.first] = flown
+        while first in waiting:
+            following = waiting.pop(first)
+            yield following
+            first += following.cases
 
 
 def implausible_note(broken: int, drawn: int) -> str:

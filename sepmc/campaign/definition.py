@@ -108,6 +108,12 @@ class Definition:
         """Whether rows come with separation over time: asked for, of a scene with joints."""
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
+    def over_time(self, wanted: bool = True) -> list[Column]:
+        """Columns of the separations over time that rows come with; none if they have none, or
+        these are not ``wanted``."""
+        joints = list(self.plan.joints)
+        return schema.separation_columns(joints) if wanted and self.has_histories else []
+
     @property
     def reference(self) -> dict[str, dict[str, float]] | None:
         """Statistics to compare with, by outcome: those given of mean, sigma, min, max."""

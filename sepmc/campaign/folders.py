@@ -17,11 +17,11 @@ from sepmc.campaign import ledger, own_files
 from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
 
-CASES, HISTORIES, MANIFEST, CAMPAIGN = "cases", "histories", "manifest.json", "campaign.toml"
-KEPT = "kept"  # rows of some cases, of a run that counts the others and lets them go
+MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
+# rows and histories of all cases; rows of some, of a run that lets the others go
+CASES, HISTORIES, KEPT = OURS = own_files.KINDS
 PLAN, HISTORY = "plan.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
-OURS = (CASES, HISTORIES, KEPT)
 PART = "part-*.parquet"
 _PROBE, _CALL = "is-writable", "workers-called"
 RARE = "the estimate of a rare event"  # what a folder with "rare" in its manifest holds

@@ -4,7 +4,6 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from sepmc import schema
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import history_rows
 from sepmc.campaign.keep import Keep
@@ -73,8 +72,7 @@ def forecast(
     campaign: Definition, cases: int, with_histories: bool, keep: Keep | None = None
 ) -> Forecast:
     """What so many cases of a campaign take, with all their columns or those that are kept."""
-    joints = list(campaign.plan.joints)
-    columns = schema.separation_columns(joints) if with_histories else []
+    columns = campaign.over_time(with_histories)
     rows = history_rows(campaign.scene) if columns else 0
     kept = keep.columns(campaign.columns) if keep else campaign.columns
     row = (4 if keep and keep.single else 8) * len(kept)

@@ -100,9 +100,7 @@ class Chosen:
         """Places (k,) of the rows of a case table that are kept, as far as is known, and why,
         text."""
         numbers, ok = np.asarray(rows["case"]), np.asarray(rows["status"]) == Status.OK.label
-        why = np.full(len(numbers), "", dtype=object)
-        if ALL in self.keep.rules:
-            _say(why, np.full(len(numbers), True), ALL)
+        why = np.full(len(numbers), ALL if ALL in self.keep.rules else "", dtype=object)
         if FAILED in self.keep.rules:
             _say(why, ~ok, FAILED)
         if VIOLATING in self.keep.rules:
@@ -134,20 +132,16 @@ class Chosen:
     def still(self, numbers: np.ndarray, why: np.ndarray) -> np.ndarray:
         """Why rows that were kept are, now that all cases passed by: nothing, of those that others
         turned out to be worse than."""
-        told = np.array(
-            [[part for part in text.split("; ") if not part.startswith(WORST)] for text in why]
-            + [None],
-            dtype=object,
-        )[:-1]
-        for name, (_, worst) in self.worst.items():
-            for place in np.flatnonzero(np.isin(numbers, worst)):
-                told[place].append(f"{WORST} {name}")
-        return np.array(["; ".join(parts) for parts in told], dtype=object)
+        of_now = {name: set(worst.tolist()) for name, (_, worst) in self.worst.items()}
+        told = []
+        for number, text in zip(numbers.tolist(), why, strict=True):
+            others = [part for part in text.split("; ") if not part.startswith(WORST)]
+            now = [f"{WORST} {name}" for name, worst in of_now.items() if number in worst]
+            told.append("; ".join(others + now))
+        return np.array(told, dtype=object)
 
 
 def _say(why: np.ndarray, which: np.ndarray, word: str) -> None:
     """Add a word to the reasons of some rows."""
-    for place in np.flatnonzero(which) if word != ALL else ():
+    for place in np.flatnonzero(which):
         why[place] = f"{why[place]}; {word}" if why[place] else word
-    if word == ALL:
-        why[:] = ALL

@@ -11,7 +11,7 @@ from sepmc.scene import limits
 # folders that a run has in its own
 KINDS = ("cases", "histories", "kept")
 # what a file of a run may be called, in the list of its files
-_NAME = re.compile(r"((cases|histories|kept)/)?[A-Za-z0-9][A-Za-z0-9_.+-]{0,250}")
+_NAME = re.compile(rf"(({'|'.join(KINDS)})/)?[A-Za-z0-9][A-Za-z0-9_.+-]{{0,250}}")
 
 
 class StoreError(Exception):

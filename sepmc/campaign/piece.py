@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import Flight, Say, fly
+from sepmc.campaign.flight import Flight, Say, fly, history_rows
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.tally import Tally, count
 from sepmc.engine.door import Block, waited_for_compilers
@@ -44,16 +44,16 @@ def fly_piece(
     draws: Draws,
     first: int,
     end: int,
-    room: int,
+    with_histories: bool,
     timing: dict[str, float],
     announce: Say | None = None,
 ) -> Piece:
-    """Draw and fly cases ``first`` to ``end``, with ``room`` rows of a history each; seconds are
-    added to ``timing``, by stage."""
+    """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
     clock = time.perf_counter
     t0 = clock()
     drawn = campaign.draw(first, end - first, draws.seed, draws.total)
     t1, waited = clock(), waited_for_compilers()
+    room = history_rows(campaign.scene) if with_histories else 0
     block = fly(campaign, flight, campaign.in_si(drawn), room, announce)
     waited = waited_for_compilers() - waited  # for a kernel that few cases need
     timing["sample"] += t1 - t0

@@ -82,11 +82,7 @@ class InFolder:
 
     def take(self, pieces: list[Piece]) -> None:
         """Write the parts of pieces, and note them."""
-        self.note(self.write(pieces))
-
-    def note(self, parts: list[Entry]) -> None:
-        """Note parts that are written."""
-        store.note_parts(self.folder, parts)
+        store.note_parts(self.folder, self.write(pieces))
 
     def write(self, pieces: list[Piece]) -> list[Entry]:
         """Write a part of histories, if there are any, and then one of cases, which says what is
@@ -151,7 +147,7 @@ class KeptRows:
 
     def _part(self, first: int, kept: dict[str, np.ndarray]) -> Entry:
         keep, campaign = self.chosen.keep, self.campaign
-        columns = [column for column in keep.columns([*campaign.columns, WHY])]
+        columns = keep.columns([*campaign.columns, WHY])
         if keep.single:
             kept = {
                 name: values.astype(np.float32) if values.dtype == np.float64 else values

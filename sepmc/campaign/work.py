@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from sepmc import __version__, schema
+from sepmc import __version__
 from sepmc.analysis.stream import Apart
 from sepmc.campaign import folders, ledger
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.flight import Flight, history_rows
+from sepmc.campaign.flight import Flight
 from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.keep import Chosen, Keep
 from sepmc.campaign.piece import Draws, fly_piece
@@ -87,13 +87,9 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _flying:
         campaign, flight = _ready(job)
-        joints = list(campaign.plan.joints)
-        separation = (
-            schema.separation_columns(joints) if campaign.has_histories and not job.apart else []
-        )
-        room = history_rows(campaign.scene) if separation else 0
+        separation = campaign.over_time(job.apart is None)
         use_threads(threads)
-        pieces = [fly_piece(campaign, flight, job.draws, first, end, room, timing)]
+        pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
     if not folders.is_called(job.folder, job.word):
         raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
     parts: list[ledger.Entry] = []

@@ -154,11 +154,11 @@ def _change(folder, outside, rng):
     return f"{way.__name__[1:]} {said}"
 
 
-def _any(folder, rng):
-    """A file of a run, mostly one that matters."""
-    found = sorted(p for p in folder.rglob("*") if _is_own(p))
+def _any(folder, rng, kind="*"):
+    """A file of a run, of some kind."""
+    found = sorted(p for p in folder.rglob(kind) if _is_own(p))
     if not found:
-        raise OSError("nothing left")
+        raise OSError(f"no {kind} left")
     return rng.choice(found)
 
 
@@ -310,15 +310,8 @@ def _ledger(folder, outside, rng):
     return f"{way} {entries[place]!r}"[:80]
 
 
-def _parquet(folder, rng):
-    found = sorted(p for p in folder.rglob("*.parquet") if _is_own(p))
-    if not found:
-        raise OSError("no table")
-    return rng.choice(found)
-
-
 def _damaged(folder, _, rng):
-    path = _parquet(folder, rng)
+    path = _any(folder, rng, "*.parquet")
     damage(rng, path)
     _reseal(folder)
     return path.name
@@ -326,7 +319,7 @@ def _damaged(folder, _, rng):
 
 def _table(folder, _, rng):
     """Another table with the right checksum."""
-    path = _parquet(folder, rng)
+    path = _any(folder, rng, "*.parquet")
     table = pq.read_table(path)
     names, way = (
         table.column_names,
