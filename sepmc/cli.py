@@ -7,7 +7,7 @@ or the accuracy asked was not met, 130 interrupted.
 
 import click
 
-from sepmc import __version__, cli_checks, cli_runs, garbage
+from sepmc import __version__, cli_checks, cli_folders, cli_runs, garbage
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -33,13 +33,13 @@ for _command in (
     cli_runs.sample,
     cli_runs.run,
     cli_runs.replay,
-    cli_runs.stats,
-    cli_runs.plot,
-    cli_runs.doctor,
-    cli_runs.drivers,
-    cli_runs.laws,
-    cli_runs.compare,
-    cli_runs.report,
+    cli_folders.stats,
+    cli_folders.plot,
+    cli_folders.doctor,
+    cli_folders.drivers,
+    cli_folders.laws,
+    cli_folders.compare,
+    cli_folders.report,
     cli_checks.template,
     cli_checks.list_campaigns,
     cli_checks.check,

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from itertools import islice
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import click
@@ -91,7 +92,10 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         from sepmc.kernel.emit import features
         from sepmc.kernel.structure import make_shape
 
+        shape = make_shape(loaded.plan, loaded.dispersed)
         if code:
+            for line in shape.names.legend:
+                click.echo(fill(line, 100, initial_indent="# ", subsequent_indent="#   "))
             click.echo(pilot.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0))
             return
         from sepmc.analysis.requirements import sentence
@@ -104,7 +108,6 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         click.echo(f"{loaded.name}: {loaded.file.title or 'no title'}")
         for line in lines(loaded.plan):
             click.echo("  " + line)
-        shape = make_shape(loaded.plan, loaded.dispersed)
         inside, outside = features(shape)
         click.echo("  kernel       written for the scene (print it with --code)")
         called = shape.names.back

@@ -141,3 +141,9 @@ def undispersed(campaign: "Campaign") -> list[str]:
     if campaign.file.dispersions:
         return []
     return ["nothing is dispersed, so every case is the nominal one; give [dispersion]"]
+
+
+def check_required(campaign: "Campaign", must_pass: bool) -> None:
+    """There is nothing to check where nothing is required."""
+    if must_pass and not campaign.file.requirements:
+        raise click.UsageError(f"--check needs a [[requirement]] in {campaign.name}")

@@ -8,18 +8,16 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from functools import partial
-from importlib import import_module
 from pathlib import Path
 from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from sepmc.schema import is_yes_or_no
+from sepmc.cli_figures import draw_figures
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
     from sepmc.analysis.requirements import Verdict
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
-    from sepmc.analysis.told import Told
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
@@ -453,205 +450,3 @@ def accuracy_text(accuracy: dict[str, Any], stages: list[str]) -> str:
         f"{accuracy['cases']} trial cases, corners of the laws among them"
     )
     return f"{said}{asked}{places}{history}: {trials}; {how}{others}"
-
-
-@contextmanager
-def drawing_beside(wanted: bool) -> "Iterator[Executor | None]":
-    """A second process that is ready to draw figures when they are asked for, if they are
-    ``wanted`` and there is a core for it: to get ready takes it a second."""
-    if not wanted or (os.cpu_count() or 1) == 1:
-        yield None
-        return
-    from sepmc.processes import processes
-
-    with processes(1) as pool:
-        pool.submit(import_module, "sepmc.report.figures")
-        yield pool
-
-
-_DRAWN = 12  # outcomes, the first by rank: a review reads no hundred histograms
-# cases whose histories are drawn as bands: the first ones of a larger run, so that it need not fit
-# into memory
-_BANDED = 20_000
-
-
-def draw_figures(
-    folder: Path,
-    loaded: "Campaign",
-    summary: "Rows | Stream | Told",
-    table: "pd.DataFrame | None" = None,
-    every: bool = False,
-    say: Callable[[str], None] = click.echo,
-    page: Path | None = None,
-    verdicts: "Sequence[Verdict]" = (),
-    converging: bool = False,
-    suffix: str = ".png",
-    second: "Executor | None" = None,
-    alone: bool = False,
-) -> list[Path]:
-    """Draw bands of stored histories, what share of cases is beyond what is required, how means
-    converge if asked for, and histograms of outcomes, of ``every`` one or of the first twelve by
-    rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
-    in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
-    Returns their paths."""
-    units = {c.name: c.unit for c in loaded.outcome_columns}
-    table = summary.statistics() if table is None else table
-    about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
-    outcomes = telling_outcomes(loaded, table)
-    shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
-    converged = outcomes[:shown]
-    if len(outcomes) > _DRAWN and not every:
-        say(
-            f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
-        )
-        outcomes = outcomes[:_DRAWN]
-    bounds: dict[str, list[float]] = {}
-    for item in loaded.file.requirements:
-        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
-        bounds[item.metric] = bounds.get(item.metric, []) + at
-    histograms = partial(
-        _draw_histograms,
-        {name: summary.histogram(name) for name in outcomes},
-        into,
-        units,
-        loaded.reference,
-        source=loaded.file.reference.source if loaded.file.reference else "reference",
-        required=bounds,
-        about=about,
-        suffix=suffix,
-        alone=alone,
-    )
-    there = second.submit(histograms) if second else None
-    written = _draw_bands(folder, into, units, about, suffix)
-    written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
-    return written + (there.result() if there else histograms())
-
-
-def _draw_histograms(*given: Any, **named: Any) -> list[Path]:
-    """`sepmc.report.figures.histogram_figures`, imported by the process that draws them."""
-    from sepmc.report.figures import histogram_figures
-
-    return histogram_figures(*given, **named)
-
-
-def _draw_bands(
-    folder: Path, into: Path, units: dict[str, str], about: str, suffix: str
-) -> list[Path]:
-    """Draw bands of the histories that a run folder holds; returns their paths."""
-    from sepmc.campaign import store
-
-    below = store.number_after(folder, _BANDED)
-    histories = store.read_histories(folder, below)
-    if histories is None:
-        return []
-    from sepmc.report.figures import band_figures
-
-    frame = store.read_cases(folder, below, ["case", "status"])
-    ok = histories["case"].isin(frame["case"][frame["status"] == "ok"])
-    return band_figures(histories[ok], into, units, about=about, suffix=suffix)
-
-
-# outcomes whose mean and sigma are drawn over the number of cases, by themselves and in a report
-_CONVERGING, _ON_A_PAGE = 4, 2
-
-
-def _share_figures(
-    folder: Path,
-    loaded: "Campaign",
-    verdicts: "Sequence[Verdict]",
-    converged: "Sequence[str]",
-    into: Path,
-    suffix: str,
-) -> list[Path]:
-    """Draw what share of cases is beyond what is required, and how the means of some outcomes
-    converge, if there are rows to see it from; returns the paths."""
-    import numpy as np
-
-    from sepmc.analysis.statistics import column, ok_rows
-    from sepmc.campaign import record, store
-    from sepmc.report.share_figures import beyond_figure, convergence_figure
-
-    required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
-    if record.read_manifest(folder).get("stats_only") or not (required or converged):
-        return []
-    cases, values = store.CaseColumns(folder), {}
-    ok = ok_rows(cases)
-    for name in dict.fromkeys([*required, *converged]):
-        values[name] = np.where(ok, column(cases, name), np.nan)
-    units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
-    written = []
-    if required:
-        of = {name: values[name] for name in required}
-        written.append(beyond_figure(of, verdicts, into, units, about, suffix))
-    known = {name: values[name][np.isfinite(values[name])] for name in converged}
-    if shown := {name: x for name, x in known.items() if len(x) > 1}:
-        written.append(convergence_figure(shown, into, units, about, suffix))
-    return written
-
-
-def about_run(folder: Path) -> str:
-    """What a run is called in the titles of figures."""
-    from sepmc.campaign import record
-    from sepmc.campaign.label import of_run
-
-    return of_run(record.read_manifest(folder))
-
-
-def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
-    """Outcomes in the order in which a review asks for them: what is required, then what the
-    campaign compares with a reference, or, without one, what varies, by rank. Those that are yes or
-    no, which have no density, are left out."""
-    there = [str(name) for name in table.index if not is_yes_or_no(str(name))]
-    required = [item.metric for item in loaded.file.requirements if item.metric in there]
-    if loaded.reference:
-        others = [name for name in loaded.reference if name in there]
-    else:
-        ends = zip(table["min"][there], table["max"][there], strict=True)
-        varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
-        events = tuple(f"{event.name}_" for event in loaded.scene.event)
-        others = sorted(_different(varied, table), key=lambda name: _interest(name, events))
-    return list(dict.fromkeys([*required, *others]))
-
-
-def _different(names: list[str], table: "pd.DataFrame") -> list[str]:
-    """Of outcomes that are the same, as rates of two bodies that are one, the first alone."""
-    found: dict[tuple[str, ...], str] = {}
-    for name in names:
-        row = table.loc[name].astype(float)
-        told = tuple(f"{row[key]:.7g}" for key in ("mean", "sigma", "min", "max"))
-        found.setdefault(told, name)
-    return list(found.values())
-
-
-_INTERESTING = (
-    "clearance_mm",
-    "transverse_rate",
-    "tip_off",
-    "separation_distance",
-    "separation_speed",
-    "release_time",
-    "peak_force_N",
-    "jam_friction",
-)
-
-
-def _varies(low: float, high: float) -> bool:
-    """Whether an outcome differs between cases by more than round-off."""
-    return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
-
-
-def _interest(outcome: str, events: tuple[str, ...]) -> float:
-    """Rank of an outcome among the figures: what separations are judged by comes first; rates at
-    ``events``, by how their names begin, count as those at release, clearances as separations, and
-    come before these, as they were asked for."""
-    if outcome.startswith(events):
-        for there, as_if in (
-            ("_transverse_rate_", "transverse_rate"),
-            ("_omega_", "tip_off"),
-            ("_clearance_mm", "separation_distance"),
-        ):
-            if there in outcome:
-                return _INTERESTING.index(as_if) - 0.5
-    return next(
-        (rank for rank, part in enumerate(_INTERESTING) if part in outcome), len(_INTERESTING)
-    )

@@ -28,14 +28,13 @@ from sepmc.campaign import folders, record, store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
+from sepmc.cli_figures import draw_figures, telling_outcomes
 from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
     accuracy_text,
-    draw_figures,
     folded,
     screen_width,
     summary_of,
-    telling_outcomes,
     verdicts_of,
 )
 from sepmc.processes import processes

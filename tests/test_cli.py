@@ -127,7 +127,7 @@ def test_the_figures_that_matter(copied, monkeypatch):
     """By default of a few outcomes, the first by rank, and it says so; of all if asked."""
     for figure in copied.glob("*.png"):
         figure.unlink()
-    monkeypatch.setattr("sepmc.cli_output._DRAWN", 2)
+    monkeypatch.setattr("sepmc.cli_figures._DRAWN", 2)
     result = call("plot", copied)
     assert len(list(copied.glob("hist_*.png"))) == 2
     assert re.search(r"histograms of 2 of \d+ outcomes; sepmc plot .* --all", result.stderr)

@@ -478,7 +478,7 @@ def test_required_bounds_are_marked(drawn, tmp_path):
 def test_a_second_process_draws_the_same(tmp_path):
     """Byte for byte."""
     import sepmc
-    from sepmc.cli_output import draw_figures
+    from sepmc.cli_figures import draw_figures
     from sepmc.processes import processes
 
     campaign = sepmc.load("table2.toml")

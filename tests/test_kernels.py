@@ -735,9 +735,8 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
     compile(text, name, "exec")
     assert text.startswith('"""Flight of ')
     assert text == pilot.kernel_text(campaign, history=True)
-    for number, phase in enumerate(campaign.scene.phase, 1):
+    for number in range(1, len(campaign.scene.phase) + 1):
         assert f"def rates_phase{number}(w):" in text
-        assert f"phase{number} {phase.name}" in text
 
 
 # -- machine code

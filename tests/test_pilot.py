@@ -428,6 +428,7 @@ def test_the_program_tells_it(tmp_path):
         .invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False)
         .stdout
     )
+    assert "# body1 upper, body2 lower" in code
     assert "def rates_phase2(w):" in code
     full = ["check", "table2.toml", "--code", "--set", "solver.formulation=full"]
     assert "linear.eliminate" in CliRunner().invoke(cli.main, full, catch_exceptions=False).stdout

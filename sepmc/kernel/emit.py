@@ -34,7 +34,7 @@ from sepmc.kernel.watch import emit_watch
 from sepmc.kernel.wrenches import emit_shares
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, SEPARATION_HISTORY
 
-_HEADER = '''"""{title}
+_HEADER = '''"""Flight of a scene.
 
 Written by sepmc for scenes of this shape; not edited by hand. {about}
 """
@@ -155,12 +155,11 @@ def _first_slabs(c: Context) -> None:
 
 def _head(c: Context) -> Text:
     """Docstring, imports and constants of a module."""
-    title = "Flight of a scene in which these are:\n" + "\n".join(c.shape.names.legend)
     about = (
         "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
     )
     head = Text()
-    head(*_HEADER.format(title=title, about=about).rstrip().split("\n"))
+    head(*_HEADER.format(about=about).rstrip().split("\n"))
     for rk in c.used.values():
         head(
             "",
