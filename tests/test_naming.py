@@ -8,7 +8,6 @@ import re
 import pytest
 from small_scenes import SCENES, scene
 
-import sepmc
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
 from sepmc.kernel.structure import make_shape
