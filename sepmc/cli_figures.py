@@ -90,10 +90,30 @@ def draw_figures(
         suffix=suffix,
         alone=alone,
     )
-    there = second.submit(histograms) if second else None
+    drawn = _begun(histograms, second)
     written = _draw_bands(folder, into, units, about, suffix)
     written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
-    return written + (there.result() if there else histograms())
+    return written + drawn()
+
+
+def _begun(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:
+    """Begin some work in a second process. Returns what gives its result, or does it here, if there
+    is no such process any more."""
+    if second is None:
+        return work
+    from concurrent.futures import BrokenExecutor
+
+    def result() -> Any:
+        try:
+            return there.result()
+        except BrokenExecutor:
+            return work()
+
+    try:
+        there = second.submit(work)
+    except BrokenExecutor:
+        return work
+    return result
 
 
 def _draw_histograms(*given: Any, **named: Any) -> list[Path]:

@@ -36,6 +36,13 @@ def test_what_is_damaged_is_mended(whole, folder, seed):
     assert is_mended(folder, contents(whole)), done
 
 
+def test_titles_are_those_of_before(whole, folder):
+    """What was set stands in the parts too: without a manifest, a figure is drawn as it was."""
+    (folder / folders.MANIFEST).unlink()
+    (folder / "histograms.png").unlink()
+    assert is_mended(folder, contents(whole))
+
+
 def test_another_campaign_is_not_replayed(folder):
     """One edited number in the run's own file: neither a case nor the run goes on with it."""
     path = folder / folders.CAMPAIGN

@@ -476,7 +476,7 @@ def test_required_bounds_are_marked(drawn, tmp_path):
 
 
 def test_a_second_process_draws_the_same(tmp_path):
-    """Byte for byte."""
+    """Byte for byte; and where it was killed, they are drawn all the same."""
     import sepmc
     from sepmc.cli_figures import draw_figures
     from sepmc.processes import processes
@@ -490,5 +490,10 @@ def test_a_second_process_draws_the_same(tmp_path):
     for path in here:
         path.unlink()
     with processes(1) as second:
+        assert draw_figures(*given, second=second, alone=True) == here
+        assert {path: path.read_bytes() for path in here} == drawn
+        (process,) = second._processes.values()
+        process.kill()
+        process.join()
         assert draw_figures(*given, second=second, alone=True) == here
     assert {path: path.read_bytes() for path in here} == drawn

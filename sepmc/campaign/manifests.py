@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -86,6 +87,20 @@ class _Manifest(Struct):
     campaign_sha256: str = ""
 
 
+def of_part(said: Mapping[bytes, bytes]) -> dict[str, Any]:
+    """What a part says of the run that it is of, as a manifest would. Raises ValueError or KeyError
+    if it does not."""
+    found: dict[str, Any] = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
+    if numbers := said[b"numbers"].decode():
+        found["numbers"] = numbers
+    try:
+        settings = msgspec.json.decode(said.get(b"settings", b"{}"), type=dict[str, str])
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise ValueError(f"its settings are none: {error}") from None
+    _check(settings)
+    return found | {"settings": settings}
+
+
 def read(written: bytes) -> dict[str, Any]:
     """A manifest, from what its file holds. Raises ValueError, with what is wrong, if it is
     none."""
@@ -93,11 +108,7 @@ def read(written: bytes) -> dict[str, Any]:
         said = json.loads(written.decode("utf-8"))
     except RecursionError:
         raise ValueError("is too deep") from None
-    problems = Problems()
-    with contextlib.suppress(TooManyProblems):
-        check_tree(said, problems, _TEXT)
-    if problems:
-        raise ValueError(problems[0])
+    _check(said)
     try:
         msgspec.convert(said, _Manifest)
     except msgspec.ValidationError as error:
@@ -109,3 +120,12 @@ def read(written: bytes) -> dict[str, Any]:
             if said.get(key) is None or (key == "sessions" and not said[key]):
                 raise ValueError(f"it holds no manifest: {key} is missing")
     return dict(said)
+
+
+def _check(said: Any) -> None:
+    """Raise ValueError for what is too large, or no screen can show."""
+    problems = Problems()
+    with contextlib.suppress(TooManyProblems):
+        check_tree(said, problems, _TEXT)
+    if problems:
+        raise ValueError(problems[0])

@@ -79,7 +79,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 def made_by(folder: Path) -> dict[str, Any]:
     """By what the cases of a run folder were made: its manifest or, where that was changed, what
-    its store.parts say: ``digest``, ``seed`` and, if they are not the first ones, ``numbers``."""
+    its parts say: ``digest``, ``seed``, ``settings`` and, if they are not the first ones,
+    ``numbers``."""
     own_files.check(folder)
     try:
         manifest = _manifest(folder)
@@ -90,9 +91,7 @@ def made_by(folder: Path) -> dict[str, Any]:
     for path in sorted((folder / folders.CASES).glob("part-*.parquet")):
         with contextlib.suppress(StoreError, KeyError, ValueError):
             _, said = store.about(path)
-            found = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
-            numbers = said[b"numbers"].decode()
-            return found | ({"numbers": numbers} if numbers else {})
+            return manifests.of_part(said)
     return {}
 
 

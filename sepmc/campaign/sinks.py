@@ -1,5 +1,6 @@
 """Where flown cases go: kept in memory, written to a run folder, or counted and let go."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -89,11 +90,7 @@ class InFolder:
         done."""
         campaign, first = self.campaign, pieces[0].first
         count = sum(len(piece.drawn) for piece in pieces)
-        about = {
-            "campaign": campaign.name,
-            "digest": campaign.digest,
-            "seed": str(self.draws.seed),
-            "sepmc": __version__,
+        about = _about(campaign, self.draws) | {
             "numbers": self.draws.told,
             "tally": sum((piece.tally for piece in pieces), Tally()).text,
         }
@@ -126,6 +123,18 @@ class InFolder:
         return Kept(summarise(columns, *self.campaign.summarised), columns)
 
 
+def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
+    """By what the cases of a part were made: what a run is mended by, should its manifest be
+    lost."""
+    return {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "seed": str(draws.seed),
+        "sepmc": __version__,
+        "settings": json.dumps(campaign.settings),
+    }
+
+
 @dataclass
 class KeptRows:
     """Writes a part of those rows that are kept of every list of pieces, if there are any."""
@@ -153,8 +162,7 @@ class KeptRows:
                 name: values.astype(np.float32) if values.dtype == np.float64 else values
                 for name, values in kept.items()
             }
-        about = {"campaign": campaign.name, "digest": campaign.digest, "keep": keep.text}
-        about |= {"seed": str(self.draws.seed), "sepmc": __version__}
+        about = _about(campaign, self.draws) | {"keep": keep.text}
         count = len(kept["case"])
         return store.write_part(self.folder, folders.KEPT, first, count, columns, kept, about)
 
