@@ -250,7 +250,7 @@ def compile_(
 @click.option(
     "--peers",
     is_flag=True,
-    help="Fly cases with other engines too; needs pip install 'sepmc[peers]'.",
+    help="Fly cases with other engines too; needs pip install '.[peers]'.",
 )
 @click.option(
     "--random",
@@ -360,7 +360,7 @@ def stress(brief: bool, quiet: bool) -> None:
 @click.option(
     "--peers",
     is_flag=True,
-    help="Let other engines fly the same cases too; needs pip install 'sepmc[peers]'.",
+    help="Let other engines fly the same cases too; needs pip install '.[peers]'.",
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder to write; default runs/bench-NAME-N."
@@ -400,7 +400,8 @@ def bench(
     scaling, time by stage.
 
     Errors are against a reference at very many steps. Tables go to the screen and as Parquet, with
-    bench.json and figures, into a folder.
+    bench.json and figures, into a folder. It takes 4 to 10 minutes on two cores, a minute or two
+    with --quick.
 
     \b
     Example:

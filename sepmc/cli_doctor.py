@@ -10,6 +10,7 @@ from sepmc.campaign.campaign import load
 from sepmc.cli_output import tell_results
 
 FIGURES = (".png", ".svg", ".pdf")
+TABLES = (".csv", ".html")
 
 
 def mend(folder: Path, found: Sequence[record.Finding], say: Callable[[str], None]) -> int:
@@ -39,9 +40,9 @@ def mend(folder: Path, found: Sequence[record.Finding], say: Callable[[str], Non
     figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
     tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
     say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
-    lost = record.forget(folder, FIGURES)
+    lost = record.forget(folder, FIGURES + TABLES)
     if lost:
-        say(f"not drawn again: {', '.join(lost)}; sepmc plot {folder} draws them for print")
+        say(f"not made again: {', '.join(lost)}; sepmc plot, drivers, laws and report make them")
     left = record.diagnose(folder)
     for finding in left:
         click.echo(finding.said, err=True)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli_figures import draw_figures
+from sepmc.places import is_of_storage
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -56,7 +57,7 @@ def plain_errors(quiet: bool) -> Iterator[None]:
     except Exception as error:
         # by name: their modules take a while to import
         known = ("StoreError", "ClusterError", "OutOfStepError")
-        if any(kind.__name__ in known for kind in type(error).__mro__):
+        if any(kind.__name__ in known for kind in type(error).__mro__) or is_of_storage(error):
             click.echo(f"error: {error}", err=True)
             sys.exit(2)
         raise

@@ -27,6 +27,8 @@ _EXCLUDED = {
     "resume": "resume",
     "stats_only": "stats-only",
     "keep": "keep",
+    "keep_columns": "keep-columns",
+    "float32": "float32",
     "workers": "workers",
     "cluster": "cluster",
     "max_failures": "max-failures",
@@ -98,6 +100,8 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
 def text(found: "Rare") -> str:
     """An estimate as the screen shows it: levels, the probability, what violating cases have in
     common."""
+    from sepmc.analysis.rare import plain_cases
+
     unit = "" if found.unit == "1" else f" {found.unit}"
     low, high = found.interval
     lines = [
@@ -123,19 +127,13 @@ def text(found: "Rare") -> str:
         )
     if mean and len(found.levels) > 1:
         least, greatest = min(found.replicas), max(found.replicas)
+        plain = plain_cases(mean, found.interval)
         lines.append(
             f"{len(found.replicas)} independent replicas: {least:.2e} to {greatest:.2e}"
-            + (f"; plain cases for the same interval: {_plain(found):.1e}" if low else "")
+            + (f"; plain cases for the same interval: {plain:.1e}" if plain > 0.0 else "")
         )
     if found.inputs:
         lines += ["", "cases that violate have in common (normal scores; of all cases 0 +- 1):"]
         some = list(found.inputs.items())[:_INPUTS]
         lines += [f"  {name:44s} {m:+6.2f} +- {s:.2f}" for name, (m, s) in some]
     return "\n".join(lines)
-
-
-def _plain(found: "Rare") -> float:
-    """How many plain cases would give an interval as narrow."""
-    low, high = found.interval
-    half = 0.5 * math.log(high / low) / 1.96
-    return 1.0 / found.probability / half**2

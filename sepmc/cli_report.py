@@ -139,6 +139,7 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     sampler = loaded.scene.run.sampler
     folded(laws.text(found.loc[told], table, units, screen_width(), sampler))
     folders.write_text(folder / "laws.csv", found.to_csv())
+    record.note(folder, [folder / "laws.csv"])
     click.echo(folder / "laws.csv")
 
 
@@ -149,23 +150,25 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     driven = find_drivers(folder, loaded, summary, summary.statistics(), named)
     for text in [text for texts in driven.texts(screen_width()) for text in texts]:
         folded(text)
+    written = [folder / "causes.csv"]
     if driven.drivers:
         table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
         before = _told_before(folder, list(table.columns)) if named else table[:0]
         table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
         folders.write_text(folder / "drivers.csv", table.to_csv(index=False))
-        click.echo(folder / "drivers.csv")
+        written.insert(0, folder / "drivers.csv")
     folders.write_text(folder / "causes.csv", causes.table(driven.causes).to_csv(index=False))
-    click.echo(folder / "causes.csv")
     if plots:
-        for path in draw_drivers(driven, folder, loaded, folder):
-            click.echo(path)
+        written += draw_drivers(driven, folder, loaded, folder)
+    record.note(folder, written)
+    for path in written:
+        click.echo(path)
 
 
 def _told_before(folder: Path, columns: list[str]) -> pd.DataFrame:
-    """What ``drivers.csv`` has, if it is of the cases that the run has now."""
-    path, of_cases = folder / "drivers.csv", folder / "manifest.json"
-    if path.exists() and path.stat().st_mtime > of_cases.stat().st_mtime:
+    """What ``drivers.csv`` has, if it is as it was written."""
+    path, noted = folder / "drivers.csv", record.noted(folder, "drivers.csv")
+    if noted:
         with suppress(ValueError):  # what pandas raises of what is no table, too
             found = pd.read_csv(BytesIO(content(path, CAMPAIGN_BYTES)))
             if list(found.columns) == columns:
@@ -287,7 +290,9 @@ def tell_report(folder: Path, loaded: Campaign, replays: bool, say: Callable[[st
         drawn = second.submit(_draw_run, folder, into)
         report, driven = _found(folder, loaded, replays, into, say)
         drivers = draw_drivers(driven, folder, loaded, into, ".svg")
-        return page.write_report(report, folder / "report.html", *drawn.result(), drivers)
+        path = page.write_report(report, folder / "report.html", *drawn.result(), drivers)
+        record.note(folder, [path])
+        return path
 
 
 def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:

@@ -36,6 +36,7 @@ from sepmc.cli_output import (
     timing_line,
 )
 from sepmc.cli_rare import RARE, tell_rare
+from sepmc.places import EXTRA
 
 if TYPE_CHECKING:
     from sepmc.campaign.numbers import Numbers
@@ -81,7 +82,7 @@ if TYPE_CHECKING:
     "--keep",
     metavar="RULE,...",
     help="As --stats-only, but keep rows that failed, are violating, the worst:20 of each "
-    "requirement, every:1000th, or all, in the folder kept of --out.",
+    "requirement, every:1000, or all, in the folder kept of --out.",
 )
 @click.option(
     "--keep-columns", metavar="PATTERN,...", help="Of these rows keep such columns: 'in_*,upper_*'."
@@ -242,7 +243,7 @@ def _crew(
         from sepmc.cluster import crew
     except ImportError:
         raise InputError(
-            "--workers and --cluster need Dask, the extra cluster: pip install 'sepmc[cluster]'"
+            f"--workers and --cluster need Dask, the extra cluster: {EXTRA.format('cluster')}"
         ) from None
     return crew(workers, address, threads)
 

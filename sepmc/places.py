@@ -5,13 +5,20 @@ from io import BytesIO
 from pathlib import Path, PurePath
 from typing import Any, cast
 
+EXTRA = "pip install '.[{}]' in the folder that sepmc was installed from"
+
+
+# packages whose errors say that object storage cannot be reached
+_CLIENTS = ("botocore", "aiobotocore", "aiohttp", "gcsfs", "google", "adlfs", "azure")
+
 
 class PlaceError(ValueError):
     """A name of a place that this installation cannot reach; its argument is the sentence."""
 
 
 def place(name: str | Path) -> Path:
-    """The path of a name. Raises PlaceError if what reaches such a place is not installed."""
+    """The path of a name. Raises PlaceError if what reaches such a place is not installed, or does
+    not reach it."""
     if not isinstance(name, str):
         return name
     if "://" not in name:
@@ -20,12 +27,29 @@ def place(name: str | Path) -> Path:
         from upath import UPath  # noqa: PLC0415  (an extra)
 
         # other processes write there: no list of files is good for long
-        return cast(Path, UPath(name, use_listings_cache=False))
+        path = UPath(name, use_listings_cache=False)
+        system = path.fs
     except (ImportError, ValueError) as error:
         raise PlaceError(
-            f"{name}: cannot be reached: {error}; object storage comes with the extra cluster: "
-            "pip install 'sepmc[cluster]'"
+            f"{name}: cannot be reached: {error}; object storage comes with the extra cluster "
+            f"({EXTRA.format('cluster')}), s3:// by itself, others with their clients"
         ) from None
+    # what asks whether a file is there takes a network that is down for "no"
+    try:
+        system.info(path.path)
+    except OSError:  # nothing of this name yet, or the bucket may not be listed
+        pass
+    except Exception as error:
+        if not is_of_storage(error):
+            raise
+        raise PlaceError(f"{name}: cannot be reached: {error}") from None
+    return cast(Path, path)
+
+
+def is_of_storage(error: Exception) -> bool:
+    """Whether an error is one of a client of object storage."""
+    modules = (kind.__module__.partition(".")[0] for kind in type(error).__mro__)
+    return any(module in _CLIENTS for module in modules)
 
 
 def is_local(path: Path) -> bool:

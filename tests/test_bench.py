@@ -275,8 +275,7 @@ def test_peers_beside_ours(study, reference, monkeypatch):
 
 
 def test_unknown_peers_are_left_out(study, reference, monkeypatch):
-    """Each with a sentence; ours stay."""
-    told = []
+    """Each with a sentence, before anything is flown; ours stay."""
     # the package's name for it is the function
     race = importlib.import_module("sepmc.bench.peers.race")
 
@@ -287,10 +286,11 @@ def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     monkeypatch.setattr(
         engines, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1)
     )
-    loud = Study(study.campaign, study.flight, study.draws, 1, 1, True, told.append)
-    frame = engines.measure(loud, reference)
+    frame = engines.measure(study, reference)
     assert set(frame["engine"]) == {"sepmc"}
-    assert sum("is not installed or too old, it is left out" in text for text in told) == 3
+    told = race.left_out(engines.QUICK)
+    assert sum("is left out: not installed, or too old" in text for text in told) == 3
+    assert "scipy is left out: not in a quick look" in told
 
 
 @pytest.mark.parametrize(

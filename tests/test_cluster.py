@@ -166,3 +166,16 @@ def test_command_line(alone, tmp_path):
         cli.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
     )
     assert both.exit_code == 2
+
+
+@pytest.mark.parametrize("orders", [{"stats_only": True}, {"keep": "failed"}])
+def test_too_many_failures_among_the_first_cases(tmp_path, orders):
+    """Those that lay out the grids: nobody else flies any more, and what was flown is told."""
+    loaded = sepmc.load("table2", {**SETTINGS, "run.end_time_s": 0.26})
+    with crew(2, threads=1) as workers:
+        found = loaded.run(
+            cases=100_000, out=tmp_path / "run", crew=workers, max_failures=50, **orders
+        )
+    assert found.stopped
+    assert 50 < sum(found.status_counts.values()) < 100_000
+    assert (tmp_path / "run" / "manifest.json").is_file()

@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from measure_damage import call, contents, damage, files, fly, is_mended, is_told, rows
+from measure_damage import SETTINGS, call, contents, damage, files, fly, is_mended, is_told, rows
 
 import sepmc
 from sepmc.campaign import folders, ledger, record, store
@@ -41,6 +41,32 @@ def test_titles_are_those_of_before(whole, folder):
     (folder / folders.MANIFEST).unlink()
     (folder / "histograms.png").unlink()
     assert is_mended(folder, contents(whole))
+
+
+def test_what_told_of_fewer_cases_goes(folder):
+    """A run that grows keeps no table, figure or report of the cases it had; those that come later
+    are known to its doctor."""
+    told = ["causes.csv", "laws.csv", "report.html"]
+    for words in (["drivers", folder], ["laws", folder], ["report", folder, "--no-replay"]):
+        assert call(*map(str, words)) == 0
+    assert all((folder / name).is_file() for name in told)
+    assert call("doctor", str(folder)) == 0
+    settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
+    words = ["campaign", "table2.toml", *settings, "--quiet", "--out", str(folder), "--resume"]
+    assert call(*words, "--cases", "14") == 0
+    assert all((folder / name).is_file() for name in told)
+    assert call(*words, "--cases", "20") == 0
+    assert not any((folder / name).exists() for name in told)
+    assert (folder / "statistics.csv").is_file()
+    assert call("doctor", str(folder)) == 0
+    assert call("laws", str(folder)) == 0
+    (folder / "laws.csv").write_text("")
+    assert call("doctor", str(folder)) == 1
+    assert call("doctor", str(folder), "--repair") == 0
+
+
+def test_a_doctor_wants_a_run(tmp_path):
+    assert call("doctor", str(tmp_path)) == 2
 
 
 def test_another_campaign_is_not_replayed(folder):

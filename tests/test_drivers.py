@@ -388,3 +388,25 @@ def test_a_saltelli_campaign(tmp_path):
     expected = alone[table.index].corrwith(alone["upper_pitch_deg"], method="spearman")
     assert_allclose(table["rank"], expected)
     assert_allclose(table["total"], [1.0, 0.0], atol=0.15)
+
+
+@pytest.mark.parametrize("n", [1000, 10_000])
+@pytest.mark.parametrize("shape", ["exponential", "jump"])
+def test_a_first_order_index_of_what_is_steep(n, shape):
+    """Its interval holds the closed form as often as it says: ten waves by themselves would tell
+    four fifths of the first at 10,000 cases."""
+    own, other = np.array([1.0, 0.7, 0.4]), 0.3
+    exact = (np.e - 1.0) / (np.exp(np.sum(own**2)) - 1.0)
+    beyond = stats.norm.sf(1.0) * stats.norm.cdf(1.0)
+    exact = exact if shape == "exponential" else beyond / (beyond + other**2)
+    held, found = 0, []
+    for seed in range(20):
+        u = np.random.default_rng(seed).standard_normal((n, 3))
+        y = np.exp(u @ own) if shape == "exponential" else (u[:, 0] > 1.0) + other * u[:, 1]
+        names = ["in_a", "in_b", "in_c"]
+        cases = {"status": np.full(n, "ok"), "y": y, **dict(zip(names, u.T, strict=True))}
+        row = drivers(cases, names, "y").loc["in_a"]
+        held += row["first_low"] <= exact <= row["first_high"]
+        found.append(row["first"])
+    assert held >= 16
+    assert np.mean(found) == pytest.approx(exact, rel=0.1)

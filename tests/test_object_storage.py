@@ -1,6 +1,8 @@
 """A run folder in object storage: flown by one process or by workers, resumed, read, mended."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pandas as pd
@@ -55,6 +57,18 @@ def same(folder, other):
 
 def call(*arguments):
     return CliRunner().invoke(cli.main, [str(one) for one in arguments])
+
+
+@pytest.mark.parametrize("words", [("stats",), ("doctor",), ("campaign", "table2.toml", "--out")])
+def test_storage_that_is_not_reached_is_told(monkeypatch, words):
+    """By a process of its own: a client keeps the address it was made with."""
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    command = [sys.executable, "-m", "sepmc", *words, "s3://bucket/lost"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "s3://bucket/lost: cannot be reached: Could not connect" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_the_same_rows(campaign, alone):

@@ -389,3 +389,25 @@ def test_options_beside_it(folder, tmp_path, words, said):
     assert said in ran.output
     assert ran.exit_code == (0 if words == ["--dry-run"] else 2)
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(("bound", "told"), [(0.47, True), (0.378, False)])
+def test_what_is_not_rare_is_told(bound, told):
+    """Violated by 6 % of the cases, plain ones tell it with fewer flights; by 1e-5, they do not."""
+    campaign = sepmc.load("table2", {"requirement": [{**SLOW, "at_least": bound}]})
+    found = campaign.rare("slow", most=FLIGHTS, announce=lambda said: None)
+    assert any("this is not rare: " in said for said in found.notes) == told
+    assert rare.plain_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(7.7e7, rel=0.01)
+    assert math.isnan(rare.plain_cases(1e-6, (0.0, 1e-6)))
+
+
+def test_replicas_that_come_to_no_threshold_say_nothing():
+    """Most cases have one margin, and so few chains that no replica comes beyond it."""
+
+    def margin(u):
+        return np.minimum(3.0 - u[:, 0], 2.9 - stats.norm.isf(0.005)) + 1e-3
+
+    for seed in range(60):
+        known, _, _ = estimate(margin, 5, seed)
+        low, high = known.interval
+        assert 0.0 <= low <= known.probability <= high <= 1.0

@@ -343,3 +343,21 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
     assert (found.flown, found.columns) == (True, ())
     assert CliRunner().invoke(cli.main, ["stats", str(folder)]).exit_code == 0
+
+
+def test_a_disk_that_is_full_at_once_leaves_nothing(table2, tmp_path, monkeypatch):
+    """No folder that the same command then refuses; nor does what a killed process left."""
+    folder = tmp_path / "run"
+
+    def full(*paths):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ledger.os, "replace", full)
+        with pytest.raises(folders.StoreError, match="No space left"):
+            table2.run(cases=10, out=folder)
+    assert not folder.exists()
+    folder.mkdir()
+    (folder / "manifest.json.0123abcd.tmp").write_bytes(b"")
+    assert table2.run(cases=10, out=folder).status_counts["ok"] == 10
+    assert not list(folder.glob("*.tmp"))

@@ -90,6 +90,19 @@ LAWS = {
 }
 
 
+def test_a_histogram_keeps_values_of_many_cases_together():
+    """Such as times of release, of few values: as counted by their rows, in whole cases."""
+    rng = np.random.default_rng(2019)
+    x = rng.choice([0.035, 0.04, 0.045, 0.05, 0.055], 100_000)
+    x[::3] += rng.normal(0.0, 0.01, len(x[::3]))
+    sketch = Sketch()
+    sketch.add(x)
+    edges = np.histogram_bin_edges(x, 60)
+    counts = sketch.histogram(edges)
+    assert_array_equal(counts, np.rint(counts))
+    assert np.abs(counts - np.histogram(x, edges)[0]).max() <= 0.001 * x.size
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_percentiles_of_many(law):
     """Within 0.5 % of sigma of the exact ones, in the tails too."""

@@ -132,8 +132,9 @@ class Estimate:
         if len(self.levels) == 1:  # plain cases, which can be counted
             cases = self.size * len(found)
             return of_shares(round(float(found.mean()) * cases), cases)
-        if not found.any():  # no more than come to the last threshold
-            return 0.0, interval(self.levels[-2].replicas)[1]
+        if not found.any():  # no more than come to the last threshold that any came to
+            reached = [level.replicas for level in self.levels if level.reached > 0.0]
+            return 0.0, interval(reached[-1])[1] if reached else 1.0
         return interval(found)
 
     @property
@@ -155,6 +156,16 @@ def interval(found: np.ndarray, confidence: float = CONFIDENCE) -> tuple[float, 
     error = float(found.std(ddof=1)) / math.sqrt(count) / mean
     reach = float(stdtrit(count - 1, 0.5 + 0.5 * confidence)) * error
     return mean * math.exp(-reach), min(1.0, mean * math.exp(reach))
+
+
+def plain_cases(probability: float, interval: tuple[float, float]) -> float:
+    """How many cases that are counted would give an interval as narrow, in the logarithm; NaN if it
+    begins or ends at 0."""
+    low, high = interval
+    if not 0.0 < low < high:
+        return math.nan
+    half = 0.5 * math.log(high / low) / 1.96
+    return (1.0 - probability) / probability / half**2
 
 
 def estimate(
@@ -201,10 +212,13 @@ def remarks(found: Estimate) -> list[str]:
     said, low, high = [], float(found.known.min()), float(found.known.max())
     if not found.reached:
         threshold = found.levels[-2].threshold if len(found.levels) > 1 else math.inf
+        margin = f" a margin of {threshold:.4g}" if math.isfinite(threshold) else " all cases"
         said.append(
-            "trial chains did not come beyond the bound"
-            + (f", only to a margin of {threshold:.4g}" if math.isfinite(threshold) else "")
-            + ": it may never be violated, jump there, or take more flights"
+            f"few cases violate of those that trial chains came to, within{margin}: more flights "
+            "may tell it better"
+            if found.known.any()
+            else f"trial chains did not come beyond the bound, only to{margin}: it may never be "
+            "violated, jump there, or take more flights"
         )
     if found.known.any() and len(found.levels) > 1:
         if low == 0.0 or found.spread > _APART:

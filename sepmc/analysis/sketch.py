@@ -251,8 +251,15 @@ class _Grid:
         return found
 
     def below(self, edges: np.ndarray) -> np.ndarray:
-        """Number of finite values below each edge; all of them at the last one."""
+        """Number of finite values below each edge, those of one bin evenly spread over it or, where
+        it holds one that many cases have, all there; all of them at the last one."""
         left, right, counts = self.bins()
+        for atom in self.atoms:
+            there = (left <= atom) & (atom <= right)
+            left, right = (
+                np.where(there, atom, left),
+                np.where(there, np.nextafter(atom, np.inf), right),
+            )
         ends = np.cumsum(counts)
         found = np.interp(
             edges,
@@ -264,4 +271,4 @@ class _Grid:
             (0.0 if edges[0] <= self.least else found[0]),
             (float(ends[-1]) if edges[-1] >= self.greatest else found[-1]),
         )
-        return found
+        return np.rint(found)

@@ -22,6 +22,7 @@ from sepmc.bench import (
 )
 from sepmc.bench.folder import SUMMARY, open_folder
 from sepmc.bench.peers.inputs import check
+from sepmc.bench.peers.race import left_out
 from sepmc.bench.reference import make_reference, reference_times
 from sepmc.bench.study import Say, Study, drawn
 from sepmc.campaign import folders
@@ -77,6 +78,8 @@ def bench(
     """
     if peers:
         check(campaign.scene)
+        for said in left_out(engines.QUICK if quick else None):
+            say(said)
     threads = check_threads(threads) or max_threads()
     folder = open_folder(out, overwrite)
     with warnings.catch_warnings():

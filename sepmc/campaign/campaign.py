@@ -474,6 +474,13 @@ class Campaign(Definition):
                 f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
                 "written, so these are flown again"
             )
+        if manifest.get("cases", numbers.count) != numbers.count:
+            told = record.drop_told(folder)
+            if told and announce:
+                announce(
+                    f"{folder}: told of {manifest['cases']} cases only, so removed: "
+                    f"{', '.join(sorted(told))}"
+                )
         return done
 
     def _differences(self, folder: Path) -> str:

@@ -147,7 +147,8 @@ class Chunks:
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
                 first = until
-                self._foretell(seconds / len(piece.drawn))
+                if self.flown or seconds > _CALL_S:  # the first ones are few, and slow
+                    self._foretell(seconds / len(piece.drawn))
                 self.flown += len(piece.drawn)
                 self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
                 if first == end:
@@ -180,6 +181,8 @@ class Chunks:
             done = min(ROOM, numbers.end)
             self.fly(0, done, tell)
             self._wait()
+            if self.too_many_failed:
+                return
         text = (self.folder / folders.CAMPAIGN).read_bytes()
         left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         try:

@@ -54,6 +54,7 @@ _OUR_FILES = (
     HISTORY,
     "drivers.csv",
     "causes.csv",
+    "laws.csv",
     "report.html",
     "rare.json",
     "rare.parquet",
@@ -113,7 +114,7 @@ def check_folder(
     """
     if folder.exists() and not folder.is_dir():
         raise StoreError(f"{folder}: is a file; give --out a folder")
-    if folder.is_dir() and any(folder.iterdir()):
+    if folder.is_dir() and any(not _is_left(path) for path in folder.iterdir()):
         own_files.check(folder)
         if not is_run(folder):
             raise StoreError(
@@ -146,6 +147,12 @@ def has_ledger(folder: Path) -> bool:
 def is_run(folder: Path) -> bool:
     """Whether a folder is that of a run, if a damaged one."""
     return (folder / MANIFEST).is_file() or has_ledger(folder)
+
+
+def check_run(folder: Path) -> None:
+    """Raise StoreError if a folder is not that of a run."""
+    if not is_run(folder):
+        raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run")
 
 
 @contextlib.contextmanager
@@ -210,9 +217,13 @@ def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
     """Remove what processes that were killed left of files they were writing."""
     for kind in kinds if is_local(folder) else ():
         for path in (folder / kind).glob("*.????????.tmp"):
-            name = Path(path.stem).stem
-            if any(fnmatchcase(name, pattern) for pattern in (*_OUR_FILES, PART)):
+            if _is_left(path):
                 path.unlink()
+
+
+def _is_left(path: Path) -> bool:
+    """Whether a file is what a process that was killed left of one that it was writing."""
+    return any(fnmatchcase(path.name, f"{one}.????????.tmp") for one in (*_OUR_FILES, PART))
 
 
 def call(folder: Path) -> str:

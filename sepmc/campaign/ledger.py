@@ -66,9 +66,13 @@ def put(path: Path, content: bytes) -> None:
         path.write_bytes(content)
         return
     temporary = path.with_name(f"{path.name}.{uuid4().hex[:8]}.tmp")
-    with open(temporary, "xb") as file:
-        file.write(content)
-    os.replace(temporary, path)
+    try:
+        with open(temporary, "xb") as file:
+            file.write(content)
+        os.replace(temporary, path)
+    except OSError:  # a full disk
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def entry(file: str, content: bytes, first: int = 0, cases: int = 0) -> Entry:

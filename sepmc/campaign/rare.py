@@ -234,6 +234,12 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
         "audit failed"
         for name, cases in flights.beyond.items()
     ]
+    plain = rare.plain_cases(known.probability, known.interval)
+    if len(known.levels) > 1 and plain < flights.count:
+        found.append(
+            f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
+            f"{flights.count} flights"
+        )
     broken = implausible_note(tally.implausible, flights.count)
     found += [broken] if broken else []
     found += [*unmet(told, fixed), *unsettled(tally.unsettled, tally.finer)]

@@ -151,11 +151,27 @@ def note(folder: Path, files: Iterable[Path]) -> None:
     seal(folder, _manifest(folder))
 
 
+def noted(folder: Path, name: str) -> bool:
+    """Whether a file that follows from the cases of a run is there as it was noted."""
+    one = ledger.read(folder).get(name)
+    return one is not None and not store.fault_of(folder, one)
+
+
+def drop_told(folder: Path) -> list[str]:
+    """Remove what follows from the cases of a run, statistics, tables and figures, as it is to have
+    others. Returns the names of the files."""
+    held = ledger.read(folder)
+    told = [name for name, one in held.items() if not one.cases and name != folders.PLAN]
+    for name in told:
+        (folder / name).unlink(missing_ok=True)
+    if told:
+        ledger.rewrite(folder, [one for name, one in held.items() if name not in told])
+    return told
+
+
 def diagnose(folder: Path) -> list[Finding]:
-    """All that is wrong with a run folder, file by file."""
-    if not folders.is_run(folder):
-        said = f"{folder}: no {folders.MANIFEST} here; give the folder of a run"
-        return [Finding(said, mends=False)]
+    """All that is wrong with a run folder, file by file. Raises StoreError if it is none."""
+    folders.check_run(folder)
     try:
         manifest = _manifest(folder)
         found = changed(folder, manifest)

@@ -17,6 +17,7 @@ from sepmc.bench.clock import spread
 from sepmc.bench.peers.entry import Entry
 from sepmc.bench.peers.inputs import Inputs, read
 from sepmc.bench.peers.worker import Workers
+from sepmc.places import EXTRA
 
 Say = Callable[[str], None]
 CASES = {"heyoka": 10000, "mujoco": 1024, "scipy": 4, "exudyn": 2}
@@ -46,7 +47,7 @@ def race(
     campaign : sepmc.Campaign
     threads : int
     say : callable
-        Told what begins, and which engines are left out.
+        Told what was flown.
     cases : dict of int, optional
         Cases by engine, instead of those of `CASES`; an engine with none is left out.
     repeats : int
@@ -63,7 +64,7 @@ def race(
     racers = {"heyoka": _heyoka, "mujoco": _mujoco, "scipy": _scipy, "exudyn": _exudyn}
     entries = []
     for name, racer in racers.items():
-        if counts[name] == 0 or not _installed(name, say):
+        if counts[name] == 0 or not _is_installed(name):
             continue
         for entry in racer(campaign, inputs.part(0, counts[name]), threads, repeats):
             say(
@@ -74,13 +75,23 @@ def race(
     return entries
 
 
-def _installed(name: str, say: Say) -> bool:
+def left_out(cases: dict[str, int] | None = None) -> list[str]:
+    """A sentence for each engine that is not to fly: not installed, or with no ``cases``."""
+    return [
+        f"{name} is left out: "
+        + ("not in a quick look" if count == 0 else "not installed, or too old")
+        + ("" if count == 0 else f": {EXTRA.format('peers')}")
+        for name, count in {**CASES, **(cases or {})}.items()
+        if count == 0 or not _is_installed(name)
+    ]
+
+
+def _is_installed(name: str) -> bool:
     if name not in ("heyoka", "mujoco", "exudyn"):
         return True
     try:
         importlib.import_module("mujoco.batch" if name == "mujoco" else name)
     except ImportError:
-        say(f"{name} is not installed or too old, it is left out: pip install 'sepmc[peers]'")
         return False
     return True
 

@@ -135,7 +135,7 @@ def table(verdicts: Iterable[Found]) -> str:
         text.append(f"not compared: {len(seeds)} x {reason} (seeds {named})")
     failing = sorted({v["seed"] for v in flown if fails(v)})
     text.append(
-        f"{len(verdicts)} scenes, "
+        f"{len(flown)} of {len(verdicts)} scenes were compared, "
         + (
             f"{len(failing)} FAIL, seeds {', '.join(map(str, failing))}"
             if failing

@@ -2,6 +2,6 @@
 of motion and joints.
 
 Only the case, as plain numbers, goes in, and only the formulas of the loads are ours, written here
-a second time: nothing of `sepmc.physics` is imported. ``pip install 'sepmc[peers]'`` brings the
+a second time: nothing of `sepmc.physics` is imported. ``pip install '.[peers]'`` brings the
 engines; `compare` stands their flights beside ours.
 """

@@ -36,6 +36,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sepmc.places import EXTRA
 from sepmc.scene.messages import nobody
 from sepmc.trust.peers.case import GROUND, Case, attitude
 from sepmc.trust.peers.loads import motor_switches
@@ -78,7 +79,7 @@ def installed(say: Say = print) -> dict[str, Any]:
         try:
             found[name] = importlib.import_module(f"sepmc.trust.peers.{name}").fly
         except ImportError:
-            say(f"{name} is not installed, its flights are left out: pip install 'sepmc[peers]'")
+            say(f"{name} is not installed, its flights are left out: {EXTRA.format('peers')}")
     return found
 
 
