@@ -75,7 +75,9 @@ def killed(folder, rng, longest, disk):
             ballast = fill(disk)
             _, said = run.communicate()
             ballast.unlink()
-            if run.returncode and "No space left" not in said:
+            if run.returncode and not any(
+                one in said for one in ("No space left", "are free there")
+            ):
                 raise RuntimeError(said) from None
             return "disk full" if run.returncode else ""
         way = signal.SIGKILL if rng.random() < 0.7 else signal.SIGINT

@@ -25,7 +25,7 @@ _RESAMPLES, _WIDER = 12, 2.2010 / 1.9600
 _OF_GROUPS = 200  # the same of groups, which take less time
 # Slow waves of RBD-FAST, at least, and over the root of the cases: ten miss a fifth of the variance
 # that exp(u) of a normal u explains, and of an outcome with a jump a tenth; chance grows with them
-_WAVES, _WAVES_OF_ROOT = 10, 1.25
+_WAVES, _WAVES_OF_ROOT = 10, 0.7
 # from it on first-order indices say what drives an outcome
 _EXPLAINED = 0.7
 COLUMNS = (
