@@ -329,7 +329,7 @@ def _found(
     report = page.Report(
         name=loaded.name,
         title=loaded.file.title,
-        facts=f"{loaded.name}, {manifest['cases']} cases, seed {manifest['seed']}, sampler "
+        facts=f"{loaded.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
         f"{loaded.scene.run.sampler}; flown {last['finished'][:10]} by sepmc {last['sepmc']}; "
         f"campaign {manifest['digest']}{of_settings(loaded.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(loaded)],

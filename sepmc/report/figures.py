@@ -380,7 +380,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
-    cases = f"{len(numbers)} cases"  # fewer than the campaign has, where some failed
+    cases = f"{len(numbers):,} cases"  # fewer than the campaign has, where some failed
     told = "" if f" {cases}" in about else f" of {cases}"
     entitle(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
     return save(figure, path)
@@ -446,7 +446,7 @@ def _histogram(
     for bound in near:
         ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
-        f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
+        f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
     )
     far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
     # drawn, it would leave a line of the histogram
