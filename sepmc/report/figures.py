@@ -55,7 +55,7 @@ def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     ]
 
 
-_GAP = "_clearance_mm"
+_GAP, _OWN = "_clearance_mm", "this case"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
@@ -64,18 +64,22 @@ SAMPLES = 5  # single cases drawn into the bands
 # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
 # blown up to fill the axes
 FLAT = 1e-6
+_TOO_FLAT = 0.05  # of a scale that panels share
 OVERVIEW = 12
 
 
 class Panel(NamedTuple):
     """One pair of axes over time: its ordinate's label, its (column, label) lines and their
     (colour, line style); whether what is small counts, and is shown on a logarithmic scale beside
-    what is far larger."""
+    what is far larger; the quantity, if panels of the same one share a scale; bounds that are
+    required."""
 
     label: str
     lines: list[tuple[str, str]]
     styles: tuple[tuple[str, str], ...]
     small_counts: bool = False
+    quantity: str = ""
+    required: Sequence[float] = ()
 
 
 def campaign_figures(
@@ -218,6 +222,7 @@ def run_figures(
     suffix: str = ".png",
     behind: pd.DataFrame | None = None,
     only: Collection[str] | None = None,
+    required: Mapping[str, Sequence[float]] | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -244,6 +249,8 @@ def run_figures(
         The history of the nominal case, drawn behind in pale lines.
     only : names of files, optional
         Draw these alone, of those below, without their ending.
+    required : mapping of outcome to bounds, optional
+        Those of clearances are marked.
 
     Returns
     -------
@@ -301,6 +308,7 @@ def run_figures(
             f"{in_words(body)} (deg/s)",
             components(f"{body}_omega", "deg_s", r"\omega"),
             BY_COMPONENT,
+            quantity="rate",
         )
         for body in bodies
     ]
@@ -331,7 +339,13 @@ def run_figures(
         "clearances",
         "Distances of outlines",
         [
-            Panel(f"{in_words(name.removesuffix(_GAP))} (mm)", [(name, "")], ((BLUE, "-"),), True)
+            Panel(
+                f"{in_words(name.removesuffix(_GAP))} (mm)",
+                [(name, _OWN)],
+                ((BLUE, "-"),),
+                small_counts=True,
+                required=(required or {}).get(name, ()),
+            )
             for name in map(str, history.columns)
             if name.endswith(_GAP)
         ],
@@ -348,6 +362,7 @@ def run_figures(
                     if name.startswith(f"{joint}_pin") and name.endswith(rest)
                 ],
                 BY_BODY,
+                quantity="load",
             )
             for joint in joints
             for end, rest in (("mouth", "_mouth_load_N"), ("tip", "_tip_load_N"))
@@ -534,8 +549,11 @@ def _time_page(
         if end > begin:
             ax.set_xlim(begin, end)
         low, high = ax.get_ylim()
-        if panel.small_counts and _spans(history[panel.lines[0][0]]):
+        for bound in panel.required:
+            ax.axhline(bound, color=BOUND, linewidth=2.2, zorder=1.9, label=REQUIRED)
+        if panel.small_counts and _spans(history[panel.lines[0][0]], panel.required):
             ax.set_yscale("log")
+            ax.set_ylabel(f"{panel.label}, logarithmic")
         elif high - low < FLAT:
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
@@ -546,13 +564,27 @@ def _time_page(
             ax.set_xlabel("time (s)")
     for ax in axes[len(panels) :]:
         ax.remove()
+    for quantity in {panel.quantity for panel in panels if panel.quantity}:
+        _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
     entitle(figure, title)
     return save(figure, path)
 
 
-def _spans(shown: "pd.Series[float]") -> bool:
-    """Whether numbers are positive and span more than a factor of ten."""
-    low, high = np.nanmin(shown), np.nanmax(shown)
+def _share_scale(axes: Sequence[Axes]) -> None:
+    """Give axes one scale; but one in which nothing would be seen keeps its own, and says so."""
+    ends = np.array([ax.get_ylim() for ax in axes])
+    low, high = ends[:, 0].min(), ends[:, 1].max()
+    for ax, (least, greatest) in zip(axes, ends, strict=True):
+        if greatest - least < _TOO_FLAT * (high - low):
+            ax.set_ylabel(f"{ax.get_ylabel()}, own scale")
+        else:
+            ax.set_ylim(low, high)
+
+
+def _spans(shown: "pd.Series[float]", bounds: Sequence[float]) -> bool:
+    """Whether numbers, and bounds beside them, are positive and span more than a factor of ten."""
+    every = np.append(shown, bounds)
+    low, high = np.nanmin(every), np.nanmax(every)
     return bool(0.0 < 10.0 * low < high)
 
 
