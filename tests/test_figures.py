@@ -433,7 +433,7 @@ def test_panels_of_one_quantity_share_a_scale(tmp_path, drawn):
     assert upper.get_ylim() == lower.get_ylim()
     assert upper.get_ylim()[0] < -0.5 < 2.5 < upper.get_ylim()[1]
     assert lower.get_ylabel() == "lower (deg/s)"
-    assert third.get_ylabel() == "third (deg/s), own scale"
+    assert third.get_ylabel() == "third (deg/s)\nown scale"
     assert third.get_ylim()[1] < 1e-3
     assert len({ax.get_ylim() for ax in drawn["angles.png"].axes}) == 4
 
@@ -449,7 +449,7 @@ def test_clearances_of_a_case(tmp_path, drawn, least, scale):
     figure = drawn["clearances.png"]
     (ax,) = figure.axes
     assert ax.get_yscale() == scale
-    assert ax.get_ylabel() == "gap (mm)" + (", logarithmic" if scale == "log" else "")
+    assert ax.get_ylabel() == "gap (mm)" + ("\nlogarithmic" if scale == "log" else "")
     assert list(line(ax, "required bound")[0].get_ydata()) == [4.0, 4.0]
     assert ax.get_ylim()[0] < 4.0
     assert_allclose(line(ax, "this case")[0].get_ydata(), frame["gap_clearance_mm"])

@@ -18,7 +18,7 @@ _PAD = 0.12  # inches
 _PALE = 0.3
 _LOWEST = "lowest tenth of the input, or its lowest of few values"
 _HIGHEST = "highest tenth, or value"
-_UNTOLD = "pale: not told from no effect (95 %)"
+_UNTOLD = "pale: effect by itself not told from 0 (95 %)"
 
 
 def tornado_figure(

@@ -553,7 +553,7 @@ def _time_page(
             ax.axhline(bound, color=BOUND, linewidth=2.2, zorder=1.9, label=REQUIRED)
         if panel.small_counts and _spans(history[panel.lines[0][0]], panel.required):
             ax.set_yscale("log")
-            ax.set_ylabel(f"{panel.label}, logarithmic")
+            ax.set_ylabel(f"{panel.label}\nlogarithmic")
         elif high - low < FLAT:
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
@@ -576,7 +576,7 @@ def _share_scale(axes: Sequence[Axes]) -> None:
     low, high = ends[:, 0].min(), ends[:, 1].max()
     for ax, (least, greatest) in zip(axes, ends, strict=True):
         if greatest - least < _TOO_FLAT * (high - low):
-            ax.set_ylabel(f"{ax.get_ylabel()}, own scale")
+            ax.set_ylabel(f"{ax.get_ylabel()}\nown scale")
         else:
             ax.set_ylim(low, high)
 
