@@ -74,10 +74,6 @@ def draw_figures(
             f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
         )
         outcomes = outcomes[:_DRAWN]
-    bounds: dict[str, list[float]] = {}
-    for item in loaded.file.requirements:
-        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
-        bounds[item.metric] = bounds.get(item.metric, []) + at
     histograms = partial(
         _draw_histograms,
         {name: summary.histogram(name) for name in outcomes},
@@ -85,7 +81,7 @@ def draw_figures(
         units,
         loaded.reference,
         source=loaded.file.reference.source if loaded.file.reference else "reference",
-        required=bounds,
+        required=required_bounds(loaded),
         about=about,
         suffix=suffix,
         alone=alone,
@@ -94,6 +90,24 @@ def draw_figures(
     written = _draw_bands(folder, into, units, about, suffix)
     written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
     return written + drawn()
+
+
+def required_bounds(loaded: "Campaign") -> dict[str, list[float]]:
+    """The bounds that are required of each outcome."""
+    found: dict[str, list[float]] = {}
+    for item in loaded.file.requirements:
+        at = [bound for bound in (item.at_least, item.at_most) if bound is not None]
+        found[item.metric] = found.get(item.metric, []) + at
+    return found
+
+
+def clearance_bounds(loaded: "Campaign") -> dict[str, list[float]]:
+    """The same of clearances over time: no recontact is a clearance above 0."""
+    found = required_bounds(loaded)
+    for name in [name for name in found if name.endswith("_recontact")]:
+        clearance = name.removesuffix("_recontact") + "_clearance_mm"
+        found[clearance] = [*found.get(clearance, []), 0.0]
+    return found
 
 
 def _begun(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:

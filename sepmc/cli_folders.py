@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from sepmc.cli_figures import draw_figures
+from sepmc.cli_figures import clearance_bounds, draw_figures
 from sepmc.cli_options import (
     CHECK,
     NO_PLOTS,
@@ -125,7 +125,13 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                 told = record.read_manifest(folder)
                 about = of_case(told["campaign"], told["case"], told.get("settings", {}))
                 written = run_figures(
-                    history, folder, told["bodies"], told["joints"], about, suffix
+                    history,
+                    folder,
+                    told["bodies"],
+                    told["joints"],
+                    about,
+                    suffix,
+                    required=clearance_bounds(load_campaign(str(folder), (), warn=False)),
                 )
             else:
                 told = record.read_manifest(folder)

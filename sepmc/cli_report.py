@@ -28,7 +28,7 @@ from sepmc.campaign import folders, record, store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
-from sepmc.cli_figures import draw_figures, telling_outcomes
+from sepmc.cli_figures import clearance_bounds, draw_figures, telling_outcomes
 from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
     accuracy_text,
@@ -334,7 +334,7 @@ def _found(
     report = page.Report(
         name=loaded.name,
         title=loaded.file.title,
-        facts=f"{loaded.name}, {manifest['cases']} cases, seed {manifest['seed']}, sampler "
+        facts=f"{loaded.name}, {manifest['cases']:,} cases, seed {manifest['seed']}, sampler "
         f"{loaded.scene.run.sampler}; flown {last['finished'][:10]} by sepmc {last['sepmc']}; "
         f"campaign {manifest['digest']}{of_settings(loaded.settings).replace(chr(10), '; ')}",
         notes=[*manifest.get("notes", ()), *redundant(loaded)],
@@ -395,6 +395,7 @@ def _worst(
             list(loaded.plan.joints),
             suffix=".svg",
             only=_REPLAYED_PAGES,
+            required=clearance_bounds(loaded),
         )
         found.append(page.Replay(title.rstrip(), figures))
     return found

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sepmc.cli_figures import clearance_bounds
 from sepmc.cli_options import undispersed
 from sepmc.cli_output import errors_told, single_error_text, summary_of
 
@@ -81,6 +82,7 @@ def tell_single(
             list(loaded.plan.joints),
             of_case(loaded.name, number, loaded.settings),
             behind=behind,
+            required=clearance_bounds(loaded),
         )
     if film:
         from sepmc.report import animation

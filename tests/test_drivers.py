@@ -14,6 +14,8 @@ from sepmc.analysis.causes import causes
 from sepmc.analysis.causes import text as causes_text
 from sepmc.analysis.drivers import drivers, foremost, text
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
+from sepmc.report import driver_figures
+from sepmc.report.driver_figures import scatter_figure, tornado_figure
 from sepmc.scene.messages import InputError
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -410,3 +412,50 @@ def test_a_first_order_index_of_what_is_steep(n, shape):
         found.append(row["first"])
     assert held >= 17
     assert np.mean(found) == pytest.approx(exact, rel=0.1)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Figures of drivers as they are, not written."""
+    caught = []
+    monkeypatch.setattr(driver_figures, "save", lambda figure, *_: caught.append(figure))
+    return caught
+
+
+def test_bars_of_what_is_not_told_from_nothing_are_pale(tmp_path, drawn):
+    """y = 3 a + b^2: a swings the mean, b has an index, c and d have neither; the indices stand
+    beside, with the intervals of the table."""
+    x = dict(zip("abcd", np.random.default_rng(1).normal(size=(4, 800)), strict=True))
+    cases = x | {"y": 3.0 * x["a"] + x["b"] ** 2, "status": np.array(["ok"] * 800)}
+    table = drivers(cases, list(x), "y")
+    assert table.loc["b", "shift"] == 0.0
+    tornado_figure({"y": table}, tmp_path, {}, {}, "title\nset: k = 1")
+    (figure,) = drawn
+    bars, indices = figure.axes
+    assert figure.get_suptitle().endswith("title\nset: k = 1")
+    strong = {}
+    for patch in bars.patches:
+        if np.isfinite(patch.get_width()):
+            name = table.index[::-1][round(patch.get_y() + patch.get_height() / 2.0)]
+            strong.setdefault(name, set()).add(patch.get_alpha() == 1.0)
+    assert strong == {"a": {True}, "b": {True}, "c": {False}, "d": {False}}
+    assert "pale: effect by itself not told from 0 (95 %)" in bars.get_legend_handles_labels()[1]
+    (_, _, (reach,)), top = indices.containers[0], table[::-1]
+    ends = np.array([segment[:, 0] for segment in reach.get_segments()])
+    assert_allclose(ends, top[["first_low", "first_high"]])
+
+
+def test_outcomes_over_inputs_say_of_which_run(tmp_path, drawn):
+    """What was set ends the title; a long name is folded beside its axis."""
+    x = np.random.default_rng(1).normal(size=(2, 100))
+    name = "the_upper_stage_has_a_very_long_name_transverse_rate_deg_s"
+    cases = {"a": x[0], name: x[0] + x[1], "status": np.array(["ok"] * 100)}
+    table = drivers(cases, ["a"], name)
+    crossed = {name: np.zeros(100, dtype=bool)}
+    units = {name: "deg/s"}
+    scatter_figure({name: table}, cases, crossed, tmp_path, units, {}, "title\nset: k = 1")
+    (figure,) = drawn
+    assert figure.get_suptitle() == "Outcomes over what drives them most\ntitle\nset: k = 1"
+    figure.draw_without_rendering()
+    ax = figure.axes[0]
+    assert ax.yaxis.label.get_window_extent().height <= 1.05 * ax.get_window_extent().height

@@ -10,12 +10,16 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
+from scipy import stats
 
 from sepmc.analysis.statistics import histogram
+from sepmc.report.bench_figures import _peers
 from sepmc.report.figures import band_figures, campaign_figures, histogram_figures, run_figures
+from sepmc.report.style import _columns
 
 UNITS = {"separation_speed_m_s": "m/s", "separation_distance_mm": "mm", "upper_alpha_deg": "deg"}
 REFERENCE = {"upper_alpha_deg": {"mean": 4.06, "sigma": 0.67, "min": 2.42, "max": 5.93}}
+NORMAL = "normal, same mean and sigma (where |skewness| < 0.2, |excess kurtosis| < 0.4)"
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -116,7 +120,7 @@ def test_bands(tmp_path, drawn):
 
 
 def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, drawn):
-    cases, _ = campaign(500)
+    cases, _ = campaign(2000)
     campaign_figures(
         cases, None, tmp_path, UNITS, REFERENCE, labels={"upper_alpha_deg": "angle of attack"}
     )
@@ -124,7 +128,7 @@ def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, draw
     (bars,) = ax.patches
     heights, edges, _ = bars.get_data()
     assert heights @ np.diff(edges) == pytest.approx(1.0)
-    (normal,) = line(ax, "normal, same mean and sigma, if alike")
+    (normal,) = line(ax, NORMAL)
     x, density = normal.get_data()
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-3)
     assert x[density.argmax()] == pytest.approx(cases["upper_alpha_deg"].mean(), abs=0.02)
@@ -136,7 +140,7 @@ def test_histogram_is_a_density_with_its_normal_and_the_reference(tmp_path, draw
     assert ax.get_xlabel() == "angle of attack (deg)"
     assert ax.get_ylabel() == "density (1/deg)"
     mean, sigma = cases["upper_alpha_deg"].mean(), cases["upper_alpha_deg"].std()
-    assert ax.get_title() == f"n 500, mean {mean:.3f}, sigma {sigma:.3f} deg"
+    assert ax.get_title() == f"n 2,000, mean {mean:.3f}, sigma {sigma:.3f} deg"
 
 
 def test_units_and_words_of_a_column(tmp_path, drawn):
@@ -246,8 +250,31 @@ def test_legends_name_things_in_one_order(tmp_path, drawn):
             "cases",
             "bars too low to be seen",
             "least and greatest",
-            "normal, same mean and sigma, if alike",
+            NORMAL,
         ]
+
+
+@pytest.mark.parametrize("n", [300, 100_000])
+def test_a_normal_curve_is_a_matter_of_shape(tmp_path, drawn, n):
+    """However many cases there are: of a normal law, not of those of skewness 0.3, or of excess
+    kurtosis -0.6 (triangular) or 1.2 (logistic)."""
+    share = (np.arange(n) + 0.5) / n
+    laws = {
+        "normal": stats.norm, "skewed": stats.gamma(44.0), "flat": stats.triang(0.5),
+        "peaked": stats.logistic,
+    }  # fmt: skip
+    found = {name: histogram(law.ppf(share)) for name, law in laws.items()}
+    histogram_figures(found, tmp_path, {}, alone=False)
+    axes = drawn["histograms.png"].axes
+    curves = [NORMAL in [one.get_label() for one in ax.lines] for ax in axes]
+    assert curves == [True, False, False, False]
+    assert axes[0].get_title().startswith(f"n {n:,}, mean ")
+
+
+@pytest.mark.parametrize(("count", "columns"), [(4, 4), (5, 3), (6, 3), (7, 4), (9, 3)])
+def test_rows_of_a_legend_are_even(count, columns):
+    """Of which four fit beside each other: the last row lacks as few as can be."""
+    assert _columns(["a" * 7] * count, 4.5) == columns
 
 
 @pytest.mark.parametrize(
@@ -395,6 +422,50 @@ def test_rates_and_angles(tmp_path, drawn):
     assert angles[3].get_ylim() == pytest.approx((-0.5, 0.5))  # round-off in roll is not blown up
 
 
+def test_panels_of_one_quantity_share_a_scale(tmp_path, drawn):
+    """But for one whose lines would be flat in it, which says so."""
+    history = run()
+    for axis in "xyz":
+        history[f"third_omega_{axis}_deg_s"] = 1e-3 * history["time_s"]
+    bodies = ["upper", "lower", "third"]
+    run_figures(history, tmp_path, bodies, ["pins"], only=["rates", "angles"])
+    upper, lower, third = drawn["rates.png"].axes
+    assert upper.get_ylim() == lower.get_ylim()
+    assert upper.get_ylim()[0] < -0.5 < 2.5 < upper.get_ylim()[1]
+    assert lower.get_ylabel() == "lower (deg/s)"
+    assert third.get_ylabel() == "third (deg/s)\nown scale"
+    assert third.get_ylim()[1] < 1e-3
+    assert len({ax.get_ylim() for ax in drawn["angles.png"].axes}) == 4
+
+
+@pytest.mark.parametrize(("least", "scale"), [(20.0, "log"), (-20.0, "linear")])
+def test_clearances_of_a_case(tmp_path, drawn, least, scale):
+    """The case, the nominal one, what is required; a logarithmic scale is announced."""
+    time = np.linspace(0.0, 1.0, 20)
+    frame = pd.DataFrame({"time_s": time, "gap_clearance_mm": least + 900.0 * time})
+    behind = frame.assign(gap_clearance_mm=60.0 + 900.0 * time)
+    bounds = {"gap_clearance_mm": [4.0]}
+    run_figures(frame, tmp_path, [], [], behind=behind, required=bounds)
+    figure = drawn["clearances.png"]
+    (ax,) = figure.axes
+    assert ax.get_yscale() == scale
+    assert ax.get_ylabel() == "gap (mm)" + ("\nlogarithmic" if scale == "log" else "")
+    assert list(line(ax, "required bound")[0].get_ydata()) == [4.0, 4.0]
+    assert ax.get_ylim()[0] < 4.0
+    assert_allclose(line(ax, "this case")[0].get_ydata(), frame["gap_clearance_mm"])
+    assert texts(figure) == ["nominal case (pale)", "this case", "required bound"]
+
+
+def test_an_engine_timed_by_few_cases_has_no_line():
+    """Its times are noise; one case is one case."""
+    ours = {"engine": "sepmc", "scaled": False, "default": True, "cases": 2000, "setting": "a 1"}
+    other = {"engine": "other", "scaled": True, "default": False, "cases": 1, "setting": "b 1"}
+    rows = [row | {"ms": ms, "error": e} for row in (ours, other) for ms, e in ((1, 1e-9), (2, 1))]
+    (ax,) = _peers(pd.DataFrame(rows), "title", 1e-12).axes
+    assert line(ax, "sepmc")[0].get_linestyle() == "-"
+    assert line(ax, "other (1 case, scaled)")[0].get_linestyle() == "None"
+
+
 def test_a_joint_draws_only_the_bodies_it_touches(tmp_path, drawn):
     history = run()
     for name in [name for name in history if name.startswith("pins_force_on_lower")]:
@@ -497,3 +568,17 @@ def test_a_second_process_draws_the_same(tmp_path):
         process.join()
         assert draw_figures(*given, second=second, alone=True) == here
     assert {path: path.read_bytes() for path in here} == drawn
+
+
+def test_no_recontact_is_a_clearance_above_zero():
+    """The bound that is drawn over time; of a clearance that has one of its own, both."""
+    import sepmc
+    from sepmc.cli_figures import clearance_bounds, required_bounds
+
+    campaign = sepmc.load("residual-thrust")
+    assert required_bounds(campaign) == {"gap_recontact": [0.0]}
+    assert clearance_bounds(campaign)["gap_clearance_mm"] == [0.0]
+    wide = {"name": "wide", "metric": "gap_clearance_mm", "at_least": 40.0}
+    touch = {"name": "touch", "metric": "gap_recontact", "at_most": 0.0}
+    both = campaign.with_settings({"requirement": [wide, touch]})
+    assert clearance_bounds(both)["gap_clearance_mm"] == [40.0, 0.0]

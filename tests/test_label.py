@@ -33,3 +33,6 @@ def test_a_title_stays_short():
     assert settings["run.plan"] == "plan.csv"
     assert len(label.as_text({"a": "b" * 100})["a"]) == 48
     assert label.of_run({"campaign": "a", "cases": 3, "seed": 1}) == "a, 3 cases, seed 1"
+    assert label.of_run({"campaign": "a", "cases": 10**7, "seed": 1}) == (
+        "a, 10,000,000 cases, seed 1"
+    )

@@ -18,6 +18,8 @@ from sepmc import cli
 from sepmc.analysis import rare
 from sepmc.campaign import cases, record, store
 from sepmc.campaign.limit import Target, target
+from sepmc.report import rare_figures
+from sepmc.report.rare_figures import rare_figure
 from sepmc.scene.messages import InputError
 from sepmc.scene.model import Requirement
 from sepmc.schema import Column, Status
@@ -411,3 +413,27 @@ def test_replicas_that_come_to_no_threshold_say_nothing():
         known, _, _ = estimate(margin, 5, seed)
         low, high = known.interval
         assert 0.0 <= low <= known.probability <= high <= 1.0
+
+
+def test_levels_at_one_margin_are_a_jump(tmp_path, monkeypatch):
+    """No curve goes up where many cases have the same margin: it is marked, and said."""
+    caught = []
+    monkeypatch.setattr(rare_figures, "save", lambda figure, path: caught.append(figure))
+    spread = np.array([0.9, 1.0, 1.1])
+    levels = tuple(
+        rare.Level(margin, share, share, share * spread, 0.4, 9)
+        for margin, share in ((100.0, 0.4), (100.0 - 1e-7, 0.1), (40.0, 0.03), (0.0, 0.01))
+    )
+    found = SimpleNamespace(
+        inputs={}, levels=levels, metric="gap_clearance_mm", unit="mm", probability=0.01,
+        interval=(0.008, 0.012),
+    )  # fmt: skip
+    rare_figure(found, tmp_path, {}, "title")
+    (ax,) = caught[0].axes
+    drawn = {}
+    for line in ax.lines:
+        drawn.setdefault(line.get_label(), []).append(list(line.get_xdata()))
+    assert drawn["mean of the replicas"] == [[100.0], [100.0 - 1e-7, 40.0, 0.0]]
+    assert drawn["many cases have this margin"] == [[100.0, 100.0 - 1e-7]]
+    assert drawn["required bound"] == [[0.0, 0.0]]
+    assert ax.get_ylabel() == "probability that the margin is less"

@@ -171,6 +171,25 @@ def test_names_in_a_drawing_do_not_cover_each_other(name, tmp_path, monkeypatch)
             assert not any(box.overlaps(other) for other in boxes[:k])
             assert within.contains(box.x0, box.y0)
             assert within.contains(box.x1, box.y1)
+        for leader in (text for text in ax.texts if text.arrow_patch and text.xyann != text.xy):
+            if leader.arrowprops["arrowstyle"] != "-":
+                continue
+            start = ax.transData.transform(leader.xy)
+            end = start + np.array(leader.xyann) * figures[0].dpi / 72.0
+            along = start + np.linspace(0.0, 0.97, 50)[:, None] * (end - start)
+            assert not any(box.contains(*point) for box in boxes for point in along)
+
+
+@pytest.mark.parametrize(("name", "told"), [("srb", True), ("table1", False)])
+def test_several_of_one_place_are_told(name, told, tmp_path, monkeypatch):
+    """What "+5" means stands below, if there is such a name."""
+    figures = []
+    monkeypatch.setattr(drawing_module, "save", lambda figure, path: figures.append(figure))
+    campaign = sepmc.load(name)
+    drawing(campaign.scene, campaign.file.dispersions, name, tmp_path / "vehicle.png")
+    names = [text.get_text() for ax in figures[0].axes for text in ax.texts]
+    assert any(" +" in one for one in names) == told
+    assert ("+2: two more" in figures[0].get_supxlabel()) == told
 
 
 def test_thrust_is_drawn_as_it_acts():

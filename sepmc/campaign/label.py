@@ -14,7 +14,7 @@ _APART = ("run.cases", "run.seed", "run.sampler")  # a title says these by thems
 def of_run(manifest: Mapping[str, Any]) -> str:
     """A line on campaign, cases, seed and, if it is not the default one, sampler, and a second one
     on what was set, of the manifest of a run."""
-    said = f"{manifest['campaign']}, {manifest['cases']} cases, seed {manifest['seed']}"
+    said = f"{manifest['campaign']}, {manifest['cases']:,} cases, seed {manifest['seed']}"
     sampler = manifest.get("sampler", _USUAL)
     if sampler != _USUAL:
         said += f", sampler {sampler}"

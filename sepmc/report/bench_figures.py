@@ -161,9 +161,7 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
         rows = rows[np.isfinite(rows["error"])]
         colour, marker = METHODS.get(method, (BLACK, "o"))
         line, alpha = FORMULATIONS.get(formulation, ("-", 1.0))
-        words = f"{method}, {formulation}" + (
-            f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
-        )
+        words = f"{method}, {formulation}{_scaled(rows)}"
         filled = colour if formulation == "reduced" else "white"
         style: dict[str, Any] = {
             "color": colour,
@@ -188,9 +186,18 @@ def _work_precision(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     return figure
 
 
+def _scaled(rows: pd.DataFrame) -> str:
+    """By how many cases rows were timed, if not by all."""
+    if not rows["scaled"].any():
+        return ""
+    count = int(rows["cases"].iloc[0])
+    return f" ({count:,} {'case' if count == 1 else 'cases'}, scaled)"
+
+
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     """A colour an engine; where its settings are of several kinds (the first word of them), a line
-    each, but of ours only that of the default: methods by themselves have a figure of their own."""
+    each, but of ours only that of the default: methods by themselves have a figure of their own.
+    Times of few cases are too uncertain for a line."""
     figure, (ax,) = _figure(8.4, 6.2)
     frame = frame[np.isfinite(frame["error"])].assign(
         us=frame["ms"] / 10.0, kind=frame["setting"].str.extract(r"^(\w+)")[0]
@@ -200,13 +207,13 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     ):
         kinds = list(rows.groupby("kind", sort=False))
         kinds = [found for found in kinds if found[1]["default"].any()] or kinds
-        few = f" ({rows['cases'].iloc[0]} cases, scaled)" if rows["scaled"].any() else ""
+        few = _scaled(rows)
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
             words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
             some = some.sort_values("error", ascending=False)
             ax.plot(
                 some["us"], _shown(some["error"], floor), color=colour, marker=marker,
-                linestyle=":" if few else line, markersize=6,
+                linestyle="" if few else line, markersize=6,
                 markerfacecolor=colour if line == "-" and not few else "white", linewidth=1.4,
                 label=f"{words}{few}",
             )  # fmt: skip

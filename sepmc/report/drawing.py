@@ -17,6 +17,7 @@ from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, s
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
+_SEVERAL = "NAME +2: two more of its kind at or near this place"
 _ARROW, _APART = 0.09, 0.05  # of the vehicle's length: arrows, places that are taken for one
 _MARK, _THIN = 7.0, 2.0  # pixels about places, and lines, that a name had better not cover
 Point = tuple[float, float, float]
@@ -38,6 +39,7 @@ class _View:
 # many directions
 _FAR, _DIRECTIONS = (7, 14, 24, 36, 50, 66, 84, 106, 130), 24
 _LEADER = 20  # points: a name that stands farther has a line to its place
+_BEHIND = {"facecolor": "white", "alpha": 0.7, "linewidth": 0.0, "pad": 0.5}  # names
 _PAD = np.array([4.0, 1.0])  # pixels about a name
 # what an area costs that a name shares with another name, or that lies outside, or with a mark, or
 # with a line; and a name that is far from its place
@@ -73,7 +75,7 @@ class _Labels:
         dot = canvas.figure.dpi / 72.0  # pixels a point
         marks = self.ax.transData.transform(self.marks).reshape(-1, 2)
         lines = [_dotted(*self.ax.transData.transform(one)) for one in self.lines]
-        marked, taken = _about(marks, _MARK), np.empty((0, 4))
+        marked, taken, leaders = _about(marks, _MARK), np.empty((0, 4)), np.empty((0, 4))
         crossed = np.concatenate([np.empty((0, 4)), *lines])
         turns = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False) + np.pi / 4.0
         along = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -81,7 +83,7 @@ class _Labels:
             text = self.ax.annotate(
                 names[0] + (f" +{len(names) - 1}" if len(names) > 1 else ""), at, (0, 0),
                 textcoords="offset points", fontsize=7.5, color=colour, zorder=6, ha="center",
-                va="center",
+                va="center", bbox=_BEHIND,
             )  # fmt: skip
             text.set_in_layout(False)  # it lies within
             half = np.array(text.get_window_extent(renderer).size) / 2.0
@@ -90,19 +92,20 @@ class _Labels:
             middle = self.ax.transData.transform(at) + beside
             found = _about(middle, half + _PAD)
             outside = _common(found, found).diagonal() - _common(found, within)[:, 0]
-            cost = _ON_NAMES * (4.0 * outside + _common(found, taken).sum(axis=1))
+            # a name across a leader would be taken for the one that it leads to
+            both = np.vstack([taken, leaders])
+            cost = _ON_NAMES * (4.0 * outside + _common(found, both).sum(axis=1))
             cost += _ON_MARKS * _common(found, marked).sum(axis=1)
             cost += _ON_LINES * _common(found, crossed).sum(axis=1)
             far = np.hypot(*np.maximum(np.abs(beside) - half, 0.0).T)
             place = self.ax.transData.transform(at)
             edges = np.clip(0.0, beside - half, beside + half)  # where a line to it would end
-            over = np.array([_common(_dotted(place, place + e), taken).sum() for e in edges])
+            over = np.array([_common(_dotted(place, place + e), both).sum() for e in edges])
             cost += _ON_NAMES * (far >= _LEADER * dot) * over
             least = int(np.argmin(cost + _AWAY * far * half[1]))
             text.set_position(beside[least] / dot)
             if far[least] >= _LEADER * dot:
-                # a name across it would be taken for the one that it leads to
-                marked = np.vstack([marked, _dotted(place, place + edges[least])])
+                leaders = np.vstack([leaders, _dotted(place, place + edges[least])])
                 self.ax.annotate(
                     "", at, edges[least] / dot, textcoords="offset points", zorder=5,
                     arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5},
@@ -164,12 +167,14 @@ def drawing(scene: Scene, dispersions: Sequence[Dispersion], title: str, path: P
         ax.set(xlabel=view.labels[0], ylabel=view.labels[1])
         ax.set_aspect("equal", adjustable="datalim")
         # from behind, the vehicle is as wide as its view, and names stand beside it
-        ax.margins(0.16 if view is _END else 0.08, 0.08)
+        ax.margins(0.16 if view is _END else 0.08, 0.12)
         ax.grid(True, color="#e4e4e4", linewidth=0.5)
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
         ax.tick_params(labelsize=9)
     entitle(figure, title)
+    if any(len(names) > 1 for labels in written for _, names, _ in labels.names.values()):
+        figure.supxlabel(_SEVERAL, fontsize=9)
     figure.draw_without_rendering()  # it is laid out: names know how much room they have
     for labels in written:
         labels.write()

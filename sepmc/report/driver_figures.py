@@ -1,18 +1,24 @@
-"""What drives outcomes: tornado charts of how far their means swing with each input, and outcomes
-over the inputs that drive them most."""
+"""What drives outcomes: tornado charts of how far their means swing with each input, beside its
+indices, and outcomes over the inputs that drive them most."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from sepmc.analysis.drivers import foremost
-from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
 _PAD = 0.12  # inches
+_PALE = 0.3
+_LOWEST = "lowest tenth of the input, or its lowest of few values"
+_HIGHEST = "highest tenth, or value"
+_UNTOLD = "pale: effect by itself not told from 0 (95 %)"
 
 
 def tornado_figure(
@@ -23,8 +29,9 @@ def tornado_figure(
     about: str,
     suffix: str = ".png",
 ) -> Path:
-    """Draw a tornado chart for each outcome into ``drivers.png``, or with another ``suffix``;
-    returns its path.
+    """Draw for each outcome a tornado chart, and beside it the indices of the inputs with their 95
+    % intervals, into ``drivers.png``, or with another ``suffix``; returns its path. Bars are pale
+    where neither the swing of the mean nor the first-order index is told from 0.
 
     Parameters
     ----------
@@ -35,36 +42,66 @@ def tornado_figure(
     about : the campaign, for the title
     """
     columns = min(2, len(found))
-    figure, axes = sheet(-(-len(found) // columns), columns, (6.4, 3.4))
-    for ax, (outcome, table) in zip(axes, found.items(), strict=False):
+    widths = [2.4, 1.0] * columns
+    figure, axes = sheet(-(-len(found) // columns), 2 * columns, (3.8, 3.4), widths)
+    pairs = list(zip(axes[::2], axes[1::2], strict=True))
+    for (ax, beside), (outcome, table) in zip(pairs, found.items(), strict=False):
         # those that the printed table has, in its order: bars are drawn from below
         middle, top = table.attrs["mean"], foremost(table, _BARS)[::-1]
         places = np.arange(len(top))
+        told = ((top["shift"] > 0.0) | (top["first_low"] > 0.0)).to_numpy()
         # beside each other: where both ends lie on one side of the mean, neither hides the other
         for end, aside, colour, hatch, text in (
-            ("mean_low", 0.2, BLUE, "", "lowest tenth of the input, or its lowest of few values"),
-            ("mean_high", -0.2, VERMILION, "//", "highest tenth, or value"),
-        ):
-            ax.barh(
-                places + aside, top[end] - middle, left=middle, color=colour, hatch=hatch,
-                edgecolor="white", height=0.4, label=text,
-            )  # fmt: skip
+            ("mean_low", 0.2, BLUE, "", _LOWEST), ("mean_high", -0.2, VERMILION, "//", _HIGHEST)
+        ):  # fmt: skip
+            swing = (top[end] - middle).to_numpy()
+            for those, alpha, label in ((told, 1.0, text), (~told, _PALE, _UNTOLD)):
+                ax.barh(
+                    places + aside, np.where(those, swing, np.nan), left=middle, color=colour,
+                    hatch=hatch, edgecolor="white", height=0.4, alpha=alpha,
+                    label=label if those is told or not told.all() else None,
+                )  # fmt: skip
         ax.axvline(middle, color="#555555", linewidth=0.8)
         ax.set_yticks(places, [keys.get(str(name), str(name)) for name in top.index], fontsize=8)
+        ax.set_ylim(-0.6, len(top) - 0.4)
         ax.grid(axis="y", visible=False)
         unit = units.get(outcome, "")
         name = in_words(outcome, unit)
         ax.set_xlabel(f"mean of {name} ({unit})" if unit else f"mean of {name}")
-    for ax in axes[len(found) :]:
-        ax.remove()
-    entitle(figure, f"What drives the outcomes of {about}\nthe surest first-order index on top")
+        _indices(beside, top, places)
+    for pair in pairs[len(found) :]:
+        for ax in pair:
+            ax.remove()
+    entitle(figure, f"What drives outcomes, the surest first-order index on top\n{about}")
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)
-    return save(figure, made(folder) / f"drivers{suffix}")
+    order = (_LOWEST, _HIGHEST, _UNTOLD)
+    return save(figure, made(folder) / f"drivers{suffix}", order)
+
+
+def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
+    """First-order indices, and total ones where there are, with their intervals."""
+    for name, aside, marker, colour, text in (
+        ("first", 0.12, "o", BLACK, "first-order index, 95 %"),
+        ("total", -0.12, "s", GREEN, "total index, 95 %"),
+    ):
+        if top[name].notna().any():
+            ends = top[[f"{name}_low", f"{name}_high"]].to_numpy().T
+            reach = np.abs(ends - top[name].to_numpy())
+            ax.errorbar(
+                top[name], places + aside, xerr=reach, fmt=marker, color=colour, ms=3.5,
+                capsize=2.5, linewidth=1.0, label=text,
+            )  # fmt: skip
+    ax.axvline(0.0, color="#555555", linewidth=0.8)
+    ax.set_yticks(places, [])
+    ax.set_ylim(-0.6, len(top) - 0.4)
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("share of variance")
 
 
 _DOTS, _INPUTS = 1500, 3  # cases that are drawn; inputs of an outcome
+_WIDE = 24  # letters of 9 pt along an ordinate
 
 
 def scatter_figure(
@@ -109,6 +146,7 @@ def scatter_figure(
             ax.set_xlabel(keys.get(name, name), fontsize=8.5)
             if not k:
                 words = in_words(outcome, unit)
-                ax.set_ylabel(f"{words} ({unit})" if unit else words, fontsize=9)
-    entitle(figure, f"Outcomes of {about} over what drives them most")
+                said = f"{words} ({unit})" if unit else words
+                ax.set_ylabel(fill(said, _WIDE), fontsize=9)
+    entitle(figure, f"Outcomes over what drives them most\n{about}")
     return save(figure, made(folder) / f"scatter{suffix}")

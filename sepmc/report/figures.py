@@ -4,7 +4,6 @@ Simulation 31(4), 2019.
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
-from math import erf
 from pathlib import Path
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -56,7 +55,7 @@ def _curves(frame: pd.DataFrame) -> list[tuple[str, str, str, str]]:
     ]
 
 
-_GAP = "_clearance_mm"
+_GAP, _OWN = "_clearance_mm", "this case"
 BY_COMPONENT = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."))  # x, y, z
 # dashed and dash-dot as in Fig 7
 BY_BODY = ((BLUE, "--"), (VERMILION, "-."), (GREEN, ":"), (BLACK, "-"))
@@ -65,18 +64,22 @@ SAMPLES = 5  # single cases drawn into the bands
 # in any unit drawn here (deg, deg/s, mm, N, N m ...): a range below it is round-off, and is not
 # blown up to fill the axes
 FLAT = 1e-6
+_TOO_FLAT = 0.05  # of a scale that panels share
 OVERVIEW = 12
 
 
 class Panel(NamedTuple):
     """One pair of axes over time: its ordinate's label, its (column, label) lines and their
     (colour, line style); whether what is small counts, and is shown on a logarithmic scale beside
-    what is far larger."""
+    what is far larger; the quantity, if panels of the same one share a scale; bounds that are
+    required."""
 
     label: str
     lines: list[tuple[str, str]]
     styles: tuple[tuple[str, str], ...]
     small_counts: bool = False
+    quantity: str = ""
+    required: Sequence[float] = ()
 
 
 def campaign_figures(
@@ -219,6 +222,7 @@ def run_figures(
     suffix: str = ".png",
     behind: pd.DataFrame | None = None,
     only: Collection[str] | None = None,
+    required: Mapping[str, Sequence[float]] | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
     above.
@@ -245,6 +249,8 @@ def run_figures(
         The history of the nominal case, drawn behind in pale lines.
     only : names of files, optional
         Draw these alone, of those below, without their ending.
+    required : mapping of outcome to bounds, optional
+        Those of clearances are marked.
 
     Returns
     -------
@@ -302,6 +308,7 @@ def run_figures(
             f"{in_words(body)} (deg/s)",
             components(f"{body}_omega", "deg_s", r"\omega"),
             BY_COMPONENT,
+            quantity="rate",
         )
         for body in bodies
     ]
@@ -332,7 +339,13 @@ def run_figures(
         "clearances",
         "Distances of outlines",
         [
-            Panel(f"{in_words(name.removesuffix(_GAP))} (mm)", [(name, "")], ((BLUE, "-"),), True)
+            Panel(
+                f"{in_words(name.removesuffix(_GAP))} (mm)",
+                [(name, _OWN)],
+                ((BLUE, "-"),),
+                small_counts=True,
+                required=(required or {}).get(name, ()),
+            )
             for name in map(str, history.columns)
             if name.endswith(_GAP)
         ],
@@ -349,6 +362,7 @@ def run_figures(
                     if name.startswith(f"{joint}_pin") and name.endswith(rest)
                 ],
                 BY_BODY,
+                quantity="load",
             )
             for joint in joints
             for end, rest in (("mouth", "_mouth_load_N"), ("tip", "_tip_load_N"))
@@ -380,7 +394,7 @@ def _bands(histories: pd.DataFrame, column: str, label: str, path: Path, about: 
     ax.set(xlabel="time (s)", ylabel=label)
     ax.margins(x=0)
     title = label[: label.rfind(" (")]
-    cases = f"{len(numbers)} cases"  # fewer than the campaign has, where some failed
+    cases = f"{len(numbers):,} cases"  # fewer than the campaign has, where some failed
     told = "" if f" {cases}" in about else f" of {cases}"
     entitle(figure, f"{title[:1].upper()}{title[1:]}{told}\n{about}")
     return save(figure, path)
@@ -446,7 +460,7 @@ def _histogram(
     for bound in near:
         ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
-        f"n {found.n}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
+        f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
     )
     far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
     # drawn, it would leave a line of the histogram
@@ -463,7 +477,11 @@ def _histogram(
 # what legends of histograms name, in this order
 _CASES, _LOW, _ENDS = "cases", "bars too low to be seen", "least and greatest"
 _ALIKE = "all cases"
-_NORMAL = "normal, same mean and sigma, if alike"
+# of a normal law both are 0; bounds of what is drawn as one: its peak is then within some 5 %
+_SKEWED, _PEAKED = 0.2, 0.4
+_NORMAL = (
+    f"normal, same mean and sigma (where |skewness| < {_SKEWED:g}, |excess kurtosis| < {_PEAKED:g})"
+)
 _LEGEND = (_CASES, _ALIKE, _LOW, _ENDS, _NORMAL)
 _SEEN = 0.01  # of the highest bar: lower ones are marked
 _TAIL = 0.3  # of all bars: if more are too low to be seen, they are shown on a logarithmic scale
@@ -476,16 +494,16 @@ def _has_long_tail(found: Histogram) -> bool:
     return bool(low.sum() > _TAIL * filled.sum())
 
 
-_UNLIKE = 0.06  # probability that may lie elsewhere, beyond what chance moves
-
-
 def _is_bell(found: Histogram) -> bool:
-    """Whether a histogram is much like a normal law of its mean and sigma."""
-    below = [erf(x) for x in (found.edges - found.mean) / (found.sigma * np.sqrt(2.0))]
-    law = 0.5 * np.diff(below)
-    chance = np.sqrt(len(law) / (2.0 * np.pi * found.n))
-    apart = 0.5 * np.abs(found.counts / found.n - law).sum()
-    return bool(apart < _UNLIKE + chance)
+    """Whether the shape of a histogram, however many cases it has, is that of a normal law."""
+    share = found.counts / found.counts.sum()
+    centres = 0.5 * (found.edges[1:] + found.edges[:-1])
+    apart = centres - share @ centres
+    second, third, fourth = (float(share @ apart**power) for power in (2, 3, 4))
+    if second == 0.0:
+        return False
+    skewness, kurtosis = third / second**1.5, fourth / second**2 - 3.0
+    return abs(skewness) < _SKEWED and abs(kurtosis) < _PEAKED
 
 
 def _time_page(
@@ -531,8 +549,11 @@ def _time_page(
         if end > begin:
             ax.set_xlim(begin, end)
         low, high = ax.get_ylim()
-        if panel.small_counts and _spans(history[panel.lines[0][0]]):
+        for bound in panel.required:
+            ax.axhline(bound, color=BOUND, linewidth=2.2, zorder=1.9, label=REQUIRED)
+        if panel.small_counts and _spans(history[panel.lines[0][0]], panel.required):
             ax.set_yscale("log")
+            ax.set_ylabel(f"{panel.label}\nlogarithmic")
         elif high - low < FLAT:
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
@@ -543,13 +564,27 @@ def _time_page(
             ax.set_xlabel("time (s)")
     for ax in axes[len(panels) :]:
         ax.remove()
+    for quantity in {panel.quantity for panel in panels if panel.quantity}:
+        _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
     entitle(figure, title)
     return save(figure, path)
 
 
-def _spans(shown: "pd.Series[float]") -> bool:
-    """Whether numbers are positive and span more than a factor of ten."""
-    low, high = np.nanmin(shown), np.nanmax(shown)
+def _share_scale(axes: Sequence[Axes]) -> None:
+    """Give axes one scale; but one in which nothing would be seen keeps its own, and says so."""
+    ends = np.array([ax.get_ylim() for ax in axes])
+    low, high = ends[:, 0].min(), ends[:, 1].max()
+    for ax, (least, greatest) in zip(axes, ends, strict=True):
+        if greatest - least < _TOO_FLAT * (high - low):
+            ax.set_ylabel(f"{ax.get_ylabel()}\nown scale")
+        else:
+            ax.set_ylim(low, high)
+
+
+def _spans(shown: "pd.Series[float]", bounds: Sequence[float]) -> bool:
+    """Whether numbers, and bounds beside them, are positive and span more than a factor of ten."""
+    every = np.append(shown, bounds)
+    low, high = np.nanmin(every), np.nanmax(every)
     return bool(0.0 < 10.0 * low < high)
 
 

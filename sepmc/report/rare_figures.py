@@ -7,9 +7,11 @@ import numpy as np
 
 from sepmc.analysis.rare import interval
 from sepmc.campaign.rare import Rare
-from sepmc.report.style import BLUE, VERMILION, entitle, in_words, made, save, sheet
+from sepmc.report.style import BLUE, BOUND, REQUIRED, entitle, in_words, made, save, sheet
 
 _INPUTS = 10  # drawn
+_ALIKE = 1e-6  # of the range of margins: levels no farther apart lie at one
+_MEAN, _JUMP = "mean of the replicas", "many cases have this margin"
 
 
 def rare_figure(
@@ -30,21 +32,31 @@ def rare_figure(
     figure, axes = sheet(1, 2 if drawn else 1, (6.0, 4.2))
     ax, levels = axes[0], [level for level in found.levels if level.replicas.any()]
     margin = np.array([level.threshold for level in levels])
-    each = np.array([level.replicas for level in levels])
-    for k, replica in enumerate(each.T):
-        shown = np.where(replica > 0.0, replica, np.nan)
-        ax.plot(margin, shown, color="#a9a9a9", lw=0.8, label="replicas" if k == 0 else None)
+    each = np.array([level.replicas for level in levels]).reshape(len(levels), -1)
     ends = np.array([interval(level.replicas) for level in levels]).reshape(-1, 2)
     mean = np.array([level.reached for level in levels])
     ax.fill_between(margin, *ends.T, color="#a9cdea", linewidth=0, label="95 %")
-    ax.plot(margin, mean, "o-", color=BLUE, lw=1.6, ms=4, label="mean of the replicas")
-    ax.axvline(0.0, color=VERMILION, lw=1.6, label="bound")
+    # where many cases have one margin, several levels lie there
+    jumps = np.flatnonzero(np.abs(np.diff(margin)) <= _ALIKE * np.ptp(margin))
+    for part in np.split(np.arange(len(levels)), jumps + 1):
+        shown = np.where(each[part] > 0.0, each[part], np.nan)
+        ax.plot(margin[part], shown, color="#a9a9a9", lw=0.8, label="replicas")
+        ax.plot(margin[part], mean[part], "o-", color=BLUE, lw=1.6, ms=4, label=_MEAN)
+    for jump in jumps:
+        both = slice(jump, jump + 2)
+        ax.plot(margin[both], mean[both], ":", color=BLUE, lw=1.2, label=_JUMP)
+        ax.errorbar(
+            margin[both], mean[both], yerr=np.abs(ends[both].T - mean[both]), fmt="none",
+            ecolor=BLUE, capsize=3,
+        )  # fmt: skip
+    ax.axvline(0.0, color=BOUND, lw=2.2, label=REQUIRED)
     ax.set_yscale("log")
     unit = "" if found.unit == "1" else f" ({found.unit})"
     ax.set_xlabel(f"margin of {in_words(found.metric, found.unit)}{unit}")
-    ax.set_ylabel("probability of no more margin")
+    ax.set_ylabel("probability that the margin is less")
     low, high = found.interval
-    ax.set_title(f"{found.probability:.2e}, 95 %: {low:.1e} to {high:.1e}", fontsize=10)
+    said = f"probability of a violation {found.probability:.2e}, 95 %: {low:.1e} to {high:.1e}"
+    ax.set_title(said, fontsize=10)
     if drawn:
         ax, rows = axes[1], np.arange(len(drawn))[::-1]
         means, sigmas = np.array([said for _, said in drawn]).T
@@ -52,6 +64,6 @@ def rare_figure(
         ax.axvspan(-1.0, 1.0, color="#eeeeee", zorder=0, label="all cases, one sigma")
         ax.set_yticks(rows, [keys.get(name, name) for name, _ in drawn], fontsize=8)
         ax.set_xlabel("normal score in cases that violate: mean and one sigma")
-        ax.set_title("inputs that drive them", fontsize=10)
+        ax.set_title("inputs that drive it", fontsize=10)
     entitle(figure, f"Rare event of {about}")
     return save(figure, made(folder) / f"rare{suffix}")

@@ -72,7 +72,7 @@ def beyond_figure(
                 label="design value, with the confidence required",
             )  # fmt: skip
         missing = int(np.isnan(shown).sum())
-        told = f"; {missing} cases without outcome count as beyond" if missing else ""
+        told = f"; {missing:,} cases without outcome count as beyond" if missing else ""
         ax.set_title(f"{v.name}: {v.verdict}{told}", fontsize=10)
         ax.set_xlabel(label)
         ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")

@@ -58,12 +58,17 @@ def in_words(name: str, unit: str = "") -> str:
     return (name.removesuffix(suffix) if unit else name).replace("_", " ")
 
 
-def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+def sheet(
+    rows: int,
+    columns: int,
+    size: tuple[float, float],
+    widths: Sequence[float] | None = None,
+) -> tuple[Figure, list[Axes]]:
     """A figure of rows x columns axes in the one style of all figures; ``size`` is that of one pair
-    of axes, in inches."""
+    of axes, in inches, ``widths`` how wide the columns are beside each other."""
     figure = Figure(figsize=(columns * size[0], rows * size[1]), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    axes = list(figure.subplots(rows, columns, squeeze=False, width_ratios=widths).ravel())
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(True, color="#dddddd", linewidth=0.6)
@@ -85,9 +90,13 @@ def entitle(figure: Figure, text: str) -> None:
 
 
 def _columns(texts: Sequence[str], inches: float) -> int:
-    """In how many columns the texts of a legend stand in so many inches."""
+    """In how many columns the texts of a legend stand in so many inches, in rows as even as can
+    be."""
     wide = 0.55 + 0.072 * np.array([len(text) for text in texts])  # a handle, and 9 pt letters
     for columns in range(len(texts), 1, -1):
+        rows = -(-len(texts) // columns)
+        if columns > -(-len(texts) // rows):
+            continue  # fewer columns make as many rows
         if sum(part.max() for part in np.array_split(wide, columns)) <= inches:
             return columns
     return 1
