@@ -98,6 +98,7 @@ def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
     ax.set_ylim(-0.6, len(top) - 0.4)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("share of variance")
+    ax.locator_params(axis="x", nbins=4)
 
 
 _DOTS, _INPUTS = 1500, 3  # cases that are drawn; inputs of an outcome
