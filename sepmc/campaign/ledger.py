@@ -70,6 +70,8 @@ def put(path: Path, content: bytes) -> None:
         with open(temporary, "xb") as file:
             file.write(content)
         os.replace(temporary, path)
+    except FileExistsError:  # somebody else's
+        raise
     except OSError:  # a full disk
         temporary.unlink(missing_ok=True)
         raise
