@@ -1,27 +1,25 @@
-"""Print what users wait for: ``python tests/measure_speed.py [--before FOLDER] [--big]``. Takes
-about five minutes on a machine that does nothing else.
+"""Print what users wait for: ``python tests/measure_speed.py [--before FOLDER] [PART ...]``. All
+takes about a quarter of an hour on a machine that does nothing else.
 
-Whole commands with an empty cache and warm; every shipped campaign; what clearances and joint loads
-cost; with ``--before``, the kernel of `table2` against that of a checkout of another commit, in
-turn; with ``--big``, 1e8 cases of it (three minutes).
+Parts: ``commands`` with an empty cache and warm; ``campaigns``, each shipped one; ``features``,
+what clearances and joint loads cost; ``big``, 1e8 cases of `table2`, twice (eight minutes);
+``before``, its kernel against that of a checkout of another commit, in turn.
 """
 
 import argparse
 import copy
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-from sepmc.bench.clock import rounds, seconds
+from sepmc.bench.clock import rounds
 from sepmc.bench.study import drawn
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.flight import by_name, fly_once
@@ -33,11 +31,20 @@ from sepmc.scene.read import parse_campaign, shipped_campaigns
 REPEATS, PAIRS, CASES = 7, 5, 10_000
 BARE = {"run.history_step_s": 0.0}
 IMPORTS = [sys.executable, "-c", "import numba, pandas, pyarrow"]
-# the kernel of 10,000 cases on one thread, s: best of nine
+# 10,000 cases on one thread, s, best of nine: the kernel, and with all that a row is told of
 KERNEL = """
 import sepmc
+from sepmc.bench.clock import seconds
+from sepmc.bench.study import drawn
+from sepmc.campaign.flight import fly, fly_once
+from sepmc.campaign.pilot import plan_flight
+from sepmc.engine import blocks
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
-print(min(campaign.run(threads=1).timing["kernel"] for _ in range(9)))
+blocks.use_threads(1)
+flight, inputs = plan_flight(campaign), drawn(campaign, 10_000)
+for work in (fly_once, fly):
+    work(campaign, flight, inputs)
+    print(min(seconds(lambda: work(campaign, flight, inputs)) for _ in range(9)))
 """
 
 
@@ -82,11 +89,9 @@ def commands(folder):
         )
 
 
-def campaigns(folder):
+def campaigns(folder, files):
     """10,000 cases of each campaign as shipped, two threads."""
-    for file in shipped_campaigns():
-        if "dispersion" not in load(file).file.tree:
-            continue
+    for file in files:
         words = ["campaign", file, "--cases", str(CASES), "--threads", "2", "--no-plots"]
         command(*words, out=folder / "run", cache=folder / "all")
         manifest = json.loads((folder / "run" / "manifest.json").read_text())
@@ -107,7 +112,7 @@ def without(campaign, loads, clearances):
         for key in ("loads", "guide"):
             tree.get("output", {}).pop(key, None)
     if clearances:
-        gone += ["clearance"]
+        gone += ["clearance", "recontact"]
         tree.pop("clearance", None)
         tree["dispersion"] = {
             k: v for k, v in tree["dispersion"].items() if not k.startswith("clearance")
@@ -159,22 +164,8 @@ def features(file, cases=2000):
 
 
 def against(before):
-    """The kernel of `table2` beside that of another checkout: with estimates and cases flown again,
-    and without."""
-    campaign = load("table2.toml", BARE)
-    blocks.use_threads(1)
-    flight, inputs = plan_flight(campaign), drawn(campaign, CASES)
-    alone = partial(
-        fly_cases,
-        flight.kernel,
-        campaign.plan,
-        flight.steps,
-        flight.usual,
-        campaign.slots,
-        inputs,
-        0,
-        flight.methods,
-    )
+    """The kernel of `table2` beside that of another checkout: by itself, and with estimates and
+    cases flown again."""
     ratios = []
     for _ in range(PAIRS):
         times = []
@@ -184,49 +175,59 @@ def against(before):
             done = subprocess.run(
                 words, check=True, env=environment, capture_output=True, text=True, cwd="/"
             )
-            times.append(float(done.stdout))
-        bare = min(seconds(alone) for _ in range(9))
-        ratios.append((bare / times[0], times[1] / times[0]))
+            times.append(100.0 * np.array(done.stdout.split(), dtype=float))
+        ratios.append(times[1] / times[0])
         print(
-            f"us a case: before {1e2 * times[0]:.2f}, kernel {1e2 * bare:.2f}, with estimates and "
-            f"cases flown again {1e2 * times[1]:.2f}: {ratios[-1][0]:.3f}, {ratios[-1][1]:.3f} x",
+            "us a case, kernel: {:.2f} before, {:.2f}, {:.3f} x; with estimates and cases flown "
+            "again: {:.2f}, {:.2f}, {:.3f} x".format(
+                *np.stack([times[0], times[1], ratios[-1]], 1).ravel()
+            ),
             flush=True,
         )
     print("medians: {:.3f}, {:.3f} x".format(*np.median(ratios, axis=0)), flush=True)
 
 
 def big(folder):
-    """1e8 cases of `table2` for statistics alone."""
-    words = ["campaign", "table2.toml", "--stats-only", "--no-plots"]
-    words += ["--set", "run.history_step_s=0"]
-    for cases in (1e6, 1e8):
-        out = folder / "run"
-        whole = command(*words, "--cases", f"{cases:.0f}", out=out, cache=folder / "all")
-        times = json.loads((out / "manifest.json").read_text())["sessions"][-1]["timing_s"]
-        most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-        print(
-            f"{cases:.0e} cases: {1e6 * times['kernel'] / cases:.2f} us a case, {whole:.0f} s in "
-            f"all, {most:.0f} MB",
-            flush=True,
-        )
+    """1e5 and 1e8 cases of `table2`: for statistics alone, and with columns of all rows kept."""
+    keep = ["--keep", "all", "--keep-columns", "separation_*,upper_*", "--float32"]
+    for what, more in (("statistics alone", ["--stats-only"]), ("rows kept", keep)):
+        for cases in (1e5, 1e8):
+            out = folder / "run"
+            words = ["campaign", "table2.toml", "--no-plots", *more, "--cases", f"{cases:.0f}"]
+            words += ["--set", "run.history_step_s=0", "--quiet", "--overwrite", "--out", str(out)]
+            begun = time.perf_counter()
+            process = subprocess.Popen([sys.executable, "-m", "sepmc", *words])
+            _, code, used = os.wait4(process.pid, 0)
+            assert code == 0
+            seconds = time.perf_counter() - begun
+            kernel = json.loads((out / "manifest.json").read_text())["sessions"][-1]["timing_s"]
+            size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
+            print(
+                f"{cases:.0e} cases, {what}: {cases / seconds:.3g} a second, of the kernel alone "
+                f"{cases / kernel['kernel']:.3g}; {used.ru_maxrss / 1024:.0f} MB of memory, "
+                f"{size / 1e6:.0f} MB on disk",
+                flush=True,
+            )
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--before", type=Path)
-    parser.add_argument("--big", action="store_true")
+    parser.add_argument("--before", type=Path, metavar="FOLDER")
+    parser.add_argument("part", nargs="*", metavar="PART", default=["all"])
     asked = parser.parse_args()
+    dispersed = [file for file in shipped_campaigns() if "dispersion" in load(file).file.tree]
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        if asked.before:
-            against(asked.before)
-        if asked.big:
-            big(folder)
-        commands(folder)
-        campaigns(folder)
-    for file in shipped_campaigns():
-        if "dispersion" in load(file).file.tree:
-            features(file)
+        parts = {
+            "before": lambda: asked.before and against(asked.before),
+            "big": lambda: big(folder),
+            "commands": lambda: commands(folder),
+            "campaigns": lambda: campaigns(folder, dispersed),
+            "features": lambda: [features(file) for file in dispersed],
+        }
+        for name, part in parts.items():
+            if name in asked.part or "all" in asked.part:
+                part()
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.flight import by_name
 from sepmc.campaign.pilot import kernel_text, stage_names
-from sepmc.engine.door import fly_cases, load_kernel
+from sepmc.engine.door import fly_cases, load_kernel, use_threads
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 
@@ -39,12 +39,14 @@ def measure(study: Study, history_step: float) -> pd.DataFrame:
     """One row a feature: time and flops without it, and their ratios to those of the whole scene.
 
     The kernel of each is written and compiled for what is left; nothing but the kernel is timed, in
-    the steps of the whole scene.
+    the steps of the whole scene, and by one thread: two may meet on one core for a whole part.
     """
     variants = _variants(study, history_step)
     counts = _counts(study, variants)
     flights = {v.feature: _flight(study, v) for v in variants}
+    use_threads(1)
     found = rounds(flights, study.repeats)
+    use_threads(study.threads)
     times = {name: median(those) for name, those in found.items()}
     cases = study.own_cases
     rows = []

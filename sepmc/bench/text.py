@@ -83,7 +83,7 @@ _TITLES = {
     "work_precision": "Work-precision: error against the reference, kernel time for 10,000 cases "
     "(ms, median; spread: the middle half of its repeats, over that)",
     "features": "Cost of each feature: time and operations without it, over those of the whole "
-    "scene, in the same steps",
+    "scene, in the same steps, one thread",
     "stages": "Time by stage and by command (s, median)",
     "scaling": "Scaling: over cases (a process each, statistics only), over threads",
     "peers": "Other engines on the same cases (ms for 10,000 cases; over_ours: over our fastest "
