@@ -59,7 +59,8 @@ def damage(times, seed):
             found = record.diagnose(folder)
             bad = not same(whole, folder) or statistics_of(result) != alone or bool(found)
             wrong += bad
-            print(f"{number}: killed after {after:.2f} s, {'DIFFERS' if bad else 'same'}", found)
+            said = f"DIFFERS {found}" if bad else "same"
+            print(f"{number}: killed after {after:.2f} s, {said}", flush=True)
     return wrong
 
 

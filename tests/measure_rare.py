@@ -185,7 +185,9 @@ def plain(name, cases, repeats=10):
     about = [{"name": key, **item} for key, item in PLAIN[name].items()]
     campaign = sepmc.load(name, {"requirement": about, "run.history_step_s": 0.0})
 
-    def tell(done, total, failures, before=[0]):  # noqa: B006
+    before = [0]
+
+    def tell(done, total, failures):
         if done // _TOLD > before[0]:
             before[0] = done // _TOLD
             print(f"{done} cases", file=sys.stderr, flush=True)
