@@ -55,7 +55,10 @@ def test_what_told_of_fewer_cases_goes(folder):
     words = ["campaign", "table2.toml", *settings, "--quiet", "--out", str(folder), "--resume"]
     assert call(*words, "--cases", "14") == 0
     assert all((folder / name).is_file() for name in told)
+    (folder / "notes.txt").write_text("mine")  # whatever the list of files says
+    record.note(folder, [folder / "notes.txt"])
     assert call(*words, "--cases", "20") == 0
+    assert (folder / "notes.txt").read_text() == "mine"
     assert not any((folder / name).exists() for name in told)
     assert (folder / "statistics.csv").is_file()
     assert call("doctor", str(folder)) == 0

@@ -19,6 +19,7 @@ import numpy as np
 
 from sepmc.analysis.proportions import CONFIDENCE
 from sepmc.analysis.proportions import interval as of_shares
+from sepmc.analysis.statistics import TWO_SIDED
 
 REPLICAS = 10  # twenty, each of half the size: 92 to 96 % of intervals hold, not 94 to 97 %
 LENGTH = 10  # states of a chain; a tenth of the cases go on. A fifth of them: 4 % more spread
@@ -164,7 +165,7 @@ def plain_cases(probability: float, interval: tuple[float, float]) -> float:
     low, high = interval
     if not 0.0 < low < high:
         return math.nan
-    half = 0.5 * math.log(high / low) / 1.96
+    half = 0.5 * math.log(high / low) / TWO_SIDED
     return (1.0 - probability) / probability / half**2
 
 

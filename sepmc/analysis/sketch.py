@@ -205,7 +205,8 @@ class _Grid:
         self.tails[side].update(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
 
     def bins(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Left and right edges of the bins that hold finite values, rising, and their counts."""
+        """Left and right edges of the bins that hold finite values, rising, and their counts. Where
+        a bin holds a value that many cases have, both edges are there."""
         there = np.flatnonzero(self.counts)
         parts = [
             (
@@ -228,11 +229,11 @@ class _Grid:
             else:
                 parts.append((self.end + near, self.end + far, counts))
         left, right, counts = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return (
-            np.clip(left, self.least, self.greatest),
-            np.clip(right, self.least, self.greatest),
-            counts,
-        )
+        ends = np.clip([left, right], self.least, self.greatest)
+        placed = ends
+        for atom in self.atoms:
+            placed = np.where((ends[0] <= atom) & (atom <= ends[1]), atom, placed)
+        return *placed, counts
 
     def ranked(self, rank: np.ndarray) -> np.ndarray:
         """Values of rank 0 to n - 1, shape (r,); those of one bin are taken to be spread evenly
@@ -245,21 +246,14 @@ class _Grid:
         ends = np.cumsum(counts)
         i = np.searchsorted(ends, inside, side="right")
         value = left[i] + (right[i] - left[i]) * (inside - (ends - counts)[i] + 0.5) / counts[i]
-        for atom in self.atoms:
-            value = np.where((left[i] <= atom) & (atom <= right[i]), atom, value)
         found[finite] = value
         return found
 
     def below(self, edges: np.ndarray) -> np.ndarray:
-        """Number of finite values below each edge, those of one bin evenly spread over it or, where
-        it holds one that many cases have, all there; all of them at the last one."""
+        """Number of finite values below each edge, those of one bin evenly spread over it; all of
+        them at the last one."""
         left, right, counts = self.bins()
-        for atom in self.atoms:
-            there = (left <= atom) & (atom <= right)
-            left, right = (
-                np.where(there, atom, left),
-                np.where(there, np.nextafter(atom, np.inf), right),
-            )
+        right = np.where(left == right, np.nextafter(right, np.inf), right)  # at it is not below it
         ends = np.cumsum(counts)
         found = np.interp(
             edges,

@@ -7,7 +7,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -42,12 +42,7 @@ _FIGURES = (
     "scatter",
     "rare",
 )
-_OUR_FILES = (
-    MANIFEST,
-    CAMPAIGN,
-    PLAN,
-    ledger.LEDGER,
-    _CALL,
+_FOLLOWING = (  # from the cases
     "statistics.csv",
     "statistics.json",
     HISTOGRAMS,
@@ -62,6 +57,7 @@ _OUR_FILES = (
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
+_OUR_FILES = (MANIFEST, CAMPAIGN, PLAN, ledger.LEDGER, _CALL, *_FOLLOWING)
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:
@@ -209,8 +205,18 @@ def _clear(folder: Path) -> None:
         for path in (folder / name).glob("*"):
             path.unlink()
     for path in list(folder.iterdir()) if folder.is_dir() else ():
-        if path.is_file() and any(fnmatchcase(path.name, pattern) for pattern in _OUR_FILES):
+        if path.is_file() and _is_one(path.name, _OUR_FILES):
             path.unlink()
+
+
+def follows(name: str) -> bool:
+    """Whether a name is that of what follows from the cases of a run: statistics, tables,
+    figures."""
+    return _is_one(name, _FOLLOWING)
+
+
+def _is_one(name: str, patterns: Iterable[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
@@ -223,7 +229,7 @@ def _sweep(folder: Path, kinds: Sequence[str] = (".",)) -> None:
 
 def _is_left(path: Path) -> bool:
     """Whether a file is what a process that was killed left of one that it was writing."""
-    return any(fnmatchcase(path.name, f"{one}.????????.tmp") for one in (*_OUR_FILES, PART))
+    return _is_one(path.name, [f"{one}.????????.tmp" for one in (*_OUR_FILES, PART)])
 
 
 def call(folder: Path) -> str:

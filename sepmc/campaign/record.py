@@ -161,7 +161,7 @@ def drop_told(folder: Path) -> list[str]:
     """Remove what follows from the cases of a run, statistics, tables and figures, as it is to have
     others. Returns the names of the files."""
     held = ledger.read(folder)
-    told = [name for name, one in held.items() if not one.cases and name != folders.PLAN]
+    told = [name for name in held if folders.follows(name)]
     for name in told:
         (folder / name).unlink(missing_ok=True)
     if told:

@@ -77,10 +77,9 @@ def race(
 
 def left_out(cases: dict[str, int] | None = None) -> list[str]:
     """A sentence for each engine that is not to fly: not installed, or with no ``cases``."""
+    absent = f"not installed, or too old: {EXTRA.format('peers')}"
     return [
-        f"{name} is left out: "
-        + ("not in a quick look" if count == 0 else "not installed, or too old")
-        + ("" if count == 0 else f": {EXTRA.format('peers')}")
+        f"{name} is left out: {'not in a quick look' if count == 0 else absent}"
         for name, count in {**CASES, **(cases or {})}.items()
         if count == 0 or not _is_installed(name)
     ]
