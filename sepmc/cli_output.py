@@ -173,7 +173,7 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             "what there is stands in statistics.csv and statistics.json, and sepmc run "
             f"{folder} --case N flies any of its cases again"
             if manifest.get("complete")
-            else "it was interrupted, so nothing was kept; fly it again with --overwrite"
+            else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
         )
         of = "statistics, and rows of some cases in kept/" if manifest.get("keep") else ""
         raise folders.StoreError(f"{folder}: holds {of or 'statistics only and no cases'}; {kept}")

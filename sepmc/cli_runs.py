@@ -154,11 +154,6 @@ def campaign(
             raise click.UsageError("--workers are of this machine; --cluster has its own")
         if resume and overwrite:
             raise click.UsageError("--resume and --overwrite exclude each other")
-        if resume and (stats_only or keep):
-            raise click.UsageError(
-                f"--{'keep' if keep else 'stats-only'} keeps no cases to go on from, so it "
-                "excludes --resume"
-            )
         if rare is not None:
             sys.exit(tell_rare(rare, click.get_current_context().params))
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
@@ -210,9 +205,7 @@ def campaign(
                         f"finished cases are kept. Go on with: sepmc campaign {folder} --out "
                         f"{folder} --resume{which}"
                     )
-                    if stats_only or keep:
-                        what = "with --stats-only nothing is kept"
-                    elif not (folder / folders.MANIFEST).is_file():
+                    if not (folder / folders.MANIFEST).is_file():
                         what = "no case was flown yet"
                     click.echo(f"\ninterrupted; {what}", err=True)
                     sys.exit(INTERRUPTED)

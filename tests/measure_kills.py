@@ -1,11 +1,12 @@
 """Kill a run at random moments and resume it: ``python tests/measure_kills.py [--kills 500]
 [--seed 1] [--disk DIR]``.
 
-Each run is killed (SIGKILL, or SIGINT) after a random part of the time it takes, resumed, killed
-again, and so on until it comes to its end; then its rows and histories must be those of a run that
-was left alone, to the last bit, each case once. Exit code 1 if not. With ``--disk``, the folder of
-a small file system (``mount -t tmpfs -o size=64m tmpfs DIR``), runs lie there, and every fourth
-time the disk is filled instead, and made free before the run goes on.
+Runs keep all rows, or count cases, or count them and keep some, in turn. Each is killed (SIGKILL,
+or SIGINT) after a random part of the time it takes, resumed, killed again, and so on until it comes
+to its end; then its rows, histories and statistics must be those of a run that was left alone, to
+the last bit, each case once. Exit code 1 if not. With ``--disk``, the folder of a small file system
+(``mount -t tmpfs -o size=64m tmpfs DIR``), runs lie there, and every fourth time the disk is filled
+instead, and made free before the run goes on.
 """
 
 import argparse
@@ -29,10 +30,15 @@ from sepmc.campaign import folders, record, store
 OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
 OPTIONS += ["--set", "run.history_step_s=0.1"]
 FULL = 0.25  # share of times in which a small disk is filled
+MANNERS = [], ["--stats-only"], ["--keep", "failed,every:7"]
+# what is counted is written far more often than every ten seconds
+PROGRAM = "from sepmc.campaign import chunks; chunks._SAVE_S = 0.05; import sepmc.__main__"
 
 
 def command(folder, *more):
-    return [sys.executable, "-m", "sepmc", "campaign", *OPTIONS, "--out", str(folder), *more]
+    own = [] if "--resume" in more else MANNERS[int(folder.name.rpartition("-")[2]) % len(MANNERS)]
+    words = ["campaign", *OPTIONS, "--out", str(folder), *own, *more]
+    return [sys.executable, "-c", PROGRAM, *words]
 
 
 def table(folder, kind, order):
@@ -45,9 +51,15 @@ def table(folder, kind, order):
 
 def same(one, other):
     """Whether two runs hold the same bits."""
-    return all(
+    held = (one / "statistics.csv", other / "statistics.csv")
+    return held[0].read_bytes() == held[1].read_bytes() and all(
         table(one, kind, order).equals(table(other, kind, order))
-        for kind, order in (("cases", ["case"]), ("histories", ["case", "time_s"]))
+        for kind, order in (
+            ("cases", ["case"]),
+            ("histories", ["case", "time_s"]),
+            ("kept", ["case"]),
+        )
+        if (one / kind).is_dir()
     )
 
 
@@ -97,16 +109,19 @@ def main():
     asked = parser.parse_args()
     rng, kills, runs, wrong = np.random.default_rng(asked.seed), Counter(), 0, 0
     with tempfile.TemporaryDirectory() as temporary:
-        whole = Path(temporary) / "whole"
-        subprocess.run(command(whole), check=True)
+        whole = [Path(temporary) / f"whole-{number}" for number in range(len(MANNERS))]
+        for folder in whole:
+            subprocess.run(command(folder), check=True)
         began = time.perf_counter()
-        subprocess.run(command(whole, "--overwrite"), check=True)
+        subprocess.run(command(whole[0], "--overwrite"), check=True)
         takes = time.perf_counter() - began
         while kills.total() < asked.kills:
             folder, runs = (asked.disk or Path(temporary)) / f"run-{runs}", runs + 1
             while way := killed(folder, rng, 1.3 * takes, asked.disk):
                 kills[way] += 1
-            wrong += not same(whole, folder) or bool(record.diagnose(folder))
+            wrong += not same(whole[(runs - 1) % len(MANNERS)], folder) or bool(
+                record.diagnose(folder)
+            )
             shutil.rmtree(folder)
     print(json.dumps({"kills": kills, "runs": runs, "seconds a run": round(takes, 2)}))
     print(f"{wrong} of {runs} runs differ from one that was left alone")

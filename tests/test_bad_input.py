@@ -791,7 +791,12 @@ def test_no_toml(sepmc, content):
 
 
 # OSError
-@pytest.mark.parametrize("file", ["nowhere.toml", "folder/nowhere.toml", ".", "", "x" * 5000])
+def test_a_folder_that_is_no_run(sepmc, tmp_path):
+    said = sepmc("campaign", str(tmp_path))
+    assert f"{tmp_path}: is a folder, and not that of a run" in said
+
+
+@pytest.mark.parametrize("file", ["nowhere.toml", "folder/nowhere.toml", "", "x" * 5000])
 def test_no_such_file(sepmc, file):
     said = sepmc("campaign", file)
     assert "no such file, nor a shipped campaign" in said

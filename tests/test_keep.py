@@ -7,6 +7,7 @@ from click.testing import CliRunner
 
 import sepmc
 from sepmc import cli
+from sepmc.analysis import sketch, stream
 from sepmc.analysis.requirements import margins
 from sepmc.campaign import chunks, folders, record, sinks, store
 from sepmc.campaign.keep import Keep
@@ -117,6 +118,114 @@ def test_columns_and_precision(rows, kept):
         np.testing.assert_array_equal(frame[name], whole[name].astype(np.float32))
 
 
+class Interrupted(Exception):
+    pass
+
+
+def until(most):
+    def tell(done, total, failures):
+        if done >= most:
+            raise Interrupted
+
+    return tell
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """What is counted is written after every chunk, of which there are many."""
+    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
+    monkeypatch.setattr(chunks, "_PART_S", 0.0)
+    monkeypatch.setattr(chunks, "_FIRST", 40)
+    monkeypatch.setattr(chunks, "_CALL_S", 1e-9)
+
+
+def contents(folder):
+    """What a run holds, but for when it was flown."""
+    apart = ("manifest.json", "checksums.jsonl")
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name not in apart]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("orders", [{"stats_only": True}, {"keep": "failed,worst:7,every:100"}])
+def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
+    """Interrupted twice, it holds what one holds that was left alone, to the last bit; and it grows
+    to more cases, as if they had been asked for at once."""
+    whole, folder = tmp_path / "whole", tmp_path / "run"
+    left_alone = campaign.run(cases=CASES, out=whole, **orders)
+    for most in (300, 250):
+        with pytest.raises(Interrupted):
+            campaign.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
+        assert record.diagnose(folder)
+        assert 0 < store.counted(folder).first < CASES
+    result = campaign.run(cases=CASES, out=folder, resume=True)
+    assert result.resumed >= 500
+    assert contents(folder) == contents(whole)
+    assert not record.diagnose(folder)
+    pd.testing.assert_frame_equal(result.statistics(), left_alone.statistics(), check_exact=True)
+    assert result.status_counts == left_alone.status_counts
+    assert result.kept.summary.tallies[1].extreme == left_alone.kept.summary.tallies[1].extreme
+    more = campaign.run(cases=CASES + 400, out=folder, resume=True)
+    at_once = campaign.run(cases=CASES + 400, stats_only=True)
+    pd.testing.assert_frame_equal(more.statistics(), at_once.statistics(), check_exact=True)
+    assert more.status_counts == at_once.status_counts
+
+
+@pytest.mark.parametrize("damaged", ["counted", "kept"])
+def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
+    """It is told, and all cases are flown again."""
+    whole, folder = tmp_path / "whole", tmp_path / "run"
+    campaign.run(cases=CASES, out=whole, keep="every:100")
+    with pytest.raises(Interrupted):
+        campaign.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
+    (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
+    part.write_bytes(part.read_bytes()[:-9] + b"123456789")
+    assert any(part.name in finding.said for finding in record.diagnose(folder))
+    said = []
+    result = campaign.run(cases=CASES, out=folder, resume=True, announce=said.append)
+    assert any("all are flown" in one for one in said)
+    assert result.resumed == 0
+    assert contents(folder) == contents(whole)
+
+
+def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
+    """Values in a grid, in its tails, on its points of many values; and those that wait."""
+    monkeypatch.setattr(sketch, "ROOM", 256)
+    monkeypatch.setattr(stream, "GRAIN", 64)
+    loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
+    with pytest.raises(Interrupted):
+        loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
+    assert store.counted(tmp_path / "run").first % 64
+    result = loaded.run(cases=CASES, out=tmp_path / "run", resume=True)
+    whole = loaded.run(cases=CASES, stats_only=True)
+    pd.testing.assert_frame_equal(result.statistics(), whole.statistics(), check_exact=True)
+    for name in (column.name for column in loaded.outcome_columns):
+        for one, other in zip(
+            result.kept.summary.histogram(name) or (),
+            whole.kept.summary.histogram(name) or (),
+            strict=True,
+        ):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_statistics_are_written_again(campaign, tmp_path):
+    """From what is counted, without a flight."""
+    folder = tmp_path / "run"
+    options = [f"--set={path}={value}" for path, value in SETTINGS.items() if path != "requirement"]
+    words = ["campaign", "table2", *options, "--cases", "300", "--stats-only", "--no-plots"]
+    run = CliRunner().invoke(cli.main, [*words, "--quiet", "--out", str(folder)])
+    assert run.exit_code == 0, run.output
+    before = contents(folder)
+    (folder / "statistics.csv").write_text("outcome,unit")
+    mended = CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"])
+    assert mended.exit_code == 0, mended.output
+    assert "0 cases flown again" in mended.output
+    assert contents(folder) == before
+    (folder / "manifest.json").unlink()
+    assert record.made_by(folder)["stats_only"]
+    assert CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"]).exit_code == 0
+    assert contents(folder) == before
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -125,7 +234,6 @@ def test_columns_and_precision(rows, kept):
         ({"keep": "failed", "keep_columns": "uper_*"}, "no such column; known here"),
         ({"keep_columns": "upper_*"}, "of rows that are kept by keep"),
         ({"float32": True}, "of rows that are kept by keep"),
-        ({"keep": "failed", "resume": True}, "nothing to go on from"),
         ({"keep": "failed", "out": None}, "give out"),
     ],
 )
@@ -163,8 +271,17 @@ def test_command_line(tmp_path):
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
     assert "float32" not in record.read_manifest(tmp_path / "run")["keep"]
-    both = call("campaign", *options, "--keep", "failed", "--resume")
-    assert "excludes --resume" in both.stderr
+    assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
+    other = call("campaign", *options, "--keep", "all", "--resume")
+    assert other.exit_code == 2
+    assert "was flown keeping failed, and is to go on keeping all" in other.stderr
+
+
+@pytest.mark.parametrize(
+    "text", ["all", "failed,worst:20", "every:9; columns in_*,upper_*; float32", "all; float32"]
+)
+def test_rules_of_a_text(text):
+    assert Keep.of_text(text).text == text
 
 
 def test_text():

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sepmc.analysis.state import Arrays, scalars, set_scalars
+
 
 class Group(NamedTuple):
     """What is known of ``n`` values: the extremes with their cases, the sum of those that are
@@ -113,6 +115,14 @@ class Moments:
             m3,
             m4,
         )
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restore`."""
+        return [scalars(self)]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held."""
+        set_scalars(self, next(arrays))
 
     def row(self) -> dict[str, float]:
         """n, mean, sigma, min, max, mean_se, sigma_se, case_min and case_max; see

@@ -26,6 +26,7 @@ from sepmc.analysis.proportions import (
     interval,
     needed,
 )
+from sepmc.analysis.state import Arrays, scalars, set_scalars
 from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
@@ -91,6 +92,16 @@ class Tally:
         if len(near) > _NEAR:
             near = near[np.argpartition(np.abs(near), _NEAR)[:_NEAR]]
         self._near = near
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restore`."""
+        return [scalars(self), np.array(self.worst), self._near]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held."""
+        set_scalars(self, next(arrays))
+        value, case = next(arrays).tolist()
+        self.worst, self._near = (value, int(case)), next(arrays)
 
     def take(self, others: "Tally") -> None:
         """Take cases that come next, which another tally of the same requirement counted."""

@@ -19,12 +19,14 @@ from typing import Any
 import numpy as np
 
 from sepmc.analysis.proportions import ranked
+from sepmc.analysis.state import Arrays, scalars, set_scalars
 
 ROOM = 65536  # values kept before they are counted: 0.5 MB for each outcome
 BINS = 32768
 _OCTAVE = 64  # bins of a tail for each doubling of the distance from the grid
 # a value repeated so often in the first ROOM is a point mass, and is answered as it is
 _ATOM = ROOM // 1000
+_NO_GRID = np.empty(0)
 
 
 class Sketch:
@@ -43,6 +45,17 @@ class Sketch:
         waiting, self._grid = state
         self._waiting, self._filled = np.empty(ROOM), len(waiting)
         self._waiting[: self._filled] = waiting
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restore`."""
+        return [self._waiting[: self._filled], *(self._grid.state() if self._grid else [_NO_GRID])]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held."""
+        waiting = next(arrays)
+        self._waiting[: len(waiting)], self._filled = waiting, len(waiting)
+        known = next(arrays)
+        self._grid = _Grid.restored(known, arrays) if len(known) else None
 
     def add(self, values: np.ndarray) -> None:
         """Take values, shape (n,), in the order of their cases."""
@@ -155,6 +168,27 @@ class _Grid:
         there, counts = state["counts"]
         self.__dict__ |= state | {"counts": np.zeros(BINS, dtype=np.int64)}
         self.counts[there] = counts
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restored`: of the counts those that are not zero."""
+        there = np.flatnonzero(self.counts)
+        tails = [np.array(list(tail.items()), dtype=float).ravel() for tail in self.tails]
+        infinite = np.array(self.infinite, dtype=float)
+        counted = [there.astype(float), self.counts[there].astype(float)]
+        return [scalars(self), infinite, self.atoms, *counted, *tails]
+
+    @classmethod
+    def restored(cls, numbers: np.ndarray, arrays: Arrays) -> "_Grid":
+        """One that holds what another one held, whose ``numbers`` are the first of its `state`."""
+        found = cls(np.zeros(1))
+        set_scalars(found, numbers)
+        found.infinite = [int(count) for count in next(arrays).tolist()]
+        found.atoms, there = next(arrays), next(arrays).astype(np.int64)
+        found.counts[there] = next(arrays).astype(np.int64)
+        for tail in found.tails:
+            pairs = next(arrays).reshape(-1, 2).astype(np.int64)
+            tail.update({int(place): int(count) for place, count in pairs})
+        return found
 
     def count(self, x: np.ndarray) -> None:
         """Count values, shape (n,)."""

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
+from sepmc.analysis.state import Arrays, scalars, set_scalars
 from sepmc.schema import is_yes_or_no
 
 OK = "ok"
@@ -285,6 +286,14 @@ class Worst:
         found = copy(self)
         found.worst, found.case, found.beyond, found._rank = np.nan, -1, 0, -np.inf
         return found
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restore`."""
+        return [scalars(self)]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held."""
+        set_scalars(self, next(arrays))
 
     def take(self, others: "Worst") -> None:
         """Take cases that come next, which others counted."""

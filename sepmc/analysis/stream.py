@@ -6,7 +6,7 @@ audit columns on one thread; shared among two it takes longer, 200 ns.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from sepmc.analysis.requirements import (
     tally_all,
 )
 from sepmc.analysis.sketch import Sketch
+from sepmc.analysis.state import Arrays
 from sepmc.analysis.statistics import (
     PERCENTILES,
     Histogram,
@@ -39,6 +40,7 @@ from sepmc.schema import Status
 
 GRAIN = 16384  # 128 kB a column: three of them fit into a level 2 cache of 1 MB
 NAMED = 20  # failed cases of each status that are named
+_LABELS = list(dict.fromkeys(status.label for status in Status))
 
 
 class _Takes(Protocol):
@@ -109,6 +111,22 @@ class _Counters:
             own.take(tally)
         for name, worst in self.audits.items():
             worst.take(others.audits[name])
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds besides what is given to it, for `restore`."""
+        named = [[_LABELS.index(label), *numbers] for label, numbers in self.failed.items()]
+        own = [self.by_code, [len(named)], *named]
+        tallied = [array for tally in self.tallies for array in tally.state()]
+        return [*(np.array(one, dtype=float) for one in own), *tallied]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held."""
+        self.by_code[:] = next(arrays)
+        for _ in range(int(next(arrays)[0])):
+            label, *numbers = next(arrays).astype(np.int64).tolist()
+            self.failed[_LABELS[label]] = numbers
+        for tally in self.tallies:
+            tally.restore(arrays)
 
     def _name(self, label: str, numbers: np.ndarray) -> None:
         """Name cases that ended so, if not enough are named."""
@@ -206,6 +224,32 @@ class Stream:
             self._filled, done = self._filled + part, done + part
             if self._filled == GRAIN:
                 self._flush()
+
+    def state(self) -> list[np.ndarray]:
+        """What it holds, for `restore`."""
+        held = slice(0, self._filled)
+        waiting = self._numbers[held], self._codes[held], self._held[:, held].ravel()
+        own = [array for part in self._parts for array in part.state()]
+        return [*(array.astype(float) for array in waiting), *own]
+
+    def restore(self, arrays: Arrays) -> None:
+        """Hold what another one held, of the same outcomes and requirements. Raises ValueError if
+        that cannot be."""
+        try:
+            numbers, codes, columns = next(arrays), next(arrays), next(arrays)
+            self._filled = len(numbers)
+            held = slice(0, self._filled)
+            self._numbers[held], self._codes[held] = numbers, codes
+            self._held[:, held] = columns.reshape(len(self._held), -1)
+            for part in self._parts:
+                part.restore(arrays)
+        except (StopIteration, LookupError, OverflowError, TypeError) as error:
+            raise ValueError(f"what is counted cannot be read: {error}") from None
+
+    @property
+    def _parts(self) -> list[Any]:
+        counted = (self.moments, self.sketches, self.margins, self.audits)
+        return [*(one for each in counted for one in each.values()), self._counters]
 
     def _flush(self) -> None:
         """Take what is held, a grain or the last part of one."""

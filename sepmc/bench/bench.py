@@ -97,9 +97,7 @@ def bench(
         told, frames = _parts(study, history, peers, folder)
     from sepmc.report.bench_figures import draw  # noqa: PLC0415  (matplotlib takes 0.7 s)
 
-    for path in draw(
-        frames, folder, f"{campaign.name}, {study.threads} threads", told["reference"]["floor"]
-    ):
+    for path in draw(frames, folder, campaign.name, study.threads, told["reference"]["floor"]):
         say(str(path))
     return told
 

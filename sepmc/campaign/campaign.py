@@ -8,13 +8,11 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis.compare import differences
 from sepmc.analysis.precision import Until, read_until
-from sepmc.campaign import folders, record, store
+from sepmc.campaign import folders, going_on, record, store
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.chunks import Chunks, Earlier, Orders
 from sepmc.campaign.definition import Case, Definition
@@ -30,8 +28,6 @@ from sepmc.campaign.rare import MOST, Rare, seek
 from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
-from sepmc.campaign.tally import Tally
-from sepmc.campaign.tally import read as read_tally
 from sepmc.campaign.work import Crew
 from sepmc.engine.door import check_every, check_threads, use_threads, whole
 from sepmc.places import place
@@ -40,7 +36,6 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, RunWarning
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
 
-_TOLD = 8  # differences between two campaigns
 _LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
@@ -213,7 +208,7 @@ class Campaign(Definition):
             cases.
         stats_only : bool
             Keep statistics, histograms, audit and counts only, in memory that does not grow with
-            the cases: no rows, no histories, nothing to resume. Percentiles are exact up to 65,536
+            the cases: no rows, no histories. Percentiles are exact up to 65,536
             cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
         until : str, optional
             Fly no more of the cases, once 256, 512, ... of them are flown, than it takes to know a
@@ -245,12 +240,13 @@ class Campaign(Definition):
         StoreError
             If ``out`` cannot be used as asked.
         ValueError
-            If cases, seed or threads are out of range, or ``resume`` meets ``stats_only``.
+            If cases, seed or threads are out of range.
 
         Notes
         -----
         Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
-        ``resume=True`` goes on from there.
+        ``resume=True`` goes on from there, keeping cases as the run began: of one that counts them,
+        what is counted is written every ten seconds.
         """
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
@@ -258,13 +254,11 @@ class Campaign(Definition):
         if max_failures is not None:
             whole("max_failures", max_failures, 0)
         stop = None if until is None else self.until(until, numbers, resume)
-        if stats_only and resume:
-            raise InputError("stats_only keeps no cases to go on from; fly without resume")
         kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
-        if kept and resume:
-            raise InputError("keep lets most cases go, so there is nothing to go on from")
+        if resume and out is not None:
+            stats_only, kept = going_on.as_it_began(place(out), stats_only, kept)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
         orders = Orders(
             threads,
@@ -282,20 +276,19 @@ class Campaign(Definition):
 
     def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:
         """`run`, in memory or into a folder that is open."""
-        seed, numbers, total = draws.seed, draws.numbers, draws.total
+        seed, numbers = draws.seed, draws.numbers
         stats_only, announce, crew, stop = (
             orders.stats_only,
             orders.announce,
             orders.crew,
             orders.until,
         )
-        done = (
-            self._resumed(folder, seed, numbers, total, announce)
+        earlier, wanted = (
+            going_on.earlier(self, folder, draws, stats_only, announce)
             if folder and resume
-            else np.empty(0, dtype=np.int64)
+            else (Earlier(), numbers)
         )
-        if folder and resume and announce and not len(done):
-            announce(f"{folder}: there are no cases to go on from, so all are flown")
+        left = wanted.count
         if announce:
             announce(
                 f"{self.name}: {self.file.title or 'no title'}; {numbers.count} cases, seed {seed}"
@@ -303,7 +296,7 @@ class Campaign(Definition):
             )
         keep = orders.keep
         if folder and (not stats_only or (keep and ALL in keep.rules)):
-            left, over_time = numbers.without(done).count, self.has_histories and not stats_only
+            over_time = self.has_histories and not stats_only
             forecast(self, left, over_time, keep).check_disk(folder)
         use_threads(orders.threads)
         begun = time.perf_counter()
@@ -316,14 +309,8 @@ class Campaign(Definition):
             "kernel": 0.0,
             "write": 0.0,
         }
-        earlier = Earlier()
-        if folder and len(done):
-            tally = sum((read_tally(text) for text in store.tallies(folder)), Tally())
-            earlier = Earlier(len(done), tally, tuple(record.made_by(folder).get("sessions", ())))
-        wanted = numbers.without(done)
-        left = wanted.count
-        if announce and len(done):
-            announce(f"{folder}: {len(done)} cases are there, {left} are left to fly")
+        if announce and earlier.held:
+            announce(f"{folder}: {earlier.held} cases are there, {left} are left to fly")
         chunks = Chunks(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
@@ -349,6 +336,7 @@ class Campaign(Definition):
                 chunks.finish()
         finally:
             if folder:
+                chunks.save()
                 chunks.write_manifest(complete=chunks.held == chunks.wanted)
         _warn(chunks.notes, announce)
         return Result(
@@ -362,7 +350,7 @@ class Campaign(Definition):
             chunks.notes,
             flight,
             chunks.accuracy,
-            resumed=len(done),
+            resumed=earlier.held,
             stopped=chunks.too_many_failed,
         )
 
@@ -417,82 +405,6 @@ class Campaign(Definition):
             raise InputError(f"until = {text}: excludes {what}")
         return found
 
-    def _resumed(
-        self,
-        folder: Path,
-        seed: int,
-        numbers: Numbers,
-        total: int,
-        announce: Callable[[str], None] | None,
-    ) -> np.ndarray:
-        """Cases a folder already holds whole, if it is the same campaign."""
-        if not folders.is_run(folder):
-            return np.empty(0, dtype=np.int64)
-        manifest = record.made_by(folder)
-        if "rare" in manifest:
-            raise folders.StoreError(
-                f"{folder}: holds {folders.RARE}, so there are no cases to go on from; use "
-                "--overwrite or another --out"
-            )
-        if manifest.get("stats_only"):
-            raise folders.StoreError(
-                f"{folder}: holds statistics only, so there are no cases to go on from; use "
-                "--overwrite or another --out"
-            )
-        if manifest.get("digest") not in (None, self.digest):
-            raise folders.StoreError(
-                f"{folder}: was flown with another campaign, so its cases cannot be continued; use "
-                f"--overwrite or another --out. {self._differences(folder)}"
-            )
-        if manifest.get("seed") not in (None, seed):
-            raise folders.StoreError(
-                f"{folder}: was flown with another seed ({manifest.get('seed')}, not {seed}), so "
-                "its cases cannot be continued; use --overwrite or another --out"
-            )
-        sampler, held = self.scene.run.sampler, manifest.get("of", manifest.get("cases"))
-        if sampler in OF_ITS_SIZE and held not in (None, total):
-            what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
-            raise folders.StoreError(
-                f"{folder}: is {what} of {held} cases, which cannot be continued to {total}; use "
-                "--overwrite or another --out"
-            )
-        dropped = store.drop_damaged(folder, self.has_histories)
-        done, own = store.cases_done(folder), [column.name for column in self.columns]
-        if len(done) and (other := set(own).symmetric_difference(store.CaseColumns(folder))):
-            raise folders.StoreError(
-                f"{folder}: was flown by another version of sepmc, whose rows differ in "
-                f"{', '.join(sorted(other))}, so its cases cannot be continued; use --overwrite or "
-                "another --out"
-            )
-        if numbers.leave_out(done):
-            raise folders.StoreError(
-                f"{folder}: holds cases up to {done[-1]}; --cases {_said(numbers)} would leave "
-                "some out"
-            )
-        if dropped and announce:
-            announce(
-                f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
-                "written, so these are flown again"
-            )
-        if manifest.get("cases", numbers.count) != numbers.count:
-            told = record.drop_told(folder)
-            if told and announce:
-                announce(
-                    f"{folder}: told of {manifest['cases']} cases only, so removed: "
-                    f"{', '.join(sorted(told))}"
-                )
-        return done
-
-    def _differences(self, folder: Path) -> str:
-        """What differs from the campaign of a run folder, key by key."""
-        try:
-            other = read_campaign(str(folder))
-        except InputError:
-            return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-        found = differences(other.tree, self.file.tree)
-        more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
-        return f"It differs in {'; '.join(found[:_TOLD])}{more}"
-
 
 def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bool) -> None:
     """Raise InputError if workers cannot fly what is asked for."""
@@ -510,8 +422,3 @@ def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:
     """Give notes as warnings, where nothing is announced to anyone."""
     for note in notes if announce is None else ():
         warnings.warn(note, RunWarning, stacklevel=3)
-
-
-def _said(numbers: Numbers) -> str:
-    """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
-    return str(numbers.count if numbers.are_first else numbers)

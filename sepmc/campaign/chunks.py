@@ -36,6 +36,7 @@ _FIRST = 256  # cases flown first, to see how long they take
 # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
 # so long
 _CALL_S = 0.5
+_SAVE_S = 10.0  # from one writing of what is counted to the next: it takes a tenth of a second
 # what took longer to fly is handed over before its chunk is full, so that little is lost with the
 # machine
 _PART_S = 5.0
@@ -61,12 +62,13 @@ class Orders:
 
 @dataclass(frozen=True)
 class Earlier:
-    """What a run that is resumed holds already: how many cases, what was counted of them, and by
-    which commands they were flown."""
+    """What a run that is resumed holds already: how many cases, what was counted of them, by which
+    commands they were flown, and of a run of statistics these, as `Chunks.save` wrote them."""
 
     held: int = 0
     tally: Tally = field(default_factory=Tally)
     sessions: tuple[dict[str, Any], ...] = ()
+    arrays: tuple[np.ndarray, ...] = ()
 
 
 class Chunks:
@@ -108,6 +110,10 @@ class Chunks:
             if folder
             else InMemory(campaign, self.separation)
         )
+        if earlier.arrays:
+            self._restore(earlier.arrays)
+        # statistics are those of the cases held, and when they were written
+        self._sound, self._saved = True, time.monotonic()
         self._call = _FIRST
         self._seconds = 1e-9  # that a worker takes for a case
         self.kinds: Counter[str] = Counter()  # cases that workers flew, by their kind
@@ -176,10 +182,10 @@ class Chunks:
         first ones are flown here: they lay out the grids that all are counted in."""
         assert self.folder is not None
         stream = self.sink.stream if isinstance(self.sink, InStatistics) else None
-        done = 0
+        done = self.earlier.held
         if stream:
-            done = min(ROOM, numbers.end)
-            self.fly(0, done, tell)
+            begun, done = done, min(max(ROOM, done + -done % GRAIN), numbers.end)
+            self.fly(begun, done, tell)
             self._wait()
             if self.too_many_failed:
                 return
@@ -200,8 +206,11 @@ class Chunks:
                 for flown in _in_order(results, done) if stream else results:
                     if stream:
                         assert flown.apart is not None
+                        self._sound = False
                         stream.take(flown.apart)
                     self._receive(flown)
+                    self._sound = True
+                    self._save_at_times()
                     tell()
                     if self.too_many_failed:
                         break
@@ -264,9 +273,12 @@ class Chunks:
 
     def _take(self, pieces: list[Piece]) -> None:
         start = time.perf_counter()
+        self._sound = False
         self.sink.take(pieces)
         self.held += sum(len(piece.drawn) for piece in pieces)
         self.tally = sum((piece.tally for piece in pieces), self.tally)
+        self._sound = True
+        self._save_at_times()
         self.timing["write"] += time.perf_counter() - start
 
     def _wait(self) -> None:
@@ -275,10 +287,37 @@ class Chunks:
         if taking:
             taking.result()
 
+    def _save_at_times(self) -> None:
+        if time.monotonic() - self._saved > _SAVE_S:
+            self.save()
+
+    def save(self) -> None:
+        """Write what is counted so far, if cases are let go: where an interrupted run goes on from.
+        A number of cases that depends on it cannot be resumed."""
+        sink, until = self.sink, self.orders.until
+        if self.folder is None or until or not (isinstance(sink, InStatistics) and self._sound):
+            return
+        about = sink.about(self.draws, self.tally)
+        arrays = [*sink.stream.state(), *(self.rows.chosen.state() if self.rows else ())]
+        store.write_counted(self.folder, self.earlier.held + self.held, arrays, about)
+        self._saved = time.monotonic()
+
+    def _restore(self, arrays: Iterable[np.ndarray]) -> None:
+        """Go on from what was counted. Raises StoreError if it is of another run."""
+        assert isinstance(self.sink, InStatistics)
+        held = iter(arrays)
+        try:
+            self.sink.stream.restore(held)
+            if self.rows:
+                self.rows.chosen.restore(held)
+        except (ValueError, StopIteration) as error:
+            raise folders.StoreError(f"{self.folder}: {error}; fly it with --overwrite") from None
+
     def finish(self) -> None:
         """Let go of rows that are not to be kept, now that all are known."""
         self._wait()
         if self.rows:
+            self.save()  # later rows would be kept twice
             self.rows.finish()
 
     def write_manifest(self, complete: bool) -> None:
@@ -296,7 +335,7 @@ class Chunks:
             "complete": complete,
             "stats_only": self.orders.stats_only,
             **({"keep": self.orders.keep.text} if self.orders.keep else {}),
-            "cases_held": self.earlier.held + (0 if self.orders.stats_only else self.held),
+            "cases_held": 0 if self.orders.stats_only else self.earlier.held + self.held,
             "failures": self.tally.failures,
             "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),

@@ -18,8 +18,8 @@ from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
 
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
-# rows and histories of all cases; rows of some, of a run that lets the others go
-CASES, HISTORIES, KEPT = OURS = own_files.KINDS
+# rows and histories of all cases; of a run that lets cases go, rows of some, and what is counted
+CASES, HISTORIES, KEPT, COUNTED = OURS = own_files.KINDS
 PLAN, HISTORY = "plan.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
 PART = "part-*.parquet"
@@ -120,7 +120,7 @@ def check_folder(
         if not (overwrite or resume):
             ways = (
                 "add --resume to fly its missing cases, --overwrite to replace it,"
-                if resumable and (folder / CASES).is_dir()
+                if resumable and any((folder / kind).is_dir() for kind in (CASES, COUNTED))
                 else "add --overwrite to replace it"
             )
             raise StoreError(f"{folder}: exists; {ways} or choose another --out")

@@ -1,7 +1,7 @@
 """Which rows a run keeps that counts its cases and lets them go: rules, columns, precision."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
@@ -39,6 +39,13 @@ class Keep:
         said += f"; columns {','.join(self.patterns)}" if self.patterns else ""
         return said + ("; float32" if self.single else "")
 
+    @classmethod
+    def of_text(cls, text: str) -> "Keep":
+        """That of which a manifest has the `text`. Raises InputError if it is none."""
+        rules, *more = text.split("; ")
+        columns = [one.removeprefix("columns ") for one in more if one.startswith("columns ")]
+        return _read(rules, tuple(columns[0].split(",")) if columns else (), "float32" in more)
+
     def columns(self, known: Sequence[Column]) -> list[Column]:
         """Of the columns of a case table those that are kept."""
         return [
@@ -59,6 +66,21 @@ def read_keep(
 ) -> Keep:
     """Rules as the command line takes them, ``failed,worst:20``, and patterns of the names of
     columns. Raises InputError with what is allowed."""
+    chosen = tuple(one.strip() for one in patterns.split(",")) if patterns else ()
+    keep = _read(rules, chosen, single)
+    if not _bounded(requirements) and WORST in keep.rules:
+        raise InputError("keep = worst: of what the file requires with a bound, which is nothing")
+    if VIOLATING in keep.rules and not requirements:
+        raise InputError("keep = violating: of what the file requires, which is nothing")
+    names = [column.name for column in columns]
+    for pattern in chosen:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise InputError(f"keep columns = {pattern}: no such column; {nearest(pattern, names)}")
+    return keep
+
+
+def _read(rules: str, patterns: tuple[str, ...], single: bool) -> Keep:
+    """Rules as text."""
     counts, named = {WORST: 0, EVERY: 0}, []
     for text in (one.strip() for one in rules.split(",")):
         found = _RULE.fullmatch(text)
@@ -70,16 +92,7 @@ def read_keep(
         named.append(found[1] or found[2])
         if found[2]:
             counts[found[2]] = int(found[3])
-    if not _bounded(requirements) and WORST in named:
-        raise InputError("keep = worst: of what the file requires with a bound, which is nothing")
-    if VIOLATING in named and not requirements:
-        raise InputError("keep = violating: of what the file requires, which is nothing")
-    chosen = tuple(one.strip() for one in patterns.split(",")) if patterns else ()
-    names = [column.name for column in columns]
-    for pattern in chosen:
-        if not any(fnmatchcase(name, pattern) for name in names):
-            raise InputError(f"keep columns = {pattern}: no such column; {nearest(pattern, names)}")
-    return Keep(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], chosen, single)
+    return Keep(tuple(dict.fromkeys(named)), counts[WORST], counts[EVERY], patterns, single)
 
 
 def _bounded(requirements: Sequence[Requirement]) -> list[Requirement]:
@@ -109,7 +122,7 @@ class Chosen:
                 _say(why, known, f"{VIOLATING} {one.name}")
         if EVERY in self.keep.rules:
             _say(why, numbers % self.keep.every == 0, EVERY)
-        for one in _bounded(self.requirements) if WORST in self.keep.rules else ():
+        for one in self._followed:
             margin = np.where(ok, margins(np.asarray(rows[one.metric], float), one), np.nan)
             self._add(one.name, margin, numbers)
             _say(why, np.isin(numbers, self.worst[one.name][1]), f"{WORST} {one.name}")
@@ -128,6 +141,21 @@ class Chosen:
         which = np.concatenate([before[1], numbers[there]])
         first = np.lexsort((which, every))[: self.keep.worst]
         self.worst[name] = every[first], which[first]
+
+    def state(self) -> list[np.ndarray]:
+        """Margins and numbers of the worst so far, for `restore`."""
+        none = np.empty(0)
+        found = (self.worst.get(one.name, (none, none)) for one in self._followed)
+        return [array.astype(float) for pair in found for array in pair]
+
+    def restore(self, arrays: Iterator[np.ndarray]) -> None:
+        """Hold what another one held."""
+        for one in self._followed:
+            self.worst[one.name] = next(arrays), next(arrays).astype(np.int64)
+
+    @property
+    def _followed(self) -> Sequence[Requirement]:
+        return _bounded(self.requirements) if WORST in self.keep.rules else ()
 
     def still(self, numbers: np.ndarray, why: np.ndarray) -> np.ndarray:
         """Why rows that were kept are, now that all cases passed by: nothing, of those that others

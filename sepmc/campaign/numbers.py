@@ -76,6 +76,16 @@ class Numbers:
             left += zip((fences[gaps] + 1).tolist(), fences[gaps + 1].tolist(), strict=True)
         return Numbers(tuple(left))
 
+    def after(self, count: int) -> "Numbers":
+        """Those that come after the first so many of them."""
+        left = []
+        for first, end in self.ranges:
+            skipped = min(count, end - first)
+            count -= skipped
+            if first + skipped < end:
+                left.append((first + skipped, end))
+        return Numbers(tuple(left))
+
     def leave_out(self, done: np.ndarray) -> bool:
         """Whether some of the sorted numbers ``done`` (n,) are not among these."""
         held = sum(

@@ -9,7 +9,7 @@ from sepmc.places import is_local
 from sepmc.scene import limits
 
 # folders that a run has in its own
-KINDS = ("cases", "histories", "kept")
+KINDS = ("cases", "histories", "kept", "counted")
 # what a file of a run may be called, in the list of its files
 _NAME = re.compile(rf"(({'|'.join(KINDS)})/)?[A-Za-z0-9][A-Za-z0-9_.+-]{{0,250}}")
 

@@ -88,7 +88,12 @@ def made_by(folder: Path) -> dict[str, Any]:
             return manifest
     except StoreError:
         pass
-    for path in sorted((folder / folders.CASES).glob("part-*.parquet")):
+    parts = (
+        path
+        for kind in (folders.CASES, folders.COUNTED)
+        for path in sorted((folder / kind).glob("part-*.parquet"))
+    )
+    for path in parts:
         with contextlib.suppress(StoreError, KeyError, ValueError):
             _, said = store.about(path)
             return manifests.of_part(said)
@@ -134,7 +139,9 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
         how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
-        yield Finding(f"{folder / ledger.LEDGER}: {said}{how if holds_cases(manifest) else ''}")
+        yield Finding(
+            f"{folder / ledger.LEDGER}: {said}{how if can_go_on(folder, manifest) else ''}"
+        )
 
 
 def holds_cases(manifest: Mapping[str, Any]) -> bool:
@@ -142,6 +149,13 @@ def holds_cases(manifest: Mapping[str, Any]) -> bool:
     not one of statistics only, and not the estimate of a rare event."""
     alone = "case" in manifest or "rare" in manifest
     return not alone and not manifest.get("stats_only")
+
+
+def can_go_on(folder: Path, manifest: Mapping[str, Any]) -> bool:
+    """Whether a run can be continued, by its cases or by what is counted of them."""
+    if "case" in manifest or "rare" in manifest:
+        return False
+    return holds_cases(manifest) or store.counted(folder) is not None
 
 
 def note(folder: Path, files: Iterable[Path]) -> None:
@@ -193,11 +207,14 @@ def diagnose(folder: Path) -> list[Finding]:
             if f"{kind}/{path.name}" not in held:
                 said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 found.append(Finding(f"{path}: {said}"))
-    if _is_sealed(manifest) and holds_cases(manifest):
+    goes_on = can_go_on(folder, manifest)
+    if _is_sealed(manifest) and goes_on:
+        counted = store.counted(folder)
         there = sum(one.cases for one in store.parts(folder, folders.CASES))
+        there += counted.first if counted else 0
         if there < manifest["cases"]:
             found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
-    if not holds_cases(manifest):  # it is flown again as a whole
+    if not goes_on:  # it is flown again as a whole
         found = [replace(one, mends=False) for one in found]
     return found
 

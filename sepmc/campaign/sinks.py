@@ -199,6 +199,12 @@ class InStatistics:
         if self.rows:
             store.note_parts(self.rows.folder, self.rows.write(pieces))
 
+    def about(self, draws: Draws, tally: Tally) -> dict[str, str]:
+        """What a file says of itself that holds the statistics."""
+        keep = self.rows.chosen.keep.text if self.rows else ""
+        told = {"numbers": draws.told, "tally": tally.text, "keep": keep}
+        return _about(self.campaign, draws) | told
+
     def kept(self) -> Kept:
         """The statistics alone."""
         return Kept(self.stream)

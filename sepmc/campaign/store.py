@@ -1,12 +1,14 @@
 """Rows and histories of a run folder in Parquet, and its statistics. The only place that knows
 pyarrow, but for the tables that give inputs."""
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -118,6 +120,44 @@ def replace_parts(folder: Path, kind: str, parts: Iterable[ledger.Entry]) -> Non
             path.unlink()
 
 
+def write_counted(
+    folder: Path, cases: int, arrays: Sequence[np.ndarray], about: dict[str, str]
+) -> None:
+    """Write what is counted of the first so many cases of a run, in place of what was before."""
+    lengths = json.dumps([len(one) for one in arrays])
+    path = part_path(folder, folders.COUNTED, cases)
+    column = Column("value", "", "what is counted, an array after the other")
+    content = write_parquet(
+        path, [column], {"value": np.concatenate(arrays)}, about | {"lengths": lengths}
+    )
+    one = ledger.entry(f"{folders.COUNTED}/{path.name}", content, cases)
+    try:
+        replace_parts(folder, folders.COUNTED, [one])
+    except OSError as error:
+        raise StoreError(f"{folder / ledger.LEDGER}: cannot be written: {error}") from None
+
+
+def counted(folder: Path) -> ledger.Entry | None:
+    """What tells what is counted of a run, as it was written; None if there is nothing."""
+    held = [o for o in ledger.read(folder).values() if o.file.startswith(f"{folders.COUNTED}/")]
+    return held[-1] if held and not fault_of(folder, held[-1]) else None
+
+
+def read_counted(folder: Path, one: ledger.Entry) -> tuple[list[np.ndarray], dict[bytes, bytes]]:
+    """Arrays that tell what is counted of a run, and what they say of it. Raises StoreError if they
+    are none."""
+    path = folder / one.file
+    _, said = about(path)
+    values = read_table(path, ["value"])["value"].to_numpy()
+    try:
+        lengths = msgspec.json.decode(said[b"lengths"], type=list[int])
+        if min(lengths) < 0 or sum(lengths) != len(values):
+            raise ValueError("its arrays have other lengths")
+    except (KeyError, ValueError, msgspec.MsgspecError) as error:
+        raise StoreError(f"{path}: cannot be read: {error}") from None
+    return np.split(values, np.cumsum(lengths)[:-1]), said
+
+
 def part_path(folder: Path, kind: str, first: int) -> Path:
     """Path of the part that begins with case ``first``."""
     return folder / kind / f"part-{first:010d}.parquet"
@@ -226,11 +266,28 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
         else:
             dropped += one.cases
     ledger.rewrite(folder, kept.values())
+    _drop_unknown(folder)
+    return dropped
+
+
+def drop_kept(folder: Path, first: int | None) -> bool:
+    """Drop rows that a run kept of the case ``first`` and later ones, and what of it is in no
+    ledger. Returns whether the other ones are as they were written."""
+    held = ledger.read(folder)
+    kept = parts(folder, folders.KEPT)
+    late = [one.file for one in kept if first is not None and one.first >= first]
+    ledger.rewrite(folder, [one for name, one in held.items() if name not in late])
+    _drop_unknown(folder)
+    return not any(fault_of(folder, one) for one in parts(folder, folders.KEPT))
+
+
+def _drop_unknown(folder: Path) -> None:
+    """Remove parts that are in no ledger."""
+    held = ledger.read(folder)
     for kind in folders.OURS:
         for path in (folder / kind).glob("part-*.parquet*"):
-            if f"{kind}/{path.name}" not in kept:
+            if f"{kind}/{path.name}" not in held:
                 path.unlink()
-    return dropped
 
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
@@ -423,7 +480,10 @@ def read_told(folder: Path) -> Told:
     for name, index in (("statistics.csv", "outcome"), (folders.HISTOGRAMS, None)):
         problem = fault_of(folder, held[name]) if name in held else "is not there"
         if problem:
-            raise StoreError(f"{folder / name}: {problem}; fly the run again with --overwrite")
+            raise StoreError(
+                f"{folder / name}: {problem}; to write it again: sepmc campaign {folder} --out "
+                f"{folder} --resume"
+            )
         frames.append(pd.read_csv(source(folder / name), index_col=index))
     table, bins = frames
     return Told(table.drop(columns="unit"), bins)

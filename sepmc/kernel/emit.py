@@ -144,7 +144,16 @@ def _first_slabs(c: Context) -> None:
     with c.slabs.optional():
         c.slabs.add("GUARD", len(c.guards))
         if c.idles:
-            for name in ("PACE", "TIMES", "LEFT", "FIRST", "WAY", "HELD_BACK", "USUALLY"):
+            for name in (
+                "PACE",
+                "TIMES",
+                "LEFT",
+                "FIRST",
+                "WAY",
+                "HELD_BACK",
+                "USUALLY",
+                "PIVOT_BEFORE",
+            ):
                 c.slabs.add(name, 1)
             c.slabs.add("BEFORE", c.size)
         # in this order and without a gap

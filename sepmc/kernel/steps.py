@@ -233,6 +233,8 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     it starts from."""
     if c.idles:
         text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
+        if c.slabs.has("PIVOT"):
+            text.lanes()("w[PIVOT_BEFORE + l] = w[PIVOT + l]")
     inner = text.block("for e in range(size):")
     inner("w[S + e] = w[Y + e]")
     if keeps:
@@ -327,6 +329,10 @@ def emit_settle(out: Text, c: Context) -> None:
         text.block("for e in range(SIZE_Y):")(
             "w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
         )
+        if c.slabs.has("PIVOT"):
+            text.lanes()(
+                "w[PIVOT + l] = w[PIVOT_BEFORE + l] if w[STEP + l] == 0.0 else w[PIVOT + l]"
+            )
     for number, stage in enumerate(shape.stages):
         text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
 

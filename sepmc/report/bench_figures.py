@@ -50,11 +50,13 @@ STAR: dict[str, Any] = {
 }
 
 
-def draw(frames: Mapping[str, pd.DataFrame], folder: Path, title: str, floor: float) -> list[Path]:
+def draw(
+    frames: Mapping[str, pd.DataFrame], folder: Path, title: str, threads: int, floor: float
+) -> list[Path]:
     """Draw what there is of the parts of a bench, by name, into a folder; returns the files.
 
-    ``title`` says what was measured on what; below ``floor`` the reference cannot tell errors
-    apart.
+    ``title`` says what was measured, on so many ``threads`` where nothing else is told; below
+    ``floor`` the reference cannot tell errors apart.
     """
     drawers = {
         "work_precision": _work_precision,
@@ -64,10 +66,12 @@ def draw(frames: Mapping[str, pd.DataFrame], folder: Path, title: str, floor: fl
         "scaling": _scaling,
         "peers": _peers,
     }
+    # each of its lines tells its own number of threads; a feature is timed on one
+    titles = {"scaling": title, "features": f"{title}, one thread"}
     written = []
     for name, drawer in drawers.items():
         if name in frames and len(frames[name]):
-            figure = drawer(frames[name], title, floor)
+            figure = drawer(frames[name], titles.get(name, f"{title}, {threads} threads"), floor)
             written.append(folder / f"{name}.png")
             figure.savefig(written[-1], dpi=150, metadata={"Software": None})
     return written

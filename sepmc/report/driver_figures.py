@@ -105,6 +105,16 @@ _DOTS, _INPUTS = 1500, 3  # cases that are drawn; inputs of an outcome
 _WIDE = 24  # letters of 9 pt along an ordinate
 
 
+def _drawn(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Which cases (n,) are drawn: the first ones, and those at the ends of either number."""
+    found = np.arange(len(x)) < _DOTS
+    for values in (x, y):
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known):
+            found[known[[values[known].argmin(), values[known].argmax()]]] = True
+    return found
+
+
 def scatter_figure(
     found: Mapping[str, pd.DataFrame],
     rows: Mapping[str, np.ndarray],
@@ -134,10 +144,11 @@ def scatter_figure(
                 ax.remove()
                 continue
             name = str(table.index[k])
-            fine = ~crossed & (np.arange(len(crossed)) < _DOTS)
+            fine, few = ~crossed & _drawn(rows[name], rows[outcome]), len(crossed) <= _DOTS
             ax.plot(
                 rows[name][fine], rows[outcome][fine], ".", ms=2.5, color=BLUE, alpha=0.5,
-                label="cases", rasterized=True,
+                label="cases" if few else f"the first {_DOTS:,} cases and the extremes of all",
+                rasterized=True,
             )  # fmt: skip
             if crossed.any():
                 ax.plot(

@@ -102,6 +102,8 @@ def find_file(file: str | Path) -> Path:
     for name in (path.name, path.name + ".toml"):
         if len(path.parts) == 1 and name in shipped:
             return shipped[name]
+    if file and path.is_dir():
+        raise SceneError([f"{file}: is a folder, and not that of a run; give a file, or a run"])
     hint = "shipped campaigns: " + ", ".join(shipped)
     if len(path.parts) == 1:  # without the ending, by which all names are alike
         hint = nearest(path.stem, [Path(name).stem for name in shipped])

@@ -1,0 +1,167 @@
+"""What a run folder holds already, from which a run goes on: rows of cases, or what is counted of
+them."""
+
+from pathlib import Path
+from typing import Any
+
+from sepmc.analysis.compare import differences
+from sepmc.campaign import folders, record, store
+from sepmc.campaign.cases import OF_ITS_SIZE
+from sepmc.campaign.chunks import Earlier
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.flight import Say
+from sepmc.campaign.keep import Keep
+from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.piece import Draws
+from sepmc.campaign.tally import Tally
+from sepmc.campaign.tally import read as read_tally
+from sepmc.scene.messages import InputError
+from sepmc.scene.read import read_campaign
+
+_TOLD = 8  # differences between two campaigns
+
+
+def as_it_began(folder: Path, stats_only: bool, keep: Keep | None) -> tuple[bool, Keep | None]:
+    """Whether a run that is resumed counts its cases and lets them go, and which it keeps: as it
+    began. Raises StoreError if something else is asked for."""
+    manifest = record.made_by(folder) if folders.is_run(folder) else {}
+    if "digest" not in manifest or "rare" in manifest:
+        return stats_only, keep
+    counts, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
+    if (stats_only or keep) and (counts, text) != (True, keep.text if keep else ""):
+        raise folders.StoreError(
+            f"{folder}: was flown {_manner(counts, text)}, and is to go on "
+            f"{_manner(True, keep.text if keep else '')}; leave that out, or choose another --out"
+        )
+    return counts, Keep.of_text(text) if text else None
+
+
+def _manner(counts: bool, keep: str) -> str:
+    return f"keeping {keep}" if keep else "with --stats-only" if counts else "keeping all rows"
+
+
+def earlier(
+    campaign: Definition,
+    folder: Path,
+    draws: Draws,
+    counts: bool,
+    announce: Say | None,
+) -> tuple[Earlier, Numbers]:
+    """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
+    it is of another one."""
+    manifest: dict[str, Any] = record.made_by(folder) if folders.is_run(folder) else {}
+    if manifest:
+        _check(campaign, folder, draws, manifest)
+    found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
+    if manifest.get("cases", draws.numbers.count) != draws.numbers.count:
+        told = record.drop_told(folder)
+        if told and announce:
+            announce(
+                f"{folder}: told of {manifest['cases']} cases only, so removed: "
+                f"{', '.join(sorted(told))}"
+            )
+    if announce and not found.held:
+        announce(f"{folder}: there are no cases to go on from, so all are flown")
+    return found, left
+
+
+def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str, Any]) -> None:
+    """Raise StoreError if a folder holds another run."""
+    if "rare" in manifest:
+        raise folders.StoreError(
+            f"{folder}: holds {folders.RARE}, so there are no cases to go on from; use "
+            "--overwrite or another --out"
+        )
+    if manifest.get("digest") not in (None, campaign.digest):
+        raise folders.StoreError(
+            f"{folder}: was flown with another campaign, so its cases cannot be continued; use "
+            f"--overwrite or another --out. {_differences(campaign, folder)}"
+        )
+    if manifest.get("seed") not in (None, draws.seed):
+        raise folders.StoreError(
+            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {draws.seed}), so "
+            "its cases cannot be continued; use --overwrite or another --out"
+        )
+    sampler, held = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
+    if sampler in OF_ITS_SIZE and held not in (None, draws.total):
+        what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
+        raise folders.StoreError(
+            f"{folder}: is {what} of {held} cases, which cannot be continued to {draws.total}; use "
+            "--overwrite or another --out"
+        )
+
+
+def _differences(campaign: Definition, folder: Path) -> str:
+    """What differs from the campaign of a run folder, key by key."""
+    try:
+        other = read_campaign(str(folder))
+    except InputError:
+        return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
+    found = differences(other.tree, campaign.file.tree)
+    more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+    return f"It differs in {'; '.join(found[:_TOLD])}{more}"
+
+
+def _rows(
+    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
+) -> tuple[Earlier, Numbers]:
+    """The cases whose rows a folder holds whole."""
+    if not folders.is_run(folder):
+        return Earlier(), draws.numbers
+    dropped = store.drop_damaged(folder, campaign.has_histories)
+    done, own = store.cases_done(folder), [column.name for column in campaign.columns]
+    if not len(done):
+        return Earlier(), draws.numbers
+    if other := set(own).symmetric_difference(store.CaseColumns(folder)):
+        raise folders.StoreError(
+            f"{folder}: was flown by another version of sepmc, whose rows differ in "
+            f"{', '.join(sorted(other))}, so its cases cannot be continued; use --overwrite or "
+            "another --out"
+        )
+    if draws.numbers.leave_out(done):
+        raise folders.StoreError(
+            f"{folder}: holds cases up to {done[-1]}; --cases {said(draws.numbers)} would leave "
+            "some out"
+        )
+    if dropped and announce:
+        announce(
+            f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
+            "written, so these are flown again"
+        )
+    tally = sum((read_tally(text) for text in store.tallies(folder)), Tally())
+    return Earlier(len(done), tally, _sessions(folder)), draws.numbers.without(done)
+
+
+def _counted(
+    campaign: Definition, folder: Path, draws: Draws, announce: Say | None
+) -> tuple[Earlier, Numbers]:
+    """What is counted of the first cases of a run, as it was when it was last written; rows that
+    were kept of cases after these are dropped."""
+    one = store.counted(folder)
+    later = draws.numbers.after(one.first).ranges if one else ()
+    if one and not store.drop_kept(folder, later[0][0] if later else None):
+        if announce:
+            announce(f"{folder}: rows that were kept are gone or not as they were written")
+        one = None
+    if not one:
+        store.drop_damaged(folder, with_histories=False)
+        return Earlier(), draws.numbers
+    arrays, about = store.read_counted(folder, one)
+    if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
+        named = about.get(b"numbers", b"").decode(errors="replace")
+        raise folders.StoreError(
+            f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; --cases "
+            f"{said(draws.numbers)} would leave some out"
+        )
+    tally = read_tally(about.get(b"tally", b""))
+    found = Earlier(one.first, tally, _sessions(folder), tuple(arrays))
+    return found, draws.numbers.after(one.first)
+
+
+def _sessions(folder: Path) -> tuple[dict[str, Any], ...]:
+    return tuple(record.made_by(folder).get("sessions", ()))
+
+
+def said(numbers: Numbers) -> str:
+    """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
+    return str(numbers.count if numbers.are_first else numbers)
