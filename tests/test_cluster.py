@@ -16,7 +16,7 @@ import sepmc
 from sepmc import cli
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
-from sepmc.campaign import record, store
+from sepmc.campaign import chunks, record, store
 from sepmc.campaign.work import OutOfStepError
 from sepmc.cluster import ClusterError, DaskCrew, crew
 from sepmc.scene.messages import InputError
@@ -95,6 +95,30 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
     assert 0 < len(store.cases_done(tmp_path / "run")) < CASES
     campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
     assert same(alone.folder, tmp_path / "run")
+    (tmp_path / "run" / "cases" / "part-0000000000.parquet").unlink()
+    campaign.run(cases=CASES, out=tmp_path / "run", resume=True, crew=workers)
+    assert same(alone.folder, tmp_path / "run")
+
+
+def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatch):
+    """By one process, which ends within a grain, and by workers again."""
+    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
+    given = {"cases": ROOM + 12 * GRAIN + 7, "out": tmp_path / "run", "resume": True}
+    for most, by in ((ROOM + 1, workers), (2 * GRAIN + 99, None)):
+
+        def progress(done, total, failures, most=most):
+            if done >= most:
+                raise InterruptedError
+
+        with pytest.raises(InterruptedError):
+            campaign.run(**given, stats_only=True, crew=by, progress=progress)
+    held = store.counted(tmp_path / "run").first
+    assert ROOM + GRAIN < held < given["cases"]
+    result = campaign.run(**given, crew=workers)
+    assert result.resumed == held
+    whole = campaign.run(cases=given["cases"], stats_only=True)
+    assert statistics_of(result) == statistics_of(whole)
+    assert result.status_counts == whole.status_counts
 
 
 def test_a_scheduler_that_is_started_again(campaign, alone, tmp_path):

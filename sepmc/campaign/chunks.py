@@ -182,10 +182,11 @@ class Chunks:
         first ones are flown here: they lay out the grids that all are counted in."""
         assert self.folder is not None
         stream = self.sink.stream if isinstance(self.sink, InStatistics) else None
-        done = self.earlier.held
+        done = 0
         if stream:
-            begun, done = done, min(max(ROOM, done + -done % GRAIN), numbers.end)
-            self.fly(begun, done, tell)
+            held = self.earlier.held
+            done = min(max(ROOM, held + -held % GRAIN), numbers.end)
+            self.fly(held, done, tell)
             self._wait()
             if self.too_many_failed:
                 return
