@@ -155,7 +155,7 @@ def _first_slabs(c: Context) -> None:
                 "PIVOT_BEFORE",
             ):
                 c.slabs.add(name, 1)
-            c.slabs.add("BEFORE", c.size)
+            c.slabs.add("BEFORE", c.size), c.slabs.add("ENERGY_BEFORE", 3)
         # in this order and without a gap
         most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.extends)
         for i in range(1, most + 1):

@@ -73,11 +73,7 @@ def emit_energy(out: Text, c: Context, stage: Stage) -> None:
     start, lost, large = (scope.load(part("ENERGY", k)) for k in (1, 0, 2))
     counts = scalar.larger(scalar.larger(now, rest), scalar.abs(work)).called("counts")
     missing = scalar.larger(lost, scalar.abs(now - start - work))
-    larger = scalar.larger(large, counts)
-    if c.idles:  # where others take a step, a state counts that is between two of its own
-        idle = scope.load("STEP").equals(0.0)
-        missing, larger = where(idle, lost, missing), where(idle, large, larger)
     scope.store("ENERGY", where(begins, 0.0, missing))
     scope.store(part("ENERGY", 1), where(begins, now, start))
-    scope.store(part("ENERGY", 2), where(begins, counts, larger))
+    scope.store(part("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
     scope.write(text)

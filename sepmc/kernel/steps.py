@@ -333,8 +333,14 @@ def emit_settle(out: Text, c: Context) -> None:
             text.lanes()(
                 "w[PIVOT + l] = w[PIVOT_BEFORE + l] if w[STEP + l] == 0.0 else w[PIVOT + l]"
             )
+        # a state would count for the energy that is none at the end of a step of the case
+        text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
     for number, stage in enumerate(shape.stages):
         text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
+    if c.idles:
+        text.block("for e in range(3 * LANES):")(
+            "w[ENERGY + e] = w[ENERGY_BEFORE + e] if w[STEP + e] == 0.0 else w[ENERGY + e]"
+        )
 
 
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:
