@@ -14,7 +14,6 @@ The result depends on the order of the values alone, not on how they were groupe
 from collections import Counter
 from collections.abc import Sequence
 from copy import copy
-from typing import Any
 
 import numpy as np
 
@@ -37,14 +36,13 @@ class Sketch:
         self._filled = 0
         self._grid: _Grid | None = None
 
-    def __getstate__(self) -> tuple[np.ndarray, "_Grid | None"]:
+    def __getstate__(self) -> list[np.ndarray]:
         """What a pickle holds: no more than there are values."""
-        return self._waiting[: self._filled], self._grid
+        return self.state()
 
-    def __setstate__(self, state: tuple[np.ndarray, "_Grid | None"]) -> None:
-        waiting, self._grid = state
-        self._waiting, self._filled = np.empty(ROOM), len(waiting)
-        self._waiting[: self._filled] = waiting
+    def __setstate__(self, state: list[np.ndarray]) -> None:
+        self._waiting, self._filled = np.empty(ROOM), 0
+        self.restore(iter(state))
 
     def state(self) -> list[np.ndarray]:
         """What it holds, for `restore`."""
@@ -158,16 +156,6 @@ class _Grid:
         self.infinite = [0, 0]  # minus and plus
         # of these the extremes are of finite values
         self.n, self.least, self.greatest = 0, np.inf, -np.inf
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What a pickle holds: of the counts those that are not zero."""
-        there = np.flatnonzero(self.counts)
-        return self.__dict__ | {"counts": (there, self.counts[there])}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        there, counts = state["counts"]
-        self.__dict__ |= state | {"counts": np.zeros(BINS, dtype=np.int64)}
-        self.counts[there] = counts
 
     def state(self) -> list[np.ndarray]:
         """What it holds, for `restored`: of the counts those that are not zero."""

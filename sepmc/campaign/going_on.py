@@ -1,6 +1,7 @@
 """What a run folder holds already, from which a run goes on: rows of cases, or what is counted of
 them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,8 @@ def earlier(
     if manifest:
         _check(campaign, folder, draws, manifest)
     found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
+    if found.held:
+        found = replace(found, sessions=tuple(manifest.get("sessions", ())))
     if manifest.get("cases", draws.numbers.count) != draws.numbers.count:
         told = record.drop_told(folder)
         if told and announce:
@@ -129,7 +132,7 @@ def _rows(
             "written, so these are flown again"
         )
     tally = sum((read_tally(text) for text in store.tallies(folder)), Tally())
-    return Earlier(len(done), tally, _sessions(folder)), draws.numbers.without(done)
+    return Earlier(len(done), tally), draws.numbers.without(done)
 
 
 def _counted(
@@ -154,12 +157,7 @@ def _counted(
             f"{said(draws.numbers)} would leave some out"
         )
     tally = read_tally(about.get(b"tally", b""))
-    found = Earlier(one.first, tally, _sessions(folder), tuple(arrays))
-    return found, draws.numbers.after(one.first)
-
-
-def _sessions(folder: Path) -> tuple[dict[str, Any], ...]:
-    return tuple(record.made_by(folder).get("sessions", ()))
+    return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
 
 
 def said(numbers: Numbers) -> str:
