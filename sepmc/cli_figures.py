@@ -70,9 +70,7 @@ def draw_figures(
     shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
     converged = outcomes[:shown]
     if len(outcomes) > _DRAWN and not every:
-        say(
-            f"histograms of {_DRAWN} of {len(outcomes)} outcomes; sepmc plot {folder} --all: of all"
-        )
+        say(f"histograms of the first {_DRAWN} outcomes; sepmc plot {folder} --all: of all")
         outcomes = outcomes[:_DRAWN]
     histograms = partial(
         _draw_histograms,

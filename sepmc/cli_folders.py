@@ -176,9 +176,8 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
     """
     say = speaker(quiet)
     with plain_errors(quiet):
-        from sepmc.campaign import folders, record
+        from sepmc.campaign import record
 
-        folders.check_run(folder)
         found = record.diagnose(folder)
         for finding in found:
             click.echo(finding.said)

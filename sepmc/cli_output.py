@@ -77,16 +77,21 @@ def screen_width() -> int:
     return max(60, shutil.get_terminal_size((WIDTH, 24)).columns)
 
 
-def folded(text: str) -> None:
-    """Print a text, on a terminal with its lines folded between words; into a file as it is, where
-    a sentence is looked for in one line."""
+def for_screen(text: str) -> str:
+    """A text, for a terminal with its lines folded between words; for a file as it is, where a
+    sentence is looked for in one line."""
     if sys.stdout.isatty():
         folds = TextWrapper(
             screen_width(), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
         )
         lines = text.split("\n")
         text = "\n".join(folds.fill(one) if len(one) > folds.width else one for one in lines)
-    click.echo(text)
+    return text
+
+
+def folded(text: str) -> None:
+    """Print a text `for_screen`."""
+    click.echo(for_screen(text))
 
 
 @contextmanager
@@ -175,8 +180,10 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             if manifest.get("complete")
             else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
         )
-        of = "statistics, and rows of some cases in kept/" if manifest.get("keep") else ""
-        raise folders.StoreError(f"{folder}: holds {of or 'statistics only and no cases'}; {kept}")
+        of = "and rows of some cases in kept/" if manifest.get("keep") else "only and no cases"
+        raise folders.StoreError(
+            f"{folder}: holds statistics {of}, where rows of all cases are needed; {kept}"
+        )
     if "cases" not in manifest:
         raise folders.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")
     return manifest
@@ -248,11 +255,8 @@ def tell_results(
         )
     say(audit_text(audited, width))
     if "errors" in accuracy:
-        say(
-            accuracy_text(
-                accuracy, accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
-            )
-        )
+        stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
+        say(for_screen(accuracy_text(accuracy, stages)))
     if verdicts:
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]

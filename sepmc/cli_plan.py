@@ -45,7 +45,7 @@ def tell_plan(
     text = kernel_text(loaded, history=bool(separation))
     missing, pieces = left_to_compile(text)
     if missing:
-        say(f"  kernel    {missing} of {pieces} pieces to compile, some seconds each")
+        say(f"  kernel    {missing} of {pieces} pieces to compile, half a second of a core each")
         say(f"  time      known once it is compiled: sepmc compile {loaded.name}")
         return
     say(f"  kernel    compiled: {pieces} pieces in the cache")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli_options import load_campaign, redundant
-from sepmc.cli_output import INTERRUPTED, accuracy_text, progress_bar, speaker
+from sepmc.cli_output import INTERRUPTED, accuracy_text, for_screen, progress_bar, speaker
 
 if TYPE_CHECKING:
     from sepmc.campaign.rare import Rare
@@ -78,7 +78,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
         manifest = record.read_manifest(folder)
         accuracy = manifest["accuracy"]
         stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
-        say(accuracy_text(accuracy, stages))
+        say(for_screen(accuracy_text(accuracy, stages)))
         if not given["no_plots"]:
             from sepmc.report.rare_figures import rare_figure
 

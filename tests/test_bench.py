@@ -358,6 +358,15 @@ def test_a_machine_that_is_not_quiet_is_told(spread, warns):
     assert bool(told) == warns
 
 
+@pytest.mark.parametrize(("speed_up", "warns"), [([1.0, 1.9], False), ([1.0, 0.9], True)])
+def test_threads_that_bring_nothing_are_told(speed_up, warns):
+    frame = pd.DataFrame({"threads": [2.0, 1.0, 2.0], "speed_up": [np.nan, *speed_up]})
+    told = text.warnings("scaling", frame)
+    assert [said.partition(":")[0] for said in told] == ["warning"] * warns
+    assert not warns or "2 threads are 0.90 times as fast as one" in told[0]
+    assert text.idle_threads(frame[:2]) == ""
+
+
 def test_parts_are_written_as_soon_as_they_are_there(tmp_path, monkeypatch):
     """A bench that stops leaves what it has measured."""
 

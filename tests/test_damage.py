@@ -5,15 +5,33 @@ import shutil
 
 import numpy as np
 import pytest
-from measure_damage import SETTINGS, call, contents, damage, files, fly, is_mended, is_told, rows
+from measure_damage import (
+    RUNS,
+    SETTINGS,
+    call,
+    contents,
+    damage,
+    files,
+    fly,
+    is_mended,
+    is_told,
+    rows,
+)
 
 import sepmc
 from sepmc.campaign import folders, ledger, record, store
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return fly(tmp_path_factory.mktemp("damage") / "whole")
+def wholes(tmp_path_factory):
+    """A run that keeps all rows, and one that counts its cases and keeps some."""
+    folder = tmp_path_factory.mktemp("damage")
+    return [fly(folder / name, *words) for name, words in RUNS.items()]
+
+
+@pytest.fixture(scope="module")
+def whole(wholes):
+    return wholes[0]
 
 
 @pytest.fixture
@@ -22,18 +40,30 @@ def folder(whole, tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_every_damage_is_told(whole, folder, seed):
-    rng = np.random.default_rng(1000 + seed)
+def test_every_damage_is_told(wholes, tmp_path, seed):
+    whole, rng = wholes[seed % 2], np.random.default_rng(1000 + seed)
+    folder = shutil.copytree(whole, tmp_path / "run")
     before = {name: (whole / name).read_bytes() for name in files(whole)}
     done = [damage(folder, rng) for _ in range(int(rng.integers(1, 4)))]
     assert is_told(folder, before, rows(whole)), done
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_is_damaged_is_mended(whole, folder, seed):
-    rng = np.random.default_rng(2000 + seed)
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_damaged_is_mended(wholes, tmp_path, seed):
+    whole, rng = wholes[seed % 2], np.random.default_rng(2000 + seed)
+    folder = shutil.copytree(whole, tmp_path / "run")
     done = [damage(folder, rng) for _ in range(2)]
     assert is_mended(folder, contents(whole)), done
+
+
+@pytest.mark.parametrize("lost", ["kept", "counted"])
+def test_what_is_counted_is_mended(wholes, tmp_path, lost):
+    """Also where the list of files forgot some: rows that were kept are not let go unseen."""
+    whole, folder = wholes[1], shutil.copytree(wholes[1], tmp_path / "run")
+    held = ledger.read(folder).values()
+    ledger.rewrite(folder, [one for one in held if not one.file.startswith(lost)])
+    assert call("doctor", str(folder)) == 1
+    assert is_mended(folder, contents(whole))
 
 
 def test_titles_are_those_of_before(whole, folder):
@@ -122,6 +152,21 @@ def test_a_folder_without_checksums_is_trusted_if_asked(folder):
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
     assert call("stats", str(folder)) == 0
+
+
+def test_cases_alone_say_what_was_flown(folder, whole):
+    """Neither the manifest nor the list of files is left; a folder without either, nor cases, is
+    none of a run."""
+    before = contents(whole)
+    for name in (folders.MANIFEST, ledger.LEDGER):
+        (folder / name).unlink()
+    assert call("doctor", str(folder)) == 1
+    assert call("doctor", str(folder), "--repair") == 0
+    assert contents(folder) == before
+    for path in [folder / folders.MANIFEST, folder / ledger.LEDGER, *folder.glob("cases/*")]:
+        path.unlink()
+    assert call("doctor", str(folder), "--repair") == 2
+    assert not (folder / ledger.LEDGER).exists()
 
 
 def test_the_cases_that_are_flown_stay(tmp_path):

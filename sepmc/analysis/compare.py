@@ -121,7 +121,7 @@ def compare(
 
 def text(table: pd.DataFrame, width: int = WIDTH) -> str:
     """Differences as an engineer reads them in a terminal."""
-    head = ["outcome", "mean, first", "second", "difference", "95 % interval", "sigma, first",
+    head = ["outcome", "mean, first", "second", "second - first", "95 % interval", "sigma, first",
             "second", "pairs"]  # fmt: skip
     rows = [head]
     for name, row in table.iterrows():

@@ -112,6 +112,12 @@ def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
     return table[table.index.isin([*table.index[:kept], *others[: most - kept]])]
 
 
+def order_text(table: pd.DataFrame, most: int) -> str:
+    """In what order `foremost` has inputs."""
+    first = "the surest first-order index first"
+    return first + ("" if len(table) <= most else ", then what else shifts its mean most")
+
+
 def _by_rank(table: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
     """Rank correlations of inputs (d, n) with an outcome (n,)."""
     from scipy.stats import rankdata  # noqa: PLC0415  (1 s)
@@ -247,7 +253,7 @@ def text(
     some = f"; of the {having} of {ok} ok cases that have it" if having < ok else ""
     return "\n".join(
         [
-            f"what drives {outcome}, the surest first-order index first{some}",
+            f"what drives {outcome}: {order_text(table, most)}{some}",
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} more inputs"] if left > 0 else [])

@@ -141,7 +141,7 @@ def _parts(
         frame.to_parquet(folder / f"{name}.parquet", index=False)
         if name in text.TABLES:
             study.say("\n" + text.table(name, frame) + "\n")
-            if warning := text.unquiet(name, frame):
+            for warning in text.warnings(name, frame):
                 study.say(warning + "\n")
                 told.setdefault("warnings", []).append(warning)
         write()

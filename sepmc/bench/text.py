@@ -14,6 +14,7 @@ _FORMATS = {
     "compile_s": "{:.2f}", "over_ours": "{:.3g}", "spread": "{:.2f}",
 }  # fmt: skip
 QUIET = 0.1  # spread of repeats, in the median row of a part, up to which a machine is quiet
+FASTER = 1.1  # that more threads are than one, at least
 _SHOWN = {
     "work_precision": [
         "formulation",
@@ -120,6 +121,11 @@ def _cell(column: str, value: Any) -> str:
     return _FORMATS.get(column, "{}").format(value)
 
 
+def warnings(name: str, frame: pd.DataFrame) -> list[str]:
+    """What is to be told of a part besides its numbers."""
+    return [said for said in (unquiet(name, frame), idle_threads(frame)) if said]
+
+
 def unquiet(name: str, frame: pd.DataFrame) -> str:
     """A warning if the repeats of a part lie far apart; empty if they do not."""
     spreads = frame["spread"].dropna() if "spread" in frame else pd.Series(dtype=float)
@@ -129,6 +135,17 @@ def unquiet(name: str, frame: pd.DataFrame) -> str:
         f"warning: the machine was not quiet: the middle half of the repeats of {name} spreads "
         f"over {100.0 * spreads.median():.0f} % of their median; ratios within a part are fairer "
         "than times"
+    )
+
+
+def idle_threads(frame: pd.DataFrame) -> str:
+    """A warning if more threads are no faster than one; empty if they are."""
+    found = frame["speed_up"].dropna() if "speed_up" in frame else pd.Series(dtype=float)
+    if len(found) < 2 or found.iloc[-1] > FASTER:
+        return ""
+    return (
+        f"warning: {frame['threads'].iloc[-1]:.0f} threads are {found.iloc[-1]:.2f} times as fast "
+        "as one: something else takes the processors, or they are halves of one core"
     )
 
 

@@ -299,6 +299,9 @@ class Chunks:
         if self.folder is None or until or not (isinstance(sink, InStatistics) and self._sound):
             return
         about = sink.about(self.draws, self.tally)
+        if self.rows:
+            rows = sum(part.cases for part in store.parts(self.folder, folders.KEPT))
+            about["rows"] = str(rows)
         arrays = [*sink.stream.state(), *(self.rows.chosen.state() if self.rows else ())]
         store.write_counted(self.folder, self.earlier.held + self.held, arrays, about)
         self._saved = time.monotonic()

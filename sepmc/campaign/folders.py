@@ -145,12 +145,6 @@ def is_run(folder: Path) -> bool:
     return (folder / MANIFEST).is_file() or has_ledger(folder)
 
 
-def check_run(folder: Path) -> None:
-    """Raise StoreError if a folder is not that of a run."""
-    if not is_run(folder):
-        raise StoreError(f"{folder}: no {MANIFEST} here; give the folder of a run")
-
-
 @contextlib.contextmanager
 def _held(folder: Path) -> Iterator[None]:
     """Let no other process write into a folder meanwhile, where a folder can be locked. Raises

@@ -141,11 +141,6 @@ def _counted(
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""
     one = store.counted(folder)
-    later = draws.numbers.after(one.first).ranges if one else ()
-    if one and not store.drop_kept(folder, later[0][0] if later else None):
-        if announce:
-            announce(f"{folder}: rows that were kept are gone or not as they were written")
-        one = None
     if not one:
         store.drop_damaged(folder, with_histories=False)
         return Earlier(), draws.numbers
@@ -156,6 +151,13 @@ def _counted(
             f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; --cases "
             f"{said(draws.numbers)} would leave some out"
         )
+    later = draws.numbers.after(one.first).ranges
+    kept = store.drop_kept(folder, later[0][0] if later else None)
+    if str(kept).encode() != about.get(b"rows", b"0"):
+        if announce:
+            announce(f"{folder}: rows that were kept are gone or not as they were written")
+        store.drop_damaged(folder, with_histories=False)
+        return Earlier(), draws.numbers
     tally = read_tally(about.get(b"tally", b""))
     return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
 

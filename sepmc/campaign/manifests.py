@@ -93,7 +93,7 @@ def of_part(said: Mapping[bytes, bytes]) -> dict[str, Any]:
     found: dict[str, Any] = {"digest": said[b"digest"].decode(), "seed": int(said[b"seed"])}
     if numbers := said[b"numbers"].decode():
         found["numbers"] = numbers
-    if b"lengths" in said:  # what is counted of cases that are let go
+    if b"lengths" in said or b"keep" in said:  # of cases that are counted, and let go but for some
         found |= {"stats_only": True, "keep": said.get(b"keep", b"").decode()}
     try:
         settings = msgspec.json.decode(said.get(b"settings", b"{}"), type=dict[str, str])

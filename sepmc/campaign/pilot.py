@@ -56,6 +56,7 @@ _WIDE = 0.5 * np.pi  # an angle that spreads further has its extremes anywhere
 _EACH = 3  # corners at least with every value of a discrete law
 # of every phase, to learn how far outcomes spread, from a quarter of the sample
 _SPREAD_STEPS, _MOST_SPREAD = 8, 512
+_LONG_S = 60.0  # of trial cases: then it is said how to do without
 _ROUNDS = 4  # searches for steps, each with the sample's worst cases added
 _WORST = 24
 # times a guard of trial cases; errors grow by no more than its power 5/3, and are told `SAFETY`
@@ -292,7 +293,13 @@ def _counted(announce: Say | None) -> Callable[[int], None]:
     def count(flights: int) -> None:
         nonlocal total
         total += flights
-        tell(lambda seconds: f"{total} flights of trial cases in {seconds:.0f} s ...")
+        tell(
+            lambda seconds: (
+                f"{total} flights of trial cases in {seconds:.0f} s"
+                + ("; solver.step_s, a step of your own, needs none" if seconds > _LONG_S else "")
+                + " ..."
+            )
+        )
 
     return count
 

@@ -71,7 +71,7 @@ class Finding:
 def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run, as it was written, beside the campaign that was flown. Raises
     StoreError if there is none, or if either was changed."""
-    manifest = _manifest(folder)
+    manifest = _manifest(folder, f"; to see what would mend it: sepmc doctor {folder}")
     for finding in changed(folder, manifest):
         raise StoreError(finding.said)
     return manifest
@@ -90,7 +90,7 @@ def made_by(folder: Path) -> dict[str, Any]:
         pass
     parts = (
         path
-        for kind in (folders.CASES, folders.COUNTED)
+        for kind in (folders.CASES, folders.COUNTED, folders.KEPT)
         for path in sorted((folder / kind).glob("part-*.parquet"))
     )
     for path in parts:
@@ -139,9 +139,7 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
         how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
-        yield Finding(
-            f"{folder / ledger.LEDGER}: {said}{how if can_go_on(folder, manifest) else ''}"
-        )
+        yield Finding(f"{folder / ledger.LEDGER}: {said}{how if can_go_on(manifest) else ''}")
 
 
 def holds_cases(manifest: Mapping[str, Any]) -> bool:
@@ -151,11 +149,10 @@ def holds_cases(manifest: Mapping[str, Any]) -> bool:
     return not alone and not manifest.get("stats_only")
 
 
-def can_go_on(folder: Path, manifest: Mapping[str, Any]) -> bool:
-    """Whether a run can be continued, by its cases or by what is counted of them."""
-    if "case" in manifest or "rare" in manifest:
-        return False
-    return holds_cases(manifest) or store.counted(folder) is not None
+def can_go_on(manifest: Mapping[str, Any]) -> bool:
+    """Whether what is lost of a run can be flown again: all but a single flight, and the estimate
+    of a rare event."""
+    return not ("case" in manifest or "rare" in manifest)
 
 
 def note(folder: Path, files: Iterable[Path]) -> None:
@@ -185,7 +182,8 @@ def drop_told(folder: Path) -> list[str]:
 
 def diagnose(folder: Path) -> list[Finding]:
     """All that is wrong with a run folder, file by file. Raises StoreError if it is none."""
-    folders.check_run(folder)
+    if not (folders.is_run(folder) or made_by(folder)):
+        raise _no_run(folder)
     try:
         manifest = _manifest(folder)
         found = changed(folder, manifest)
@@ -207,8 +205,12 @@ def diagnose(folder: Path) -> list[Finding]:
             if f"{kind}/{path.name}" not in held:
                 said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 found.append(Finding(f"{path}: {said}"))
-    goes_on = can_go_on(folder, manifest)
-    if _is_sealed(manifest) and goes_on:
+    goes_on = can_go_on(manifest)
+    # runs of earlier versions that counted their cases kept nothing to go on from
+    holds = holds_cases(manifest) or any(
+        one.file.startswith(folders.COUNTED) for one in held.values()
+    )
+    if _is_sealed(manifest) and goes_on and (holds or not manifest["complete"]):
         counted = store.counted(folder)
         there = sum(one.cases for one in store.parts(folder, folders.CASES))
         there += counted.first if counted else 0
@@ -220,10 +222,13 @@ def diagnose(folder: Path) -> list[Finding]:
 
 
 def trust(folder: Path) -> None:
-    """Take a run folder of a version that kept no checksums as it is."""
+    """Take a run folder of a version that kept no checksums as it is; one of which only the cases
+    are left, as one that holds none of them yet."""
     try:
         manifest = _manifest(folder)
     except StoreError:
+        if not folders.is_run(folder):
+            ledger.rewrite(folder, [])
         return
     if "sha256" in manifest or folders.has_ledger(folder):
         return
@@ -247,16 +252,21 @@ def _campaign_text(folder: Path) -> str:
         raise StoreError(f"{folder / folders.CAMPAIGN}: is not text in UTF-8: {error}") from None
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a run, whatever it says. Raises StoreError if there is none."""
+def _manifest(folder: Path, advice: str = "") -> dict[str, Any]:
+    """The manifest of a run, whatever it says. Raises StoreError if there is none, with ``advice``
+    on one that cannot be read."""
     path = folder / folders.MANIFEST
     own_files.check(folder)
     if not (path.exists() or (is_local(path) and path.is_symlink())):
-        raise StoreError(f"{folder}: no {folders.MANIFEST} here; give the folder of a run")
+        raise _no_run(folder)
     try:
         return manifests.read(own_files.content(path, MANIFEST_BYTES))
     except ValueError as error:
-        raise StoreError(f"{path}: cannot be read: {error}") from None
+        raise StoreError(f"{path}: cannot be read: {error}{advice}") from None
+
+
+def _no_run(folder: Path) -> StoreError:
+    return StoreError(f"{folder}: no {folders.MANIFEST} here; give the folder of a run")
 
 
 def versions() -> dict[str, Any]:

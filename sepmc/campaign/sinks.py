@@ -162,7 +162,7 @@ class KeptRows:
                 name: values.astype(np.float32) if values.dtype == np.float64 else values
                 for name, values in kept.items()
             }
-        about = _about(campaign, self.draws) | {"keep": keep.text}
+        about = _about(campaign, self.draws) | {"numbers": self.draws.told, "keep": keep.text}
         count = len(kept["case"])
         return store.write_part(self.folder, folders.KEPT, first, count, columns, kept, about)
 

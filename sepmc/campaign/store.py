@@ -270,15 +270,16 @@ def drop_damaged(folder: Path, with_histories: bool) -> int:
     return dropped
 
 
-def drop_kept(folder: Path, first: int | None) -> bool:
+def drop_kept(folder: Path, first: int | None) -> int | None:
     """Drop rows that a run kept of the case ``first`` and later ones, and what of it is in no
-    ledger. Returns whether the other ones are as they were written."""
+    ledger. Returns how many are left; None if they are not as they were written."""
     held = ledger.read(folder)
     kept = parts(folder, folders.KEPT)
     late = [one.file for one in kept if first is not None and one.first >= first]
     ledger.rewrite(folder, [one for name, one in held.items() if name not in late])
     _drop_unknown(folder)
-    return not any(fault_of(folder, one) for one in parts(folder, folders.KEPT))
+    left = parts(folder, folders.KEPT)
+    return None if any(fault_of(folder, one) for one in left) else sum(one.cases for one in left)
 
 
 def _drop_unknown(folder: Path) -> None:

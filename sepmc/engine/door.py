@@ -302,14 +302,14 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
     if left:
         if announce:
             announce(
-                f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once (some "
-                "seconds each) ..."
+                f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once; about "
+                "half a second of a core each ..."
             )
         tell = now_and_then(announce, _EVERY_S)
 
         def progress(done: int, total: int) -> None:
             if done < total:
-                tell(lambda _: f"compiled {done} of {total}")
+                tell(lambda seconds: f"compiled {done} of {total} in {seconds:.0f} s")
             elif announce:  # the last word, however soon after another
                 announce(f"compiled {done} of {total}")
 

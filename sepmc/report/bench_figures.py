@@ -40,6 +40,8 @@ ENGINES = (
     (BLACK, "X"),
 )
 
+# kinds of settings of other engines, by the first word of these
+_KINDS = {"tol": "by tolerance", "order": "orders and steps by hand"}
 STAR: dict[str, Any] = {
     "linestyle": "",
     "marker": "*",
@@ -110,7 +112,9 @@ def _row_errors(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     figure, (ax,) = _figure(7.0, 6.0)
     told = _shown(frame["error"], floor)
     true = _shown(frame["true_error"], floor)
-    ax.plot(told, true, linestyle="", marker=".", markersize=2.5, color=BLUE, alpha=0.5)
+    ax.plot(
+        told, true, linestyle="", marker=".", markersize=2.5, color=BLUE, alpha=0.5, label="cases"
+    )
     ax.set(
         xscale="log",
         yscale="log",
@@ -213,7 +217,7 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
         kinds = [found for found in kinds if found[1]["default"].any()] or kinds
         few = _scaled(rows)
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
-            words = f"{engine}, {kind}" if len(kinds) > 1 else str(engine)
+            words = f"{engine}, {_KINDS.get(str(kind), kind)}" if len(kinds) > 1 else str(engine)
             some = some.sort_values("error", ascending=False)
             ax.plot(
                 some["us"], _shown(some["error"], floor), color=colour, marker=marker,
@@ -244,26 +248,13 @@ def _features(frame: pd.DataFrame, title: str, _: float) -> Figure:
         edgecolor="white",
         label="floating-point operations",
     )
-    for at, time_ratio, flop_ratio in zip(
-        place, rows["time_ratio"], rows["flop_ratio"], strict=True
-    ):
-        ax.annotate(
-            f"{time_ratio:.2f}",
-            (time_ratio, at + 0.18),
-            (3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-        )
-        if np.isfinite(flop_ratio):
-            ax.annotate(
-                f"{flop_ratio:.2f}",
-                (flop_ratio, at - 0.18),
-                (3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8,
-            )
+    for shares, aside in ((rows["time_ratio"], 0.18), (rows["flop_ratio"], -0.18)):
+        for at, share in zip(place + aside, shares, strict=True):
+            if np.isfinite(share):  # on white: the line at the whole scene's may lie below
+                ax.annotate(
+                    f"{share:.2f}", (share, at), (3, 0), textcoords="offset points", va="center",
+                    fontsize=8, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+                )  # fmt: skip
     ax.axvline(1.0, color=BLACK, linewidth=1.0)
     ax.set_xlim(right=1.1 * max(1.0, float(rows["time_ratio"].max())))
     ax.set_yticks(

@@ -17,7 +17,7 @@ from sepmc.report.style import BLACK, EDGES, GREEN, TINTS, VERMILION, entitle, s
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.model import GROUND, Motor, Part, Scene
 
-_SEVERAL = "NAME +2: two more of its kind at or near this place"
+_SEVERAL = "NAME +N: so many more of its kind at or near this place"
 _ARROW, _APART = 0.09, 0.05  # of the vehicle's length: arrows, places that are taken for one
 _MARK, _THIN = 7.0, 2.0  # pixels about places, and lines, that a name had better not cover
 Point = tuple[float, float, float]

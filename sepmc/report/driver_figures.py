@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sepmc.analysis.drivers import foremost
+from sepmc.analysis.drivers import foremost, order_text
 from sepmc.report.style import BLACK, BLUE, GREEN, VERMILION, entitle, in_words, made, save, sheet
 
 _BARS = 8  # inputs of an outcome
@@ -72,7 +72,8 @@ def tornado_figure(
     for pair in pairs[len(found) :]:
         for ax in pair:
             ax.remove()
-    entitle(figure, f"What drives outcomes, the surest first-order index on top\n{about}")
+    said = order_text(max(found.values(), key=len), _BARS)
+    entitle(figure, f"What drives outcomes: {said}\n{about}")
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):  # names of inputs would touch the edge
         layout.set(w_pad=_PAD)

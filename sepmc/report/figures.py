@@ -543,7 +543,7 @@ def _time_page(
                     linewidth=1.6,
                     label=text,
                 )
-        ax.set_ylabel(panel.label)
+        ax.set_ylabel(_label(history, panel, _TALL if rows == 1 else _SHORT))
         ax.margins(x=0)
         begin, end = history["time_s"].iloc[0], history["time_s"].iloc[-1]
         if end > begin:
@@ -553,7 +553,7 @@ def _time_page(
             ax.axhline(bound, color=BOUND, linewidth=2.2, zorder=1.9, label=REQUIRED)
         if panel.small_counts and _spans(history[panel.lines[0][0]], panel.required):
             ax.set_yscale("log")
-            ax.set_ylabel(f"{panel.label}\nlogarithmic")
+            ax.set_ylabel(f"{ax.get_ylabel()}\nlogarithmic")
         elif high - low < FLAT:
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
@@ -568,6 +568,19 @@ def _time_page(
         _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
     entitle(figure, title)
     return save(figure, path)
+
+
+_SHORT, _TALL = 26, 48  # letters of 10 pt along the ordinate of panels above others, and of one
+
+
+def _label(history: pd.DataFrame, panel: Panel, letters: int) -> str:
+    """What stands along an ordinate; where what is small counts, with the least that is drawn."""
+    said, name = fill(panel.label, letters), panel.lines[0][0]
+    if not panel.small_counts or not history[name].notna().any():
+        return said
+    at = int(np.nanargmin(history[name]))
+    least, time = history[name].iloc[at], history["time_s"].iloc[at]
+    return f"{said}\nleast {least:.4g} at {time:.4g} s"
 
 
 def _share_scale(axes: Sequence[Axes]) -> None:

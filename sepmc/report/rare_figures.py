@@ -35,7 +35,9 @@ def rare_figure(
     each = np.array([level.replicas for level in levels]).reshape(len(levels), -1)
     ends = np.array([interval(level.replicas) for level in levels]).reshape(-1, 2)
     mean = np.array([level.reached for level in levels])
-    ax.fill_between(margin, *ends.T, color="#a9cdea", linewidth=0, label="95 %")
+    ax.errorbar(
+        margin, mean, yerr=np.abs(ends.T - mean), fmt="none", ecolor=BLUE, capsize=3, label="95 %"
+    )
     # where many cases have one margin, several levels lie there
     jumps = np.flatnonzero(np.abs(np.diff(margin)) <= _ALIKE * np.ptp(margin))
     for part in np.split(np.arange(len(levels)), jumps + 1):
@@ -45,10 +47,6 @@ def rare_figure(
     for jump in jumps:
         both = slice(jump, jump + 2)
         ax.plot(margin[both], mean[both], ":", color=BLUE, lw=1.2, label=_JUMP)
-        ax.errorbar(
-            margin[both], mean[both], yerr=np.abs(ends[both].T - mean[both]), fmt="none",
-            ecolor=BLUE, capsize=3,
-        )  # fmt: skip
     ax.axvline(0.0, color=BOUND, lw=2.2, label=REQUIRED)
     ax.set_yscale("log")
     unit = "" if found.unit == "1" else f" ({found.unit})"
