@@ -52,6 +52,7 @@ _DRIVEN = 4  # outcomes whose drivers are told unless some are named
 _REPLAYED_PAGES = ("rates", "angles", "separation", "clearances")
 _AS_DRAWN = 1e-5  # of size: what a figure shows of an error
 _TOLD = 12  # outcomes in the report's table
+_ACROSS = 160  # characters of a line of all outcomes there
 # worst cases that the report shows over time; at most, if more requirements fail
 _REPLAYED, _AT_MOST = 2, 4
 _REPLAY_ROWS = 400
@@ -329,7 +330,7 @@ def _found(
     units = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
-    every = summary_text(table, summary.counts, units, source)
+    every = summary_text(table, summary.counts, units, source, _ACROSS)
     last = manifest["sessions"][-1]
     report = page.Report(
         name=loaded.name,

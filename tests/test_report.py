@@ -128,7 +128,10 @@ def test_what_it_says(page):
     assert "audit passed" in text
     assert "numerical error at most" in text
     assert "name = &#34;fast&#34;" in page  # the campaign file
-    assert "<details" not in page  # a printer would leave it out
+    # what is folded is not printed: the file, which the run folder holds
+    folded = re.findall(r"<details>.*?</details>", page, re.DOTALL)
+    assert len(folded) == 1
+    assert "campaign.toml of the run folder" in folded[0]
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
