@@ -16,7 +16,7 @@ from sepmc.engine.door import Block, now_and_then
 from sepmc.kernel.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
-ACCURACIES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)
+ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
 PER = 10_000  # cases that times are told for
 _EVERY_S = 20.0  # between two words on how far the ways are
 _MOST_AGAIN = 0.5  # of the cases may be flown again: then the steps are not those of the way
@@ -115,7 +115,7 @@ def _of_method(study: Study, method: str, formulation: str) -> list[Way]:
         first = Way(plan_flight(campaign, announce=study.say), campaign, cases, study.default.asked)
     ways = [first]
     if first.flight.step is None:  # the pilot has something to choose
-        for accuracy in ACCURACIES[::4] if study.quick else ACCURACIES:
+        for accuracy in ACCURACIES[::8] if study.quick else ACCURACIES:
             if accuracy != first.asked:
                 ways.append(
                     Way(
