@@ -64,9 +64,10 @@ def damage(folder, rng):
             content[place] ^= 1 << int(rng.integers(0, 8))
         path.write_bytes(content)
     elif way == "swapped":
-        other = folder / str(rng.choice([one for one in files(folder) if one != name]))
-        path.write_bytes(other.read_bytes())
-        other.write_bytes(content)
+        other = str(rng.choice([one for one in files(folder) if one != name]))
+        path.write_bytes((folder / other).read_bytes())
+        (folder / other).write_bytes(content)
+        name = f"{name} and {other}"
     elif way == "edited":  # a digit is another
         digits = [k for k, byte in enumerate(content) if 48 <= byte <= 57]
         place = int(rng.choice(digits)) if digits else 0
@@ -111,10 +112,11 @@ def is_told(folder, before, was):
 
 
 def is_mended(folder, before):
-    """Whether ``--repair`` brings back all but the campaign that was flown."""
+    """Whether ``--repair`` brings back all but the campaign that was flown, and refuses where
+    nothing tells any more what that was: the manifest and every part are damaged."""
+    path, known = folder / folders.CAMPAIGN, bool(record.made_by(folder))
     code = call("doctor", str(folder), "--repair", "--quiet")
-    path = folder / folders.CAMPAIGN
-    if not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
+    if not known or not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
         return code == 2
     return code == 0 and contents(folder) == before
 
