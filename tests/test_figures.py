@@ -463,8 +463,11 @@ def test_clearances_of_a_case(tmp_path, drawn, least, scale):
 def test_an_engine_timed_by_few_cases_has_no_line():
     """Its times are noise; one case is one case."""
     ours = {"engine": "sepmc", "scaled": False, "default": True, "cases": 2000, "setting": "a 1"}
+    slow = ours | {"setting": "b 1", "scaled": True, "default": False, "cases": 500}
     other = {"engine": "other", "scaled": True, "default": False, "cases": 1, "setting": "b 1"}
-    rows = [row | {"ms": ms, "error": e} for row in (ours, other) for ms, e in ((1, 1e-9), (2, 1))]
+    rows = [
+        row | {"ms": ms, "error": e} for row in (slow, ours, other) for ms, e in ((1, 1e-9), (2, 1))
+    ]
     (ax,) = _peers(pd.DataFrame(rows), "title", 1e-12).axes
     assert line(ax, "sepmc")[0].get_linestyle() == "-"
     assert line(ax, "other (1 case, scaled)")[0].get_linestyle() == "None"

@@ -198,8 +198,9 @@ def _scaled(rows: pd.DataFrame) -> str:
     """By how many cases rows were timed, if not by all."""
     if not rows["scaled"].any():
         return ""
-    count = int(rows["cases"].iloc[0])
-    return f" ({count:,} {'case' if count == 1 else 'cases'}, scaled)"
+    count = int(rows["cases"].min())
+    more = "" if rows["scaled"].all() else " or more"
+    return f" ({count:,} {'case' if count == 1 else 'cases'}{more}, scaled)"
 
 
 def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
@@ -215,10 +216,9 @@ def _peers(frame: pd.DataFrame, title: str, floor: float) -> Figure:
     ):
         kinds = list(rows.groupby("kind", sort=False))
         kinds = [found for found in kinds if found[1]["default"].any()] or kinds
-        few = _scaled(rows)
         for (kind, some), line in zip(kinds, ("-", "--", "-.", ":") * len(kinds), strict=False):
             words = f"{engine}, {_KINDS.get(str(kind), kind)}" if len(kinds) > 1 else str(engine)
-            some = some.sort_values("error", ascending=False)
+            some, few = some.sort_values("error", ascending=False), _scaled(some)
             ax.plot(
                 some["us"], _shown(some["error"], floor), color=colour, marker=marker,
                 linestyle="" if few else line, markersize=6,
