@@ -60,3 +60,20 @@ def test_polynomials_are_given_back(name):
             speed, distance = history[lane, within, 2 * j], history[lane, within, 2 * j + 1]
             assert_allclose(distance, curve(times[within]), rtol=0, atol=1e-9)
             assert_allclose(speed, curve.deriv()(times[within]), rtol=0, atol=1e-7)
+
+
+def test_times_before_the_flight_have_no_rows():
+    """A flight that goes astray may step from a time before it began."""
+    joints, stride = 1, 3
+    found, length, begin, end = np.cumsum(np.array([0, joints * stride, 1, 1]) * LANES)
+    w = np.zeros(end + LANES)
+    w[length : length + LANES], w[begin : begin + LANES], w[end:] = 0.1, START, START + 0.1
+    w[length], w[begin], w[end] = 2.0, -1.2, 0.8
+    history = np.full((LANES, 60, 2), np.nan)
+    curves.write.py_func(w, found, joints, stride, begin, end, length, 0.01, history, 0)
+    assert np.isfinite(history[0]).all()
+    assert (np.isfinite(history[1:]).sum(axis=(1, 2)) == 2 * 11).all()
+    w[begin] = -np.inf
+    history[:] = np.nan
+    curves.write.py_func(w, found, joints, stride, begin, end, length, 0.01, history, 0)
+    assert np.isnan(history).all()

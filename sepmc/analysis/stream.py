@@ -239,11 +239,12 @@ class Stream:
             numbers, codes, columns = next(arrays), next(arrays), next(arrays)
             self._filled = len(numbers)
             held = slice(0, self._filled)
-            self._numbers[held], self._codes[held] = numbers, codes
+            with np.errstate(invalid="raise"):  # of what is no number
+                self._numbers[held], self._codes[held] = numbers, codes
             self._held[:, held] = columns.reshape(len(self._held), -1)
             for part in self._parts:
                 part.restore(arrays)
-        except (StopIteration, LookupError, OverflowError, TypeError) as error:
+        except (StopIteration, LookupError, ArithmeticError, TypeError) as error:
             raise ValueError(f"what is counted cannot be read: {error}") from None
 
     @property

@@ -170,7 +170,7 @@ def _first_word(column: pa.ChunkedArray, numbers: np.ndarray) -> str:
 def _said(value: pa.Scalar) -> str:
     try:
         return str(value)
-    except (ValueError, pa.ArrowException):  # a time in a zone that nobody knows
+    except (ValueError, OverflowError, pa.ArrowException):  # a time in a zone that nobody knows
         return f"a {value.type}"
 
 

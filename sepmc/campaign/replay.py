@@ -64,7 +64,7 @@ def check_row(
     row = store.read_row(folder, number)
     # a run by an earlier version may lack a column
     differ = [name for name, x in here.items() if name in row and not _same(x, row[name])]
-    if row["status"] != Status(int(block.status[0])).label:
+    if row.get("status") != Status(int(block.status[0])).label:
         differ.insert(0, "status")
     return RowCheck(number, True, tuple(differ))
 

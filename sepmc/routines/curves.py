@@ -46,10 +46,11 @@ def write(w, curves, joints, stride, begin, end, length, every, history, first):
     low, high = math.inf, -math.inf
     for l in range(LANES):
         low, high = min(low, w[begin + l]), max(high, w[end + l])
-    if not (low <= high < math.inf):
+    if not (-math.inf < low <= high < math.inf):
         return
     last = min(math.floor(high / every + 1e-9), history.shape[1] - 1)
-    for row in range(math.ceil(low / every - 1e-9), last + 1):
+    # a flight that goes astray may have times before it began
+    for row in range(max(0, math.ceil(low / every - 1e-9)), last + 1):
         t = row * every
         for l in range(min(LANES, history.shape[0] - first)):
             h, start = w[length + l], w[begin + l]
