@@ -24,7 +24,7 @@ def mend(folder: Path, found: Sequence[record.Finding], say: Callable[[str], Non
     """
     for finding in found:
         if not finding.mends:
-            raise folders.StoreError(f"{finding.said}. It cannot be mended; fly it again")
+            raise folders.StoreError(f"{finding.said}. It cannot be mended; {finding.advice}")
     known = folders.knows_all(folder)
     record.trust(folder)
     manifest = record.made_by(folder)

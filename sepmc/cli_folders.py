@@ -185,9 +185,8 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
             say(f"{folder}: is as it was written")
             return
         if not repair:
-            mends = all(finding.mends for finding in found)
-            how = f"to mend it: sepmc doctor {folder} --repair" if mends else "fly it again"
-            click.echo(how, err=True)
+            how = (one.advice for one in found if not one.mends)
+            click.echo(next(how, f"to mend it: sepmc doctor {folder} --repair"), err=True)
             sys.exit(1)
         from sepmc.cli_doctor import mend
 

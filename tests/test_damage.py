@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from measure_damage import (
     RUNS,
     SETTINGS,
@@ -19,6 +20,7 @@ from measure_damage import (
 )
 
 import sepmc
+from sepmc import cli
 from sepmc.campaign import folders, ledger, record, store
 
 
@@ -152,6 +154,35 @@ def test_a_folder_without_checksums_is_trusted_if_asked(folder):
     assert call("doctor", str(folder)) == 1
     assert call("doctor", str(folder), "--repair") == 0
     assert call("stats", str(folder)) == 0
+
+
+@pytest.mark.parametrize("how", ["edited", "edited, no manifest", "gone, no manifest"])
+def test_the_file_that_was_flown_mends_its_campaign(whole, folder, how):
+    """What to do is told by name, and does it."""
+    before, path = contents(whole), folder / folders.CAMPAIGN
+    if how.startswith("edited"):
+        path.write_text(path.read_text().replace("mass_kg = 4", "mass_kg = 5"))
+    else:
+        path.unlink()
+    if "no manifest" in how:
+        (folder / folders.MANIFEST).unlink()
+    told = CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"])
+    assert told.exit_code == 2
+    assert f"sepmc campaign FILE --out {folder} --resume" in told.stderr
+    settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
+    words = [
+        "campaign",
+        "table2.toml",
+        "--cases",
+        "14",
+        "--quiet",
+        "--out",
+        str(folder),
+        "--resume",
+    ]
+    assert call(*words, *settings) == 0
+    assert call("doctor", str(folder)) == 0
+    assert contents(folder) == before
 
 
 def test_cases_alone_say_what_was_flown(folder, whole):

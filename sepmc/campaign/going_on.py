@@ -101,6 +101,9 @@ def _differences(campaign: Definition, folder: Path) -> str:
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
     found = differences(other.tree, campaign.file.tree)
+    if not found:
+        said = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
+        return f"{said}: {record.put_back(folder)}"
     more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
     return f"It differs in {'; '.join(found[:_TOLD])}{more}"
 

@@ -61,11 +61,12 @@ def forget(folder: Path, endings: tuple[str, ...]) -> list[str]:
 @dataclass(frozen=True)
 class Finding:
     """What is wrong with a run folder: a sentence, the file there if it is one that follows from
-    the cases, and whether flying, counting or drawing again mends it."""
+    the cases, whether flying, counting or drawing again mends it, and what to do if not."""
 
     said: str
     file: str = ""
     mends: bool = True
+    advice: str = "fly it again"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -119,18 +120,27 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
     try:
         written = ledger.checksum(own_files.content(folder / folders.CAMPAIGN, CAMPAIGN_BYTES))
     except StoreError as error:
-        yield Finding(str(error), mends=False)
+        yield Finding(str(error), mends=False, advice=put_back(folder))
     else:
         if written != manifest["campaign_sha256"]:
             said = (
                 "is not the campaign that was flown; to fly it as it is now, copy it to another "
                 "place"
             )
-            yield Finding(f"{folder / folders.CAMPAIGN}: {said}", mends=False)
+            lost = f"{folder / folders.CAMPAIGN}: {said}"
+            yield Finding(lost, mends=False, advice=put_back(folder))
     plan = ledger.read(folder).get(folders.PLAN)
     if plan and (problem := store.fault_of(folder, plan)):
-        said = f"{folder / folders.PLAN}: {problem}; it gave inputs of the cases: put it back"
-        yield Finding(said, mends=False)
+        said = f"{folder / folders.PLAN}: {problem}; it gave inputs of the cases"
+        yield Finding(said, mends=False, advice="put it back")
+
+
+def put_back(folder: Path) -> str:
+    """What to do if the campaign of a run is not what was flown."""
+    return (
+        f"put {folders.CAMPAIGN} back as it was, or go on by the file that it was made from: sepmc "
+        f"campaign FILE --out {folder} --resume"
+    )
 
 
 def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
@@ -138,6 +148,7 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     files = ledger.read(folder).values()
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
+        said = said if folders.has_ledger(folder) else "is gone"
         how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
         yield Finding(f"{folder / ledger.LEDGER}: {said}{how if can_go_on(manifest) else ''}")
 
@@ -188,7 +199,12 @@ def diagnose(folder: Path) -> list[Finding]:
         manifest = _manifest(folder)
         found = changed(folder, manifest)
     except StoreError as error:
-        manifest, found = {}, [Finding(str(error), mends=bool(made_by(folder)))]
+        path = folder / folders.MANIFEST
+        said = str(error) if path.exists() else f"{path}: is gone"
+        manifest, found = {}, [Finding(said, mends=bool(made_by(folder)))]
+        if not (folder / folders.CAMPAIGN).is_file():
+            said = f"{folder / folders.CAMPAIGN}: is gone"
+            found.append(Finding(said, mends=False, advice=put_back(folder)))
     held, lost = ledger.read(folder), ledger.lost_lines(folder)
     if lost:
         said = f"{lost} of its lines were cut short or changed"
@@ -204,7 +220,8 @@ def diagnose(folder: Path) -> list[Finding]:
         for path in sorted((folder / kind).glob("*")):
             if f"{kind}/{path.name}" not in held:
                 said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
-                found.append(Finding(f"{path}: {said}"))
+                ours = path.name.startswith("part-") and ".parquet" in path.name
+                found.append(Finding(f"{path}: {said if ours else 'is none of a run: move it'}"))
     goes_on = can_go_on(manifest)
     # runs of earlier versions that counted their cases kept nothing to go on from
     holds = holds_cases(manifest) or any(
