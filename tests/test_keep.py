@@ -8,6 +8,7 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis import sketch, stream
+from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
 from sepmc.campaign import chunks, folders, record, sinks, store
 from sepmc.campaign.keep import Keep
@@ -286,3 +287,14 @@ def test_rules_of_a_text(text):
 
 def test_text():
     assert Keep(("failed", "worst"), 20).text == "failed,worst:20"
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
+def test_a_count_that_is_none_is_refused(bad):
+    one, two = Moments(), Moments()
+    one.add(np.array([0.5, 1.5, 7.5]), np.array([4, 5, 6]))
+    (state,) = one.state()
+    two.restore(iter([state]))
+    assert two.row() == one.row()
+    with pytest.raises(ValueError, match="is no count"):
+        two.restore(iter([np.where(state == 3.0, bad, state)]))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 Arrays = Iterator[np.ndarray]
+_EXACT = 2.0**53  # up to which a number tells a whole one
 
 
 def scalars(counter: Any) -> np.ndarray:
@@ -19,6 +20,8 @@ def set_scalars(counter: Any, numbers: np.ndarray) -> None:
     they are not."""
     own = _scalars(counter)
     for (name, now), number in zip(own.items(), numbers.tolist(), strict=True):
+        if isinstance(now, int | np.integer) and not abs(number) <= _EXACT:
+            raise ValueError(f"{name.strip('_')} = {number:g}: is no count")
         setattr(counter, name, type(now)(number))
 
 

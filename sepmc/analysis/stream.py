@@ -239,8 +239,9 @@ class Stream:
             numbers, codes, columns = next(arrays), next(arrays), next(arrays)
             self._filled = len(numbers)
             held = slice(0, self._filled)
-            with np.errstate(invalid="raise"):  # of what is no number
-                self._numbers[held], self._codes[held] = numbers, codes
+            if not np.isin(codes, np.arange(len(self._counters.by_code))).all():
+                raise ValueError("what is counted has a status that is none")
+            self._numbers[held], self._codes[held] = numbers, codes
             self._held[:, held] = columns.reshape(len(self._held), -1)
             for part in self._parts:
                 part.restore(arrays)

@@ -311,10 +311,11 @@ class Chunks:
         assert isinstance(self.sink, InStatistics)
         held = iter(arrays)
         try:
-            self.sink.stream.restore(held)
-            if self.rows:
-                self.rows.chosen.restore(held)
-        except (ValueError, StopIteration) as error:
+            with np.errstate(invalid="raise"):  # where what is to be whole is no number
+                self.sink.stream.restore(held)
+                if self.rows:
+                    self.rows.chosen.restore(held)
+        except (ValueError, ArithmeticError, StopIteration) as error:
             raise folders.StoreError(f"{self.folder}: {error}; fly it with --overwrite") from None
 
     def finish(self) -> None:
