@@ -1,7 +1,8 @@
 """Which figures a run gets, and of which outcomes. Nothing heavy is imported until it is needed."""
 
+import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
@@ -106,6 +107,14 @@ def clearance_bounds(loaded: "Campaign") -> dict[str, list[float]]:
         clearance = name.removesuffix("_recontact") + "_clearance_mm"
         found[clearance] = [*found.get(clearance, []), 0.0]
     return found
+
+
+def marks_of(history: Mapping[str, Any]) -> dict[str, float]:
+    """Times (s) of releases and events, by what figures call them, from the ``attrs`` of a history
+    or the manifest that keeps them."""
+    releases = {f"release of {joint}": t for joint, t in history.get("releases", {}).items()}
+    times = {**releases, **history.get("events", {})}
+    return {name: float(t) for name, t in times.items() if t is not None and math.isfinite(t)}
 
 
 def _begun(work: Callable[[], Any], second: "Executor | None") -> Callable[[], Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from sepmc.cli_figures import clearance_bounds, draw_figures
+from sepmc.cli_figures import clearance_bounds, draw_figures, marks_of
 from sepmc.cli_options import (
     CHECK,
     NO_PLOTS,
@@ -132,6 +132,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     about,
                     suffix,
                     required=clearance_bounds(load_campaign(str(folder), (), warn=False)),
+                    marks=marks_of(told),
                 )
             else:
                 told = record.read_manifest(folder)

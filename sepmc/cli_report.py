@@ -28,7 +28,7 @@ from sepmc.campaign import folders, record, store
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
-from sepmc.cli_figures import clearance_bounds, draw_figures, telling_outcomes
+from sepmc.cli_figures import clearance_bounds, draw_figures, marks_of, telling_outcomes
 from sepmc.cli_options import load_campaign, redundant
 from sepmc.cli_output import (
     accuracy_text,
@@ -397,6 +397,7 @@ def _worst(
             suffix=".svg",
             only=_REPLAYED_PAGES,
             required=clearance_bounds(loaded),
+            marks=marks_of(history.attrs),
         )
         found.append(page.Replay(title.rstrip(), figures))
     return found

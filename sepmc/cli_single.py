@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sepmc.cli_figures import clearance_bounds
+from sepmc.cli_figures import clearance_bounds, marks_of
 from sepmc.cli_options import undispersed
 from sepmc.cli_output import errors_told, single_error_text, summary_of
 
@@ -83,6 +83,7 @@ def tell_single(
             of_case(loaded.name, number, loaded.settings),
             behind=behind,
             required=clearance_bounds(loaded),
+            marks=marks_of(flown),
         )
     if film:
         from sepmc.report import animation
@@ -127,7 +128,7 @@ def _write(
     record.write_manifest(folder, manifest, store.campaign_text(loaded.file))
 
 
-_TOLD = ("status", "compiled", "outcomes", "errors", "notes")
+_TOLD = ("status", "compiled", "outcomes", "errors", "notes", "releases", "events")
 
 
 def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], None]) -> bool:

@@ -310,6 +310,17 @@ def outcome_columns(contents: Contents) -> list[Column]:
     ]
 
 
+def release_columns(contents: Contents) -> dict[str, str]:
+    """Column of the release time of each joint, by the joint's name."""
+    one = len(contents.joints) == 1
+    return {joint: f"{'' if one else f'{joint}_'}release_time_s" for joint in contents.joints}
+
+
+def event_columns(contents: Contents) -> dict[str, str]:
+    """Column of the time of each event, by the event's name."""
+    return {event: f"{event}_time_s" for event in contents.events}
+
+
 def _across(contents: Contents) -> Iterator[tuple[str, str, str, str]]:
     """Where rates of bodies are told whose transverse rates are asked for: how the names of both
     begin, the body, and when that is."""

@@ -11,8 +11,10 @@ from PIL import Image
 import sepmc
 from sepmc.campaign import ledger, record, store
 from sepmc.cli import main
-from sepmc.report import animation
+from sepmc.cli_figures import marks_of
+from sepmc.report import animation, figures
 from sepmc.report.animation import _Shot
+from sepmc.report.style import sheet
 
 
 @pytest.fixture(scope="module")
@@ -146,3 +148,63 @@ def test_a_single_flight_has_no_rows(tmp_path):
     code, said = command("replay", tmp_path / "one", "--case", 0)
     assert code == 2
     assert "holds a single flight; give the folder of a campaign" in said
+
+
+# a hinge of which a release, apart from the only phase, lets go
+_LETS_GO = {
+    "phase": [{"name": "only", "joints": {"pins": "revolute"}}],
+    "release": [{"name": "cut", "joint": "pins", "when": {"time_s": 0.2}}],
+    "event": [{"name": "late", "when": {"time_s": 0.4}}],
+}
+
+
+def test_film_shows_what_a_release_lets_go(pair):
+    """A joint that a release frees within a phase is drawn as free from that instant on."""
+    campaign = pair(_LETS_GO)
+    history = campaign.simulate(step_s=0.05)
+    assert history.attrs["releases"] == pytest.approx({"pins": 0.2})
+    assert history.attrs["events"] == pytest.approx({"late": 0.4})
+    held = {
+        float(history["time_s"].iloc[row]): bool(_Shot(history, campaign.scene, row).held)
+        for row in range(len(history))
+    }
+    assert all(holds == (time < 0.2 - 1e-9) for time, holds in held.items()), held
+
+
+def test_film_shows_a_joint_that_never_lets_go(pair):
+    """A joint without a release time is drawn as held to the end, though a phase frees it."""
+    phases = [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.2}},
+        {"name": "free", "joints": {}},
+    ]
+    campaign = pair({"phase": phases, "joint.pins.fails": 1})
+    history = campaign.simulate(step_s=0.05)
+    shot = _Shot(history, campaign.scene, len(history) - 1)
+    assert shot.held == {"pins"}
+    assert "of pins on aft" in shot.caption or shot.largest_force == 0.0
+
+
+def test_film_begins_at_the_size_of_the_vehicle(pair):
+    """The view holds the vehicle at first, and widens only as its bodies part."""
+    apart = {
+        "phase": [{"name": "free", "joints": {}}],
+        "load": [{"name": "push", "body": "aft", "force_N": [-1000.0, 0.0, 0.0]}],
+    }
+    campaign = pair(apart)
+    history = campaign.simulate(step_s=0.01)
+    shots = [_Shot(history, campaign.scene, row) for row in (0, len(history) - 1)]
+    views, length = animation._views(shots, campaign.scene)
+    widths = [high - low for low, high in (view[0] for view in views)]
+    assert length == pytest.approx(2.0)  # from centre of mass to centre of mass
+    assert widths[0] < 2.0 * length
+    assert widths[1] > 50.0 * length
+
+
+def test_figures_mark_releases_and_events(pair, tmp_path):
+    """A release and an event within a phase have a line each, named in the legend."""
+    history = pair(_LETS_GO).simulate(step_s=0.05)
+    _figure, (ax,) = sheet(1, 1, (4.0, 3.0))
+    ax.set_xlim(0.0, 0.5)
+    figures._mark(ax, marks_of(history.attrs))
+    _, names = ax.get_legend_handles_labels()
+    assert names == ["release of pins (0.2 s)", "late (0.4 s)"]

@@ -117,8 +117,9 @@ class Campaign(Definition):
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds
             ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
             `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it, else
-            the last change), its ``status``, whether its kernel was ``compiled``, and ``notes``,
-            sentences on what deserves a look.
+            the last change), its ``status``, whether its kernel was ``compiled``, ``notes``,
+            sentences on what deserves a look, and the times (s) of ``releases`` by joint and of
+            ``events`` by name, NaN of those that did not come.
         """
         check_every(step_s, self.scene)
         if case is not None and not isinstance(case, Case):
@@ -140,6 +141,8 @@ class Campaign(Definition):
         outcomes = {
             c.name: float(x * c.scale) for c, x in zip(results, found.outcomes, strict=True)
         }
+        releases = schema.release_columns(found.plan.contents)
+        events = schema.event_columns(found.plan.contents)
         which = "the nominal case" if case is None or case.number < 0 else f"case {case.number}"
         errors = () if found.error is None else zip(self.outcome_columns, found.error, strict=True)
         notes = unfit + found.notes + together(scene, outcomes, which)
@@ -151,6 +154,8 @@ class Campaign(Definition):
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": notes,
+            "releases": _Told({j: outcomes[c] for j, c in releases.items()}),
+            "events": _Told({e: outcomes[c] for e, c in events.items()}),
         }
         return frame
 

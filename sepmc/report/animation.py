@@ -16,8 +16,9 @@ from sepmc.scene.model import GROUND, Body, Joint, Part, Scene
 
 FRAMES, _PER_SECOND, _AROUND = 100, 20, 40  # of the film; points around a rim
 _VIEWS = ((1, "up (m)"), (2, "right (m)"))  # coordinate across the flight, and its name
-_SIGNS = "+ centre of mass; square: joint, filled while it holds; arrow: its constraint force"
+_SIGNS = "+ centre of mass; square: joint, filled until its release; arrow: its constraint force"
 _SHAPE = 0.3  # height of a view, of its width
+_MARGIN = 0.08  # of the width, around what is drawn
 _ARROW = 0.15  # of the vehicle's length: the greatest constraint force
 
 
@@ -31,13 +32,15 @@ def film(
     """Write the film of one case, a GIF or MP4 as its name ends; returns its path.
 
     The picture moves with the common centre of mass and keeps the attitude that the first body
-    starts with: stations run to the right, as in drawings of the vehicle. Joints that hold are
-    filled; an arrow is the constraint force on a joint's second body, the longest the greatest.
+    starts with: stations run to the right, as in drawings of the vehicle. The view begins at the
+    size of the vehicle and widens as the bodies part. A joint is filled until its release; an
+    arrow is the constraint force on a joint's second body, the longest the greatest.
 
     Parameters
     ----------
     history : DataFrame
-        Rows of a single flight, see `sepmc.schema.history_columns`.
+        Rows of a single flight, see `sepmc.schema.history_columns`; ``attrs["releases"]`` has the
+        time in s at which each joint became free (NaN if it did not).
     scene : of this case
     title : above the film
     path : ends in .gif, or in .mp4 where ffmpeg is installed
@@ -52,26 +55,27 @@ def film(
         raise ValueError(f"{path}: an MP4 needs ffmpeg, which is not installed; use .gif")
     writer = (FFMpegWriter if path.suffix == ".mp4" else PillowWriter)(fps=_PER_SECOND)
     shots = [_Shot(history, scene, row) for row in _rows(history)]
-    limits = _limits(shots, scene)
+    views, length = _views(shots, scene)
     force = max((shot.largest_force for shot in shots), default=0.0)
     figure, axes = sheet(2, 1, (8.0, 2.9))
 
-    def show(shot: _Shot) -> None:
+    def show(number: int) -> None:
+        shot, view = shots[number], views[number]
         for ax, (up, label) in zip(axes, _VIEWS, strict=True):
             ax.clear()
-            shot.draw(ax, up, force, _ARROW * limits[0])
+            shot.draw(ax, up, force, _ARROW * length)
             ax.set_aspect("equal", adjustable="box")
-            ax.set(xlim=limits[1], ylim=limits[2 if up == 1 else 3], ylabel=label)
+            ax.set(xlim=view[0], ylim=view[up], ylabel=label)
             ax.grid(True, color="#e4e4e4", linewidth=0.5)
         axes[-1].set_xlabel(f"aft (m)\n{_SIGNS}", fontsize=9)
         figure.suptitle(f"{title}\n{shot.caption}", fontsize=10)
 
-    show(shots[0])
+    show(len(shots) - 1)  # the widest view has the longest numbers at its axes
     figure.canvas.draw()
     figure.set_layout_engine("none")  # found once: frames stand still, and take half of the time
     with writer.saving(figure, str(path), dpi=90):
-        for number, shot in enumerate(shots):
-            show(shot)
+        for number in range(len(shots)):
+            show(number)
             writer.grab_frame()
             progress(number)
     return path
@@ -104,11 +108,18 @@ class _Shot:
             for name, joint in scene.joint.items()
             if GROUND not in joint.bodies
         }
-        phase = next(phase for phase in scene.phase if phase.name == now["phase"])
-        self.held = {name for name, kind in phase.joints.items() if kind != "free"}
+        held = {j for phase in scene.phase for j, kind in phase.joints.items() if kind != "free"}
+        releases = history.attrs["releases"]
+        self.held = {j for j in held if not now["time_s"] >= releases[j]}  # NaN: never released
         self.caption = f"{now['time_s']:.3f} s, {in_words(now['phase'])}"
-        if self.forces:
-            self.caption += f"; constraint force {self.largest_force:,.0f} N"
+        if self.forces and self.largest_force > 0.0:
+            joint = max(self.forces, key=lambda name: float(np.linalg.norm(self.forces[name])))
+            second = scene.joint[joint].bodies[1]
+            several = "largest " if len(self.forces) > 1 else ""
+            self.caption += (
+                f"; {several}constraint force {self.largest_force:,.0f} N: of {in_words(joint)} "
+                f"on {in_words(second)}"
+            )
 
     @property
     def largest_force(self) -> float:
@@ -119,6 +130,11 @@ class _Shot:
         """Layout points (n, 3) of a body in the picture: aft, up, right (n, 3)."""
         arms = (points - np.array(self.scene.body[body].cg)) * [-1.0, 1.0, 1.0]
         return (self.places[body] + self.turns[body].apply(arms)) * [-1.0, 1.0, 1.0]
+
+    def outer(self, name: str, body: Body) -> np.ndarray:
+        """Points (n, 3) of a body that the view must hold."""
+        parts = [np.array(p.points) if p.points else _rims(p) for p in body.outline]
+        return self.at(name, np.concatenate([*parts, _marks(name, body, self.scene)]))
 
     def draw(self, ax: Axes, up: int, greatest: float, length: float) -> None:
         """Draw the bodies, joints and forces into a view."""
@@ -190,17 +206,22 @@ def _marks(name: str, body: Body, scene: Scene) -> np.ndarray:
     return np.array([point for joint in points for point in (body.cg, joint)] or [body.cg])
 
 
-def _limits(shots: Sequence[_Shot], scene: Scene) -> tuple[float, tuple, tuple, tuple]:
-    """Length of the vehicle, and the ends of the axes aft, up and right that hold all shots."""
-    outer = []
+_View = tuple[tuple[float, float], ...]  # ends of the axes aft, up and right, m
+
+
+def _views(shots: Sequence[_Shot], scene: Scene) -> tuple[list[_View], float]:
+    """The view of each shot, which never shrinks and holds all bodies, and the vehicle's length in
+    m."""
+    views = []
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    length = 0.0
     for shot in shots:
-        for name, body in scene.body.items():
-            points = [_rims(p) if not p.points else np.array(p.points) for p in body.outline]
-            outer.append(shot.at(name, np.concatenate([*points, _marks(name, body, scene)])))
-    low, high = np.concatenate(outer).min(axis=0), np.concatenate(outer).max(axis=0)
-    middle, half = (low + high) / 2.0, (high - low) / 2.0 + 0.08 * max(high - low)
-    half[1:] = max(half[1], half[2], _SHAPE * half[0])
-    half[0] = half[1] / _SHAPE
-    ends = [(m - h, m + h) for m, h in zip(middle.tolist(), half.tolist(), strict=True)]
-    whole = np.concatenate(outer[: len(scene.body)])
-    return float(np.ptp(whole[:, 0])), ends[0], ends[1], ends[2]
+        points = np.concatenate([shot.outer(name, body) for name, body in scene.body.items()])
+        length = length or float(np.ptp(points[:, 0]))
+        low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+        middle, half = (low + high) / 2.0, (high - low) / 2.0 + _MARGIN * max(high - low)
+        half[1:] = max(half[1], half[2], _SHAPE * half[0])
+        half[0] = half[1] / _SHAPE
+        ends = zip((middle - half).tolist(), (middle + half).tolist(), strict=True)
+        views.append(tuple(ends))
+    return views, length

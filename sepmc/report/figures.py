@@ -22,6 +22,7 @@ from sepmc.report.style import (
     BOUND,
     EDGES,
     GREEN,
+    MARK,
     REFERENCE,
     REQUIRED,
     VERMILION,
@@ -223,9 +224,10 @@ def run_figures(
     behind: pd.DataFrame | None = None,
     only: Collection[str] | None = None,
     required: Mapping[str, Sequence[float]] | None = None,
+    marks: Mapping[str, float] | None = None,
 ) -> list[Path]:
     """Draw a single run over time (Figs 2 to 7); its phases are marked by thin lines and named
-    above.
+    above, releases and events by dotted lines with their names.
 
     Parameters
     ----------
@@ -251,6 +253,8 @@ def run_figures(
         Draw these alone, of those below, without their ending.
     required : mapping of outcome to bounds, optional
         Those of clearances are marked.
+    marks : mapping of name to time in s, optional
+        Releases and events, by their names.
 
     Returns
     -------
@@ -278,6 +282,7 @@ def run_figures(
                     there,
                     min(columns, len(there)),
                     behind,
+                    marks or {},
                 )
             )
 
@@ -512,9 +517,10 @@ def _time_page(
     title: str,
     panels: list[Panel],
     columns: int,
-    behind: pd.DataFrame | None = None,
+    behind: pd.DataFrame | None,
+    marks: Mapping[str, float],
 ) -> Path:
-    """Panels over one time axis, with the phases; another case ``behind``."""
+    """Panels over one time axis, with the phases and the ``marks``; another case ``behind``."""
     rows = -(-len(panels) // columns)
     figure, axes = sheet(
         rows, columns, (6.4, 4.0) if rows == 1 else (6.4 if columns == 1 else 4.6, 2.8)
@@ -558,6 +564,7 @@ def _time_page(
             ax.set_ylim((low + high) / 2 - 0.5, (low + high) / 2 + 0.5)
         for _, start, _ in phases[1:]:
             ax.axvline(start, color="#777777", linewidth=0.7, zorder=1.5)  # behind the data
+        _mark(ax, marks)
         if k < columns:
             _name_phases(ax, phases, figure.get_figwidth() / columns)
         if k >= len(panels) - columns:
@@ -568,6 +575,39 @@ def _time_page(
         _share_scale([a for a, p in zip(axes, panels, strict=False) if p.quantity == quantity])
     entitle(figure, title)
     return save(figure, path)
+
+
+_NEAR = 0.01  # of the time axis: marks nearer to each other share an entry of the legend
+_NAMED = 2  # marks that an entry names: more would not fit
+_MARK_STYLES = ((0, (1, 1)), (0, (5, 2)), (0, (3, 1, 1, 1)), (0, (1, 3)))
+
+
+def _mark(ax: Axes, marks: Mapping[str, float]) -> None:
+    """Draw a line at the time of each mark within the axes, which the legend of the figure names;
+    marks near each other share a style and an entry."""
+    begin, end = ax.get_xlim()
+    groups: list[list[tuple[float, str]]] = []
+    for time, name in sorted((time, in_words(name)) for name, time in marks.items()):
+        if not begin < time < end:
+            continue
+        if groups and time - groups[-1][-1][0] < _NEAR * (end - begin):
+            groups[-1].append((time, name))
+        else:
+            groups.append([(time, name)])
+    for number, group in enumerate(groups):
+        first, last = f"{group[0][0]:.4g}", f"{group[-1][0]:.4g}"
+        more = f" and {len(group) - _NAMED} more" if len(group) > _NAMED else ""
+        names = ", ".join(name for _, name in group[:_NAMED])
+        style = _MARK_STYLES[number % len(_MARK_STYLES)]
+        for time, _ in group:
+            ax.axvline(
+                time,
+                color=MARK,
+                linewidth=1.3,
+                linestyle=style,
+                zorder=1.6,
+                label=f"{names}{more} ({first if first == last else f'{first} to {last}'} s)",
+            )
 
 
 _SHORT, _TALL = 26, 48  # letters of 10 pt along the ordinate of panels above others, and of one

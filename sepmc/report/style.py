@@ -28,6 +28,7 @@ EDGES = (BLUE, VERMILION, GREEN, "#6a51a3", "#8c6d1f")
 # of one thing in all figures: what is required; a reference
 BOUND, REFERENCE = GREEN, VERMILION
 REQUIRED = "required bound"
+MARK = "#6a51a3"  # of a release or an event over time
 
 
 SCREEN, PRINTED = 150, 300  # dots an inch
