@@ -52,7 +52,7 @@ class Occurrence(NamedTuple):
     """How often a value occurred among so many cases."""
 
     of: Rare
-    count: int
+    times: int
     cases: int
 
 
@@ -111,9 +111,9 @@ def _pairs(
     inner = [np.clip(ndtri(each[:-1]), -_FARTHEST, _FARTHEST) for each in edges]
     below[1:-1, 1:-1] = _both_below(inner[0][:, None], inner[1][None, :], correlation)
     together: dict[tuple[float, float], float] = {}
-    for (i, j), share in np.ndenumerate(np.diff(np.diff(below, axis=0), axis=1)):
+    for (i, j), part in np.ndenumerate(np.diff(np.diff(below, axis=0), axis=1)):
         values = one.numbers[i], two.numbers[j]
-        together[values] = together.get(values, 0.0) + float(share)
+        together[values] = together.get(values, 0.0) + float(part)
     alone = _shares(one), _shares(two)
     for values, share in together.items():
         if share > _ABOVE * alone[0].get(values[0], 1.0) * alone[1].get(values[1], 1.0):
@@ -164,18 +164,18 @@ def occurrences(values: Sequence[Rare], counts: Sequence[int]) -> list[Occurrenc
 def seldom(found: Sequence[Occurrence]) -> list[Occurrence]:
     """Of occurrences those that are too few to show what their value does, the most probable
     first."""
-    few = [one for one in found if one.count < one.of.enough]
+    few = [one for one in found if one.times < one.of.enough]
     return sorted(few, key=lambda one: -one.of.probability)
 
 
 def not_shown(found: Sequence[Occurrence]) -> list[str]:
     """The sentence that names values that statistics say nothing of, as they did not occur, or too
     seldom; none if all occurred."""
-    few = [one for one in seldom(found) if not one.count or one.of.probability < _COMMON]
+    few = [one for one in seldom(found) if not one.times or one.of.probability < _COMMON]
     if not few:
         return []
     first, *others = (
-        f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.count}"
+        f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times}"
         for one in few[:_NAMED]
     )
     said = ", ".join([f"{first} of {few[0].cases} cases", *others])

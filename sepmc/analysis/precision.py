@@ -134,11 +134,11 @@ class Until:
         if few := seldom(found):
             one = few[-1]  # the least probable
             return (
-                f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.count} of "
+                f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times} of "
                 f"{one.cases} cases, and should in {one.of.enough}"
             )
-        row = summary.statistics().loc[self.metric]
-        n, sigma, error = int(row["n"]), float(row["sigma"]), float(row["sigma_se"])
+        row = summary.statistics().loc[self.metric].astype(float).to_dict()
+        n, sigma, error = round(row["n"]), row["sigma"], row["sigma_se"]
         if n < _FEWEST:
             return f"{n} cases have {self.metric}, and {_FEWEST} should"
         if error > _SIGMA_KNOWN * sigma:
