@@ -6,6 +6,8 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from measure_until import coverage
+from scipy.special import stdtrit
 
 import sepmc
 from sepmc.analysis.precision import read_until
@@ -15,7 +17,7 @@ from sepmc.campaign.numbers import Numbers, read
 from sepmc.campaign.own_files import StoreError
 from sepmc.campaign.record import read_manifest
 from sepmc.cli import main
-from sepmc.scene.messages import InputError, SceneError
+from sepmc.scene.messages import InputError, RunWarning, SceneError
 from sepmc.trust.gate.plain import flown_plainly
 
 # two bodies that a spring parts in empty space
@@ -277,34 +279,36 @@ def test_a_plan_meets_correlations(file, tmp_path):
 
 
 def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
-    """A campaign ends with the first 8, 16, ... cases (256, 512, ... as it comes) whose interval is
-    narrow enough, as the first cases of the whole, and says so."""
-    monkeypatch.setattr("sepmc.campaign.campaign._LOOKED_AT", 8)
+    """A campaign ends with the first 64, 128, ... cases (2,048 and so on as it comes) whose
+    interval is narrow enough, as the first cases of the whole, and says so."""
+    monkeypatch.setattr("sepmc.analysis.precision._FIRST_OF_MOMENTS", 64)
     campaign = sepmc.load(file)
-    size = campaign.run(8).statistics().loc["separation_speed_m_s", "mean_se"] * 1.96
-    result = campaign.run(200, out=tmp_path / "run", until=f"separation_speed_m_s:{size * 0.8}")
-    assert result.numbers.count == 16
-    assert result.to_pandas().equals(flown(campaign, 16))
+    row = campaign.run(128).statistics().loc["separation_speed_m_s"]
+    looks = 3  # at 64, 128 and 200 cases
+    half = stdtrit(127, 1.0 - 0.025 / looks) * row["mean_se"]
+    result = campaign.run(200, out=tmp_path / "run", until=f"separation_speed_m_s:{half * 1.01}")
+    assert result.numbers.count == 128
+    assert result.to_pandas().equals(flown(campaign, 128))
     told = read_manifest(tmp_path / "run")
-    assert told["until"].startswith("after 16 of 200 cases the mean of separation_speed_m_s is")
+    assert told["until"].startswith("after 128 of 200 cases the mean of separation_speed_m_s is")
     assert not [note for note in result.notes if note.startswith("after")]
     assert (told["cases"], told["complete"], sepmc.load(tmp_path / "run").scene.run.cases) == (
-        16,
+        128,
         True,
-        16,
+        128,
     )
     short = campaign.run(20, until="separation_speed_m_s.p95:1e-9", stats_only=True)
     assert (short.numbers.count, short.notes[-1].endswith("NOT MET")) == (20, True)
 
 
 def test_intervals_that_until_looks_at():
-    """Of the mean, of order statistics, and of Clopper and Pearson, of which the longer side is to
-    be short enough."""
+    """Of the mean by Student's law, of order statistics, and of Clopper and Pearson, of which the
+    longer side is to be short enough."""
     x = np.random.default_rng(3).normal(2.0, 0.1, 400)
     rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
     summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
-    half = 1.959964 * row["mean_se"]
+    half = stdtrit(399, 0.975) * row["mean_se"]
     assert read_until("speed_m_s:1", names).known(summary) == pytest.approx(
         (row["mean"], row["mean"] - half, row["mean"] + half)
     )
@@ -316,6 +320,28 @@ def test_intervals_that_until_looks_at():
         found = read_until(f"never-released:{tolerance}", names)
         assert found.known(summary) == (0.0, *ends)
         assert found.is_met(*found.known(summary)) == enough
+
+
+def test_a_mean_is_not_known_before_a_rare_value_occurred(file):
+    """What a discrete distribution gives a probability must occur before a mean is stated: if the
+    cases are too few for that, it is refused before any is flown; a percentile needs no such."""
+    text = file.read_text(encoding="utf-8")
+    at = "[dispersion]\n"
+    law = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.9999, 0.0001] }\n'
+    file.write_text(text.replace(at, at + law), encoding="utf-8")
+    campaign = sepmc.load(file)
+    said = r"push\.factor = 0\.5 \(probability 0\.0001\) occurred 10 times, in about 100,000 cases"
+    with pytest.raises(InputError, match=said):
+        campaign.run(4000, until="separation_speed_m_s:10%")
+    with pytest.warns(RunWarning, match=r"push\.factor = 0\.5 .* occurred in 0 of 256 cases"):
+        campaign.run(300, until="separation_speed_m_s.p50:10%", stats_only=True)
+
+
+@pytest.mark.parametrize("name", ["a rare failure decides the mean", "two failures that correlate"])
+def test_until_holds_what_it_states(name):
+    """Where a rare value decides the mean, the interval at the end holds the true one: in 20 of 20
+    seeds, of which intervals of 95 % miss more than five with a probability below 1e-3."""
+    assert coverage(name, 20)[0] >= 0.75
 
 
 @pytest.mark.parametrize(

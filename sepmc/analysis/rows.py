@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import statistics as of
-from sepmc.analysis.proportions import ranked
+from sepmc.analysis.proportions import CONFIDENCE, ranked
 from sepmc.analysis.requirements import (
     Errors,
     Tally,
@@ -67,10 +67,12 @@ class Rows:
         }
 
     def statistics(
-        self, reference: Mapping[str, Mapping[str, float]] | None = None
+        self,
+        reference: Mapping[str, Mapping[str, float]] | None = None,
+        confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
         """See `sepmc.analysis.statistics.statistics`."""
-        return of.statistics(self.cases, self.outcomes, reference)
+        return of.statistics(self.cases, self.outcomes, reference, confidence)
 
     def audit(self) -> pd.DataFrame:
         """See `sepmc.analysis.statistics.audit`."""

@@ -55,6 +55,7 @@ def statistics(
     cases: Mapping[str, Any],
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]] | None = None,
+    confidence: float = CONFIDENCE,
 ) -> pd.DataFrame:
     """Describe each outcome over the cases whose status is ``ok``.
 
@@ -68,6 +69,8 @@ def statistics(
     reference : mapping of outcome to {"mean", "sigma", "min", "max"}, optional
         Figures to compare with, in the outcome's unit; any of the four, or the outcome itself, may
         be absent.
+    confidence : float, optional
+        Of the intervals of percentiles.
 
     Returns
     -------
@@ -77,9 +80,10 @@ def statistics(
         the outcome's unit; ``mean_se`` = sigma / sqrt(n) and ``sigma_se``, see Notes; ``case_min``
         and ``case_max``, the numbers of the (first) cases with the extremes, floats so that they
         can be NaN too; ``p0_135_low``, ``p0_135_high`` and so on, the order statistics that hold
-        that percentile of the law between them with 95 %. What needs more values than there are is
-        NaN. With ``reference`` also ``ref_*``, and deviations here minus reference: ``dev_mean``,
-        ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is one percent).
+        that percentile of the law between them with the ``confidence``. What needs more values than
+        there are is NaN. With ``reference`` also ``ref_*``, and deviations here minus reference:
+        ``dev_mean``, ``dev_min``, ``dev_max`` in reference sigmas, ``dev_sigma`` relative (0.01 is
+        one percent).
 
     Notes
     -----
@@ -93,7 +97,9 @@ def statistics(
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
     return statistics_table(
-        [_describe(column(cases, name)[ok], numbers) for name in outcomes], outcomes, reference
+        [_describe(column(cases, name)[ok], numbers, confidence) for name in outcomes],
+        outcomes,
+        reference,
     )
 
 
@@ -171,7 +177,7 @@ def histogram_of(
     return Histogram(n, mean, sigma, low, high, edges, count(edges))
 
 
-def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
+def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dict[str, object]:
     """One row of the table from one outcome's values, shape (n_ok,), and the case numbers they
     belong to."""
     there = ~np.isnan(values)
@@ -191,16 +197,18 @@ def _describe(values: np.ndarray, numbers: np.ndarray) -> dict[str, object]:
     # between two infinities there is no number, and the table then says NaN
     with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
-    row |= percentile_ends(x.size, partial(ranked, x))
+    row |= percentile_ends(x.size, partial(ranked, x), confidence)
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
 
 
-def percentile_ends(n: int, ranked: Callable[[np.ndarray], np.ndarray]) -> dict[str, float]:
-    """Intervals of the percentiles, by name: order statistics that hold each with 95 %, of values
-    ``ranked`` by rising places; an end that n values cannot give is NaN."""
+def percentile_ends(
+    n: int, ranked: Callable[[np.ndarray], np.ndarray], confidence: float = CONFIDENCE
+) -> dict[str, float]:
+    """Intervals of the percentiles, by name: order statistics that hold each with a ``confidence``,
+    of values ``ranked`` by rising places; an end that n values cannot give is NaN."""
     places: dict[str, int] = {}
     for name, percent in PERCENTILES.items():
-        low, high = percentile_ranks(n, percent / 100.0)
+        low, high = percentile_ranks(n, percent / 100.0, confidence)
         places |= {f"{name}_low": low, f"{name}_high": high}
     there = {name: place for name, place in places.items() if 0 <= place < n}
     return dict(zip(there, ranked(np.array(list(there.values()), dtype=int)), strict=True))

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.moments import Groups, Moments
+from sepmc.analysis.proportions import CONFIDENCE
 from sepmc.analysis.requirements import (
     Errors,
     Tally,
@@ -272,7 +273,9 @@ class Stream:
         return {Status.OK.label: int(self._counters.by_code[Status.OK])} | ordered
 
     def statistics(
-        self, reference: Mapping[str, Mapping[str, float]] | None = None
+        self,
+        reference: Mapping[str, Mapping[str, float]] | None = None,
+        confidence: float = CONFIDENCE,
     ) -> pd.DataFrame:
         """As `sepmc.analysis.statistics.statistics`; percentiles are those of a `Sketch`."""
         self._flush()
@@ -280,7 +283,7 @@ class Stream:
         rows = [
             moments.row()
             | dict(zip(PERCENTILES, self.sketches[name].percentiles(percents), strict=True))
-            | percentile_ends(moments.n, self.sketches[name].ranked)
+            | percentile_ends(moments.n, self.sketches[name].ranked, confidence)
             for name, moments in self.moments.items()
         ]
         return statistics_table(rows, list(self.moments), reference)

@@ -36,7 +36,6 @@ from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, RunWarning
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
 
-_LOOKED_AT = 256  # cases, and twice and so on: then it is seen whether these are enough
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
 
 
@@ -216,10 +215,11 @@ class Campaign(Definition):
             the cases: no rows, no histories. Percentiles are exact up to 65,536
             cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
         until : str, optional
-            Fly no more of the cases, once 256, 512, ... of them are flown, than it takes to know a
-            statistic: ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its
-            unit, or ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the
-            share of a status.
+            Fly no more of the cases than it takes to know a statistic:
+            ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its unit, or
+            ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the share of a
+            status. A mean or a sigma is not known before every value that the file gives a
+            probability occurred; see `sepmc.analysis.precision`.
         keep : str, optional
             Statistics of all cases as with ``stats_only``, and of some also their rows, into the
             folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
@@ -332,11 +332,14 @@ class Campaign(Definition):
 
                 if crew:
                     chunks.fly_by(crew, wanted, tell)
-                for some in () if crew else wanted.growing(_LOOKED_AT) if stop else (wanted,):
+                parts = [wanted]
+                if stop:
+                    parts = list(wanted.growing(stop.first(self.rare_values)))
+                for some in [] if crew else parts:
                     for first, end in some.pieces(chunks.size):
                         if not chunks.too_many_failed:
                             chunks.fly(first, end, tell)
-                    if stop and chunks.is_known(stop):
+                    if stop and chunks.is_known(stop, len(parts)):
                         break
                 chunks.finish()
         finally:
@@ -408,6 +411,7 @@ class Campaign(Definition):
             what = "a sampler whose cases depend on how many there are"
             what = "resume" if resume else what if numbers.are_first else "cases that are named"
             raise InputError(f"until = {text}: excludes {what}")
+        found.check(self.rare_values, numbers.count)
         return found
 
 

@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from sepmc.analysis.occurrences import Occurrence, not_shown, occurrences
 from sepmc.analysis.precision import Until
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
@@ -392,6 +393,7 @@ class Chunks:
             *([note] if note else []),
             *mixed(self.kinds),
             *sampled(self.campaign, self.draws.numbers),
+            *not_shown(self.occurred),
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),
             *still_near(self.tally.least_at_the_end),
@@ -400,24 +402,24 @@ class Chunks:
         ]
         return found + [note for note in self.flight.notes if note not in found]
 
-    def is_known(self, until: Until) -> bool:
-        """Whether the cases so far are enough to know a statistic; these are then all that are
-        wanted."""
-        value, low, high = until.known(self.kept().summary)
-        enough = until.is_met(value, low, high)
-        asked = f"{100 * until.tolerance:g} %" if until.relative else f"{until.tolerance:g}"
-        self._known = (
-            f"after {self.flown} of {self.draws.numbers.count} cases the {until.name} is "
-            f"{value:.6g}, between {low:.6g} and {high:.6g} (95 %); asked: no more than {asked} "
-            f"from it{'' if enough else ': NOT MET'}"
-        )
-        self._stopped = [] if enough else [self._known]
-        if enough:
+    def is_known(self, until: Until, looks: int) -> bool:
+        """Whether the cases so far are enough to know a statistic, which is looked at so many times
+        at most; these are then all that are wanted."""
+        summary = self.kept().summary
+        look = until.look(summary, looks, self.occurred)
+        self._known = until.sentence(look, self.flown, self.draws.numbers.count)
+        self._stopped = [] if look.enough else [self._known]
+        if look.enough:
             self.wanted = self.flown
             self.draws = Draws(self.draws.seed, Numbers.first(self.flown), self.flown)
             if self.orders.announce:
                 self.orders.announce(self._known)
-        return enough
+        return look.enough
+
+    @property
+    def occurred(self) -> list[Occurrence]:
+        """How often values occurred that the file gives a probability."""
+        return occurrences(self.campaign.rare_values, self.tally.occurred)
 
     def kept(self) -> Kept:
         """What the run leaves of what is flown so far."""

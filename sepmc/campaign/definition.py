@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
+from sepmc.analysis.occurrences import Rare, rare_values
 from sepmc.campaign import cases
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.numbers import Numbers
@@ -102,6 +103,11 @@ class Definition:
     def dispersed(self) -> frozenset[str]:
         """Paths of the parameters that vary."""
         return frozenset(d.parameter.path for d in self.file.dispersions)
+
+    @cached_property
+    def rare_values(self) -> tuple[Rare, ...]:
+        """Values and pairs of values that the file gives a probability."""
+        return rare_values(self.file.dispersions, self.file.copulas)
 
     @property
     def has_histories(self) -> bool:

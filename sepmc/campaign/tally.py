@@ -4,11 +4,13 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+from operator import add
 from typing import Any, Self
 
 import msgspec
 import numpy as np
 
+from sepmc.analysis import occurrences
 from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
@@ -23,7 +25,8 @@ class Tally(msgspec.Struct, frozen=True):
     again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
     each clearance is least at the end; the largest error of every outcome, as far as cases tell it
     one by one, and the largest ``guards``, which tell it of the others
-    (`sepmc.campaign.estimate.Estimate.largest`)."""
+    (`sepmc.campaign.estimate.Estimate.largest`); how often rare values ``occurred``
+    (`sepmc.analysis.occurrences.count`)."""
 
     failures: int = 0
     implausible: int = 0
@@ -33,6 +36,7 @@ class Tally(msgspec.Struct, frozen=True):
     least_at_the_end: Mapping[str, int] = {}
     errors: Mapping[str, float] = {}
     guards: tuple[float, ...] = ()
+    occurred: tuple[int, ...] = ()
 
     def __add__(self, other: Self) -> "Tally":
         names = dict.fromkeys([*self.errors, *other.errors])
@@ -45,6 +49,7 @@ class Tally(msgspec.Struct, frozen=True):
             dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
             {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
             tuple(map(max, self.guards, other.guards)) or self.guards or other.guards,
+            tuple(map(add, self.occurred, other.occurred)) or self.occurred or other.occurred,
         )
 
     @property
@@ -75,6 +80,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         dict(least_at_the_end(outcomes, campaign.scene.run.end_time)),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.guards.tolist()) if again else (),
+        occurrences.count(campaign.rare_values, drawn),
     )
 
 

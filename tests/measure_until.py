@@ -1,0 +1,169 @@
+"""Print how often the interval that ``--until`` stops with holds the true statistic:
+``python tests/measure_until.py [REPEATS]``.
+
+Ten problems, most with values that are rarely drawn: cases are drawn, counted and looked at by what
+flies a campaign, but the outcome is a formula of the inputs whose statistics are known.
+"""
+
+import sys
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from sepmc.analysis.occurrences import count, occurrences, rare_values
+from sepmc.analysis.precision import read_until
+from sepmc.analysis.rows import Rows
+from sepmc.campaign.cases import Sampling, draw
+from sepmc.campaign.numbers import Numbers
+from sepmc.scene.correlation import Copula
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.parameters import Parameter
+
+REPEATS, CASES = 1000, 2**17
+OUTCOMES = ["speed_m_s", "gap_recontact"]
+
+
+def normal(name="speed"):
+    """A standard normal input."""
+    return Dispersion(Parameter(name, name, "", 1.0, None), "normal", (0.0, 1.0, np.inf))
+
+
+def uniform(name):
+    """An input between 0 and 1."""
+    return Dispersion(Parameter(name, name, "", 1.0, None), "uniform", (0.0, 1.0))
+
+
+def discrete(name, *weights, values=None):
+    """An input that is 0, 1, ... with such probabilities, the others' sum first."""
+    weights = (1.0 - sum(weights), *weights)
+    values = values or tuple(map(float, range(len(weights))))
+    return Dispersion(Parameter(name, name, "", 1.0, None), "discrete", values, weights)
+
+
+def together(coefficient):
+    """A copula of the first two inputs."""
+    low = np.linalg.cholesky([[1.0, coefficient], [coefficient, 1.0]])
+    return (Copula((0, 1), tuple(map(tuple, low.tolist()))),)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is asked of ``until``, the inputs, an outcome of them (and a status), and the ``truth``
+    of the statistic."""
+
+    until: str
+    inputs: tuple[Dispersion, ...]
+    outcome: Callable[[np.ndarray], np.ndarray]
+    truth: float
+    copulas: tuple[Copula, ...] = ()
+
+    def rows(self, seed, first, end):
+        """Draws (n, d) of cases, and their table."""
+        drawn = draw(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
+        values = self.outcome(drawn.T)
+        lost = np.isnan(values)
+        return drawn, {
+            "case": np.arange(first, end),
+            "status": np.where(lost, "never-released", "ok").astype(object),
+            "speed_m_s": values,
+            "gap_recontact": np.where(lost, np.nan, (values < 0.0).astype(float)),
+        }
+
+
+def mixture(share, point, shift):
+    """The value below which a share of normal cases lies, some of which are shifted."""
+    return brentq(
+        lambda x: (1.0 - share) * norm.cdf(x) + share * norm.cdf(x - shift) - point, -40.0, 40.0
+    )
+
+
+_BOTH = 0.0012437  # probability that two inputs that correlate by 0.5 both are in their last 1 %
+PROBLEMS = {
+    "a rare failure decides the mean": Problem(
+        "speed_m_s:0.02", (normal(), discrete("fails", 0.002)),
+        lambda x: 1.45 + 0.103 * x[0] - 20.2 * x[1], 1.45 - 20.2 * 0.002,
+    ),
+    "a rare failure changes the mean little": Problem(
+        "speed_m_s:0.5%", (normal(), discrete("fails", 0.002)),
+        lambda x: 1.45 + 0.103 * x[0] - 1.0 * x[1], 1.45 - 0.002,
+    ),
+    "two failures that correlate": Problem(
+        "speed_m_s:1.5%", (discrete("one", 0.01), discrete("two", 0.01), normal()),
+        lambda x: 1.45 + 0.1 * x[2] - 15.0 * x[0] * x[1], 1.45 - 15.0 * _BOTH, together(0.5),
+    ),
+    "a delay of three values": Problem(
+        "speed_m_s:2%", (normal(), discrete("delay", 0.025, 0.005, values=(0.0, 0.02, 0.9))),
+        lambda x: 0.05 + 0.01 * x[0] + x[1], 0.05 + 0.025 * 0.02 + 0.005 * 0.9,
+    ),
+    "sigma of a mixture": Problem(
+        "speed_m_s.sigma:5%", (normal(), discrete("fails", 0.01)),
+        lambda x: x[0] + 6.0 * x[1], np.sqrt(1.0 + 36.0 * 0.01 * 0.99),
+    ),
+    "a percentile where a failure begins": Problem(
+        "speed_m_s.p99:0.5", (normal(), discrete("fails", 0.012)),
+        lambda x: x[0] + 20.0 * x[1], mixture(0.012, 0.99, 20.0),
+    ),
+    "share of cases that touch": Problem(
+        "gap_recontact:0.002", (normal(), discrete("fails", 0.004)),
+        lambda x: 5.0 + x[0] - 20.0 * x[1], 0.004,
+    ),
+    "share of cases that fail": Problem(
+        "never-released:25%", (normal(), discrete("fails", 0.003)),
+        lambda x: np.where(x[1] == 1.0, np.nan, x[0]), 0.003,
+    ),
+    "two modes that no file tells of": Problem(
+        "speed_m_s:2%", (normal(), uniform("gust")),
+        lambda x: 1.45 + 0.1 * x[0] - 8.0 * (x[1] > 0.99), 1.45 - 0.08,
+    ),
+    "a long tail": Problem(
+        "speed_m_s:3%", (normal(),), lambda x: np.exp(x[0]), np.exp(0.5),
+    ),
+}  # fmt: skip
+
+
+def stopped(problem, seed, most=CASES):
+    """Cases after which a problem stops, and the look at them."""
+    until = read_until(problem.until, OUTCOMES)
+    values = rare_values(problem.inputs, problem.copulas)
+    every = list(Numbers.first(most).growing(until.first(values)))
+    tables, counts = [], np.zeros(1 + len(values), dtype=int)
+    for numbers in every:
+        drawn, table = problem.rows(seed, *numbers.ranges[0])
+        tables.append(table)
+        counts += count(values, drawn)
+        rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
+        found = occurrences(values, counts.tolist())
+        look = until.look(Rows(rows, OUTCOMES, [], {}), len(every), found)
+        if look.enough:
+            break
+    return numbers.end, look
+
+
+def coverage(name, repeats=REPEATS):
+    """Share of repeats in which the interval at the end holds the truth, in which the statistic was
+    known well enough, and the cases that this took on average."""
+    problem, seed = PROBLEMS[name], zlib.crc32(name.encode())
+    ends = [stopped(problem, seed + repeat) for repeat in range(repeats)]
+    held = [look.low <= problem.truth <= look.high for _, look in ends]
+    enough = [look.enough for _, look in ends]
+    return float(np.mean(held)), float(np.mean(enough)), float(np.mean([n for n, _ in ends]))
+
+
+def main():
+    """Measure and print."""
+    repeats = int(sys.argv[1]) if len(sys.argv) > 1 else REPEATS
+    print(f"{repeats} repeats each, of {CASES} cases at most")
+    for name, problem in PROBLEMS.items():
+        held, enough, cases = coverage(name, repeats)
+        print(
+            f"  {name:40s} {problem.until:20s} holds the truth in {100 * held:5.1f} %; "
+            f"known well enough in {100 * enough:5.1f} %, after {cases:7.0f} cases"
+        )
+
+
+if __name__ == "__main__":
+    main()
