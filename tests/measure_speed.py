@@ -24,8 +24,7 @@ from sepmc.bench.study import drawn
 from sepmc.campaign.campaign import Campaign, load
 from sepmc.campaign.flight import by_name, fly_once
 from sepmc.campaign.pilot import kernel_text, plan_flight
-from sepmc.engine import blocks
-from sepmc.engine.door import fly_cases, load_kernel
+from sepmc.engine.door import fly_cases, load_kernel, use_threads
 from sepmc.scene.read import parse_campaign, shipped_campaigns
 
 REPEATS, PAIRS, CASES = 7, 5, 10_000
@@ -38,9 +37,9 @@ from sepmc.bench.clock import seconds
 from sepmc.bench.study import drawn
 from sepmc.campaign.flight import fly, fly_once
 from sepmc.campaign.pilot import plan_flight
-from sepmc.engine import blocks
+from sepmc.engine.door import use_threads
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
-blocks.use_threads(1)
+use_threads(1)
 flight, inputs = plan_flight(campaign), drawn(campaign, 10_000)
 for work in (fly_once, fly):
     work(campaign, flight, inputs)
@@ -131,7 +130,7 @@ def features(file, cases=2000):
     """What clearances and loads cost, in the same steps and each as the pilot flies it; one
     thread."""
     campaign = load(file, BARE)
-    blocks.use_threads(1)
+    use_threads(1)
     flight, inputs = plan_flight(campaign), drawn(campaign, cases)
     scenes = {"all": campaign}
     if campaign.scene.output.loads:

@@ -122,7 +122,7 @@ def test_command(name, formulation, tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["table2", "spring-pushers"])
 def test_same_bits(name):
     """On any number of threads, in any chunks and order."""
-    from sepmc.engine.blocks import max_threads
+    from sepmc.engine.threads import max_threads
 
     found = bits.same_bits(study_of(name, 60, max_threads()))
     assert len(found) == 4

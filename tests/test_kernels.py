@@ -19,8 +19,8 @@ from sepmc import schema
 from sepmc.campaign import cases, pilot
 from sepmc.campaign.accuracy import decisive
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine.blocks import max_threads
 from sepmc.engine.door import fly_cases, interpreted, load_kernel
+from sepmc.engine.threads import max_threads
 from sepmc.kernel.methods import METHODS, method
 from sepmc.kernel.pieces import split
 from sepmc.kernel.structure import make_shape

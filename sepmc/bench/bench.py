@@ -28,8 +28,8 @@ from sepmc.bench.study import Say, Study, drawn
 from sepmc.campaign import folders
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.pilot import plan_flight
-from sepmc.engine.blocks import max_threads
-from sepmc.engine.door import check_threads, use_threads
+from sepmc.engine.door import check_threads, use_threads, using_threads
+from sepmc.engine.threads import max_threads
 from sepmc.scene.messages import SceneWarning
 
 CASES, QUICK_CASES = 10_000, 1000
@@ -82,9 +82,8 @@ def bench(
             say(said)
     threads = check_threads(threads) or max_threads()
     folder = open_folder(out, overwrite)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), using_threads(threads):
         warnings.simplefilter("ignore", SceneWarning)  # told when the file was read
-        use_threads(threads)
         history = campaign.scene.run.history_step
         study = _study(
             campaign,

@@ -9,7 +9,7 @@ from typing import Any
 from sepmc.bench.clock import rounds
 from sepmc.campaign import record
 from sepmc.engine import fma_peak as peak
-from sepmc.engine.blocks import max_threads, use_threads
+from sepmc.engine.threads import max_threads, use_threads
 
 _PASSES = 10_000  # some 3 ms
 

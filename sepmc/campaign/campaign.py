@@ -29,7 +29,7 @@ from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.work import Crew
-from sepmc.engine.door import check_every, check_threads, use_threads, whole
+from sepmc.engine.door import check_every, check_threads, using_threads, whole
 from sepmc.places import place
 from sepmc.scene.fields import convert
 from sepmc.scene.load_checks import SHORTEST
@@ -276,7 +276,7 @@ class Campaign(Definition):
             announce,
         )
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
-        with into as folder:
+        with using_threads(threads), into as folder:
             return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
     def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:
@@ -303,7 +303,6 @@ class Campaign(Definition):
         if folder and (not stats_only or (keep and ALL in keep.rules)):
             over_time = self.has_histories and not stats_only
             forecast(self, left, over_time, keep).check_disk(folder)
-        use_threads(orders.threads)
         begun = time.perf_counter()
         flight = plan_flight(
             self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
@@ -399,7 +398,7 @@ class Campaign(Definition):
         check_threads(threads)
         target(self, requirement)
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, False, False)
-        with into as folder:
+        with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce)
         _warn(found.notes, announce)
         return found

@@ -26,7 +26,7 @@ from sepmc.campaign.limit import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
 from sepmc.campaign.tally import accuracy, accuracy_told
-from sepmc.engine.door import use_threads, whole
+from sepmc.engine.door import whole
 from sepmc.schema import Column, Status
 
 MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
@@ -130,7 +130,6 @@ def seek(
     aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
     seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0)
     begun, started = datetime.now(UTC), time.perf_counter()
-    use_threads(threads)
     if announce:
         announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
     flight = plan_flight(campaign, announce=announce)

@@ -19,7 +19,7 @@ from sepmc.campaign.piece import Draws, fly_piece
 from sepmc.campaign.pilot import unpacked
 from sepmc.campaign.sinks import InFolder, KeptRows, add_to
 from sepmc.campaign.tally import Tally
-from sepmc.engine.door import use_threads
+from sepmc.engine.door import using_threads
 from sepmc.scene.read import read_campaign
 
 
@@ -88,8 +88,8 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
     with _flying:
         campaign, flight = _ready(job)
         separation = campaign.over_time(job.apart is None)
-        use_threads(threads)
-        pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
+        with using_threads(threads):
+            pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
     if not folders.is_called(job.folder, job.word):
         raise OutOfStepError(f"{job.folder}: nobody waits for cases {first} to {end - 1} any more")
     parts: list[ledger.Entry] = []

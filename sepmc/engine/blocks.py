@@ -7,17 +7,17 @@ three times, a third of its time to compile.
 
 import itertools
 import math
-from ctypes import PYFUNCTYPE, c_int64
+from ctypes import CFUNCTYPE, PYFUNCTYPE, c_int64
 from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, get_thread_id, prange, set_num_threads, types
+from numba import get_thread_id, prange, types
 from numba.extending import intrinsic
 
-from sepmc.engine import objects
+from sepmc.engine import objects, threads
 from sepmc.engine.written import Kernel
-from sepmc.jit import compiled, config, machine_code
+from sepmc.jit import compiled, machine_code
 from sepmc.routines.lanes import LANES
 
 NAME = "blocks"  # of the loop's object file
@@ -123,7 +123,19 @@ def fly(
     )
     room, workspaces = _workspaces(kernel)
     blocks = (draws.shape[1] + LANES - 1) // LANES
-    _loop()(kernel.address, blocks, workspaces, room.strides[0], sizes.ctypes.data)
+    if threads.is_forked():
+        _fly_alone(kernel.address, blocks, workspaces, sizes.ctypes.data)
+        return
+    with threads.in_turn():
+        _loop()(kernel.address, blocks, workspaces, room.strides[0], sizes.ctypes.data)
+
+
+def _fly_alone(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
+    """`_fly_blocks` on the thread of the caller: the same machine code of the kernel, so the same
+    bits, outside of Numba's threads."""
+    enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
+    for number in range(blocks):
+        enter(workspace, number * LANES, arguments)
 
 
 def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
@@ -131,7 +143,7 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
     address of what comes after these in the first row, where a line of memory begins."""
     calls = kernel.calls
     size = len(calls) + kernel.size
-    room = np.empty((get_num_threads(), size + -size % _LINE + _LINE + _PLACES * _PAGE))
+    room = np.empty((threads.in_use(), size + -size % _LINE + _LINE + _PLACES * _PAGE))
     skipped = -(room.ctypes.data // room.itemsize) % _LINE + next(_flights) % _PLACES * _PAGE
     room.view(np.int64)[:, skipped : skipped + len(calls)] = calls
     return room, room.ctypes.data + (skipped + len(calls)) * room.itemsize
@@ -146,21 +158,8 @@ def compile_blocks() -> None:
 @cache
 def _loop() -> Any:
     """The loop over blocks; it is compiled if it is not in the cache folder."""
-    get_num_threads()  # which lets machine code find Numba's threads
+    threads.in_use()  # which lets machine code find Numba's threads
     return PYFUNCTYPE(None, *5 * (c_int64,))(objects.link_or_make(NAME, compile_blocks))
 
 
-def max_threads() -> int:
-    """Largest number of threads a campaign can use."""
-    return int(config.NUMBA_NUM_THREADS)
-
-
-def use_threads(count: int | None) -> int:
-    """Fly the following blocks on ``count`` threads (all if None). Returns the number in use."""
-    if config.DISABLE_JIT:
-        return 1
-    set_num_threads(count or max_threads())
-    return int(get_num_threads())
-
-
-__all__ = ["NAME", "compile_blocks", "fly", "max_threads", "use_threads"]
+__all__ = ["NAME", "compile_blocks", "fly"]

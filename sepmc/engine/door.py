@@ -2,16 +2,19 @@
 and what a run may ask for."""
 
 import contextlib
+import math
 import operator
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from sepmc import schema
+from sepmc.engine.hosts import loading
 from sepmc.engine.written import Kernel
 from sepmc.kernel.plan import Plan
 from sepmc.scene.checks import MOST_ROWS
@@ -208,7 +211,7 @@ def _call(
     )  # fmt: skip
 
 
-def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
+def whole(name: str, value: Any, least: float, most: float | None = None) -> int:
     """A whole number in range; raises InputError (a ValueError) with the name, the value and what
     is allowed."""
     try:
@@ -237,38 +240,56 @@ def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
 
 
 def check_threads(threads: int | None) -> int | None:
-    """``threads`` if this machine can use so many; raises InputError (a ValueError) otherwise."""
+    """``threads`` if compiled code can use so many here.
+
+    Raises
+    ------
+    InputError
+        If it cannot, or if Numba's settings allow no threads at all.
+    """
+    from sepmc.engine import threads as own  # noqa: PLC0415  (numba)
+
+    own.in_use()
     if threads is None:
         return None
-    from sepmc.engine.blocks import max_threads  # noqa: PLC0415
-
-    if isinstance(threads, bool) or not 1 <= threads <= max_threads():
+    found, most = whole("threads", threads, -math.inf), own.max_threads()
+    if not 1 <= found <= most:
         raise InputError(
-            f"threads = {threads}: must lie in 1 to {max_threads()}, the cores of this machine"
+            f"threads = {found}: must lie in 1 to {most}, the cores of this machine or fewer where "
+            "NUMBA_NUM_THREADS is set"
         )
-    return threads
+    return found
 
 
 def use_threads(threads: int | None) -> None:
     """Fly on this many threads from now on, or on all."""
-    from sepmc.engine import blocks  # noqa: PLC0415
+    from sepmc.engine import threads as own  # noqa: PLC0415
 
-    blocks.use_threads(threads)
+    own.use_threads(threads)
 
 
-_interpreting = False
+@contextlib.contextmanager
+def using_threads(threads: int | None) -> Iterator[None]:
+    """Fly on this many threads meanwhile, or on all; then on as many as Numba was set to."""
+    from sepmc.engine import threads as own  # noqa: PLC0415
+
+    with own.using_threads(threads):
+        yield
+
+
+# of this Python thread: others go on as they were
+_interpreting: ContextVar[bool] = ContextVar("interpreting", default=False)
 
 
 @contextlib.contextmanager
 def interpreted(wanted: bool = True) -> Iterator[None]:
     """Fly kernels that are loaded meanwhile as plain Python: nothing is compiled, a case takes
     milliseconds instead of microseconds."""
-    global _interpreting  # noqa: PLW0603
-    before, _interpreting = _interpreting, wanted
+    before = _interpreting.set(wanted)
     try:
         yield
     finally:
-        _interpreting = before
+        _interpreting.reset(before)
 
 
 def now_and_then(
@@ -291,10 +312,11 @@ def now_and_then(
 def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Kernel:
     """The kernel with this text, ready to fly: loaded from the disk cache, after compiling there
     what of it is not yet."""
-    if _interpreting or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+    if _interpreting.get() or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         from sepmc.engine import interpreted as plain  # noqa: PLC0415
 
-        return plain.load(text)
+        with loading:
+            return plain.load(text)
     from sepmc.engine import cache  # noqa: PLC0415
 
     pieces = cache.pieces_of(text)
@@ -318,7 +340,8 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             cache.compile_apart(pieces, progress)
         finally:
             _waited.append(time.monotonic() - begun)
-    return cache.load(pieces)
+    with loading:
+        return cache.load(pieces)
 
 
 def waited_for_compilers() -> float:
