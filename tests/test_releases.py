@@ -51,20 +51,24 @@ def until(condition, kind="fixed"):
     }
 
 
-def cut(joint, when, name="cut"):
-    return {"name": name, "joint": joint, "when": when}
+def cut(joint, when, name="cut", **more):
+    return {"name": name, "joint": joint, "when": when} | more
 
 
 SCENES = {
     "at a time": (ONE, [cut("pins", {"time_s": 0.13})], 0.13),
     "at the start": (ONE, [cut("pins", {"time_s": 0.0})], 0.0),
     "late": (ONE | {"joint.pins.delay_s": 0.05}, [cut("pins", {"time_s": 0.13})], 0.18),
-    "not within the flight": (ONE, [cut("pins", {"time_s": 0.9})], math.nan),
+    "not within the flight, as it may": (
+        ONE,
+        [cut("pins", {"time_s": 0.9}, optional=True)],
+        math.nan,
+    ),
     "of another joint than a phase's": (TWO, [cut("other", {"time_s": 0.3})], 0.3),
     "before the phase that would let go": (TWO, [cut("pins", {"time_s": 0.1})], None),
     "by the stroke of another joint": (
         TWO,
-        [cut("other", {"joint": "pins", "stroke_mm": 5.0})],
+        [cut("other", {"joint": "pins", "stroke_mm": 5.0}, optional=True)],
         None,
     ),
     "by several conditions, and a second one": (
@@ -135,7 +139,7 @@ SCENES = {
                 {"name": "rest", "joints": {"pins": "slider"}},
             ]
         },
-        [cut("pins", {"joint": "pins", "moment_N_m": 4.0})],
+        [cut("pins", {"joint": "pins", "moment_N_m": 4.0}, optional=True)],
         None,
     ),
     "none, but a phase ends by a load after a pusher is spent": (
@@ -180,3 +184,90 @@ def test_a_joint_that_was_told_and_holds_at_the_end(pair):
         == independent.fly(campaign.nominal().to_dict()).status
         == "never-released"
     )
+
+
+LATE_TIME, NEVER = {"time_s": 0.9}, {"joint": "pins", "force_N": 1e4}
+HINGED = {
+    "phase": [{"name": "held", "joints": {"pins": "revolute"}}],
+    "joint.pins.y_axis": [0, 0, 1],
+}
+# what may not come, and how the case ends: of a joint that holds on, or does not
+UNMET = {
+    "a time beyond the end": (ONE, [cut("pins", LATE_TIME)], "never-released"),
+    "a time beyond the end, optional": (ONE, [cut("pins", LATE_TIME, optional=True)], "ok"),
+    "an angle of a hinge": (
+        HINGED,
+        [cut("pins", {"joint": "pins", "angle_deg": 60.0})],
+        "never-released",
+    ),
+    "a break load": (ONE | PULLED, [cut("pins", NEVER)], "never-released"),
+    "a break load, optional": (ONE | PULLED, [cut("pins", NEVER, optional=True)], "ok"),
+    "a release of a part": (ONE, [cut("pins", LATE_TIME, to="slider")], "never-released"),
+    "a release of a part, optional": (
+        ONE,
+        [cut("pins", LATE_TIME, to="slider", optional=True)],
+        "ok",
+    ),
+    "the second of two": (
+        ONE,
+        [cut("pins", {"time_s": 0.1}, to="slider"), cut("pins", LATE_TIME, "go")],
+        "never-released",
+    ),
+    "the second of two, optional": (
+        ONE,
+        [cut("pins", {"time_s": 0.1}, to="slider"), cut("pins", LATE_TIME, "go", optional=True)],
+        "ok",
+    ),
+    "one of two that would do the same": (
+        ONE | PULLED,
+        [cut("pins", NEVER), cut("pins", {"time_s": 0.1}, "clock")],
+        "ok",
+    ),
+    "a part, of a joint that is let go altogether": (
+        ONE,
+        [cut("pins", LATE_TIME, to="slider"), cut("pins", {"time_s": 0.1}, "go")],
+        "ok",
+    ),
+    "a release of a joint that a later phase frees": (TWO, [cut("pins", LATE_TIME)], "ok"),
+    "the load of another joint": (
+        TWO,
+        [cut("other", {"joint": "pins", "force_N": 1e4})],
+        "never-released",
+    ),
+    "an event inside all": (
+        ONE,
+        [cut("pins", {"all": [{"time_s": 0.1}, {"any": [LATE_TIME, NEVER]}]})],
+        "never-released",
+    ),
+    "an event inside any": (ONE, [cut("pins", {"any": [{"time_s": 0.1}, NEVER]})], "ok"),
+    "the end of a spring's stroke": (
+        ONE | {"spring": [PUSHER]},
+        [cut("pins", {"spring": "pusher"})],
+        "never-released",
+    ),
+    "nothing, but its delay ends later": (
+        ONE | {"joint.pins.delay_s": 0.5},
+        [cut("pins", {"time_s": 0.2}, optional=True)],
+        "never-released",
+    ),
+    "nothing, but the joint fails": (
+        ONE | {"joint.pins.fails": 1},
+        [cut("pins", {"time_s": 0.2}, optional=True)],
+        "never-released",
+    ),
+    "nothing that must, and the joint would fail": (
+        ONE | {"joint.pins.fails": 1},
+        [cut("pins", LATE_TIME, optional=True)],
+        "ok",
+    ),
+    "a load that would end a phase": (PULLED | until(NEVER), [], "never-released"),
+}
+
+
+@pytest.mark.parametrize("name", UNMET)
+def test_a_release_that_does_not_come(pair, name):
+    """A joint that holds on though it should have let go; alone and as the independent flight."""
+    settings, releases, expected = UNMET[name]
+    campaign = pair(TURNING | settings | {"release": releases})
+    other = independent.fly(campaign.nominal().to_dict())
+    assert (alone(campaign)[0], other.status) == (expected, expected)

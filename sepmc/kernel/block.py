@@ -151,12 +151,13 @@ def _leave(out: Text, c: Context, number: int, stage: Stage) -> None:
 
 
 def _note_unreleased(text: Text, c: Context) -> None:
-    """Whether a joint that was told to let go still holds at the end."""
+    """Whether a joint still holds at the end that was told to let go, or should have been."""
     scope = c.scope()
     for joint in c.shape.masked:
         for change in c.shape.told(joint):
-            told = _comes(scope, c, change) < math.inf
-            holds = told & (_kind(scope, c, joint) < float(change.to))
+            holds = _kind(scope, c, joint) < float(change.to)
+            if change.optional:
+                holds = holds & (_comes(scope, c, change) < math.inf)
             scope.store("UNRELEASED", where(holds, 1.0, scope.load("UNRELEASED")))
     scope.write(text)
 

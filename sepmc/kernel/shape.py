@@ -107,11 +107,12 @@ class Release:
 @dataclass(frozen=True)
 class Change:
     """What an event tells a joint, the end of a phase or a release apart from phases: to hold its
-    kind number ``to``, from its delay on."""
+    kind number ``to``, from its delay on; whether the event is ``optional``: it need not come."""
 
     joint: str
     event: str
     to: int
+    optional: bool = False
 
 
 @dataclass

@@ -188,8 +188,7 @@ def _changes(scene: Scene) -> list[Change]:
         if to > _in_phase(scene, joint, number):
             found.append(Change(joint, phase.name, to))
     return found + [
-        Change(release.joint, release.name, _numbered(scene, release.joint, release.to))
-        for release in scene.release
+        Change(r.joint, r.name, _numbered(scene, r.joint, r.to), r.optional) for r in scene.release
     ]
 
 

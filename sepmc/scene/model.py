@@ -282,12 +282,14 @@ class Phase(_Table, frozen=True, kw_only=True):
 
 
 class Release(_Table, frozen=True, kw_only=True):
-    """An event of one joint, whatever the phase."""
+    """A change of one joint, whatever the phase. A case whose condition does not come, though the
+    joint holds what it would let go, is never-released unless the release is ``optional``."""
 
     name: Name
     joint: str
     to: str = "free"
     when: Until
+    optional: bool = False
 
 
 class Event(_Table, frozen=True, kw_only=True):

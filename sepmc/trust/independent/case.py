@@ -74,7 +74,10 @@ PART = {"stations": None, "radii": None, "offset": (0.0, 0.0), "points": (), "ho
 CLEARANCE = {"name": REQUIRED, "bodies": REQUIRED, "after": None}
 PHASE = {"name": REQUIRED, "joints": None, "until": None}
 EVENT = {"name": REQUIRED, "when": REQUIRED}
-RELEASE = {"name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED}
+RELEASE = {
+    "name": REQUIRED, "joint": REQUIRED, "to": "free", "when": REQUIRED,
+    "optional": False,
+}  # fmt: skip
 UNTIL = {
     "time": None, "burn_out": None, "spring": None, "joint": None, "stroke": None, "distance": None,
     "angle": None, "force": None, "moment": None,

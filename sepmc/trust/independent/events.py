@@ -44,6 +44,7 @@ class Sequence:
             {table["joint"]: rows_of(table["to"], joints[table["joint"]].own)}
             for table in scene["release"]
         ]
+        self.optional = [table["optional"] for table in scene["release"]]
         self.loads = loads
         self.springs = [
             spring_event(s.name, s.table["stroke"])
@@ -149,9 +150,15 @@ class Sequence:
         return min((time for time in times if time > t), default=math.inf)
 
     def never_released(self) -> bool:
-        """Whether a phase other than the last is on, or a joint holds what it was told to let
-        go."""
-        return self.phase < len(self.phases) - 1 or any(True for _ in self._told())
+        """Whether a phase other than the last is on, or a joint holds what it was told to let go,
+        or what a release that is not optional would have let go."""
+        missing = any(
+            is_less(rows, self.held[name])
+            for event, tells, optional in zip(self.releases, self.tells, self.optional, strict=True)
+            if math.isinf(event.time) and not optional
+            for name, rows in tells.items()
+        )
+        return self.phase < len(self.phases) - 1 or missing or any(True for _ in self._told())
 
 
 def is_less(rows: frozenset[Row], held: frozenset[Row]) -> bool:
