@@ -259,6 +259,7 @@ class Contents:
     events: tuple[str, ...] = ()
     pins: dict[str, int] = field(default_factory=dict)  # of all joints that have a guide
     transverse: tuple[str, ...] = ()
+    ignitions: tuple[str, ...] = ()  # motors that wait for an instant of the flight
 
 
 def is_yes_or_no(outcome: str) -> bool:
@@ -303,6 +304,9 @@ def outcome_columns(contents: Contents) -> list[Column]:
                     )
     for event in contents.events:
         columns += _at_event(contents, event)
+    for motor in contents.ignitions:
+        meaning = f"time at which motor {motor} lit; NaN if it did not"
+        columns.append(Column(f"{motor}_ignition_time_s", "s", meaning))
     meaning = "rate of {0} across its x axis, of yaw and pitch together{1}"
     return columns + [
         Column(f"{stem}transverse_rate_deg_s", "deg/s", meaning.format(body, when), DEG)

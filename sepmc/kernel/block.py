@@ -9,9 +9,10 @@ from typing import Any
 from sepmc.kernel.context import Context, height, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
 from sepmc.kernel.history import trace
+from sepmc.kernel.ignition import ignition, lights, note_ignitions
 from sepmc.kernel.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
 from sepmc.kernel.recorder import Scope, Value, total, where
-from sepmc.kernel.shape import APART, Change, Release, Stage, ended, met, numbers_of
+from sepmc.kernel.shape import APART, Change, Due, Release, Stage, ended, met, numbers_of
 from sepmc.kernel.steps import advance
 from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
@@ -242,11 +243,20 @@ def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tupl
     """Conditions, by number, that no step is aimed at, for time or a spring tell: whether each
     holds."""
     now = scope.load("T")
-    for number, places in told.times.items():
-        yield number, now >= total([c.case.number(place) for place in places]) - _SAME_TIME
+    for number, due in told.times.items():
+        yield number, now >= _time(scope, c, due) - _SAME_TIME
     for number, spring in told.springs.items():
         c.start(ended(spring), 0.0)
         yield number, scope.load(ended(spring)) > 0.0
+
+
+def _time(scope: Scope, c: Context, due: Due) -> Value:
+    """When something is due."""
+    terms = [c.case.number(place) for place in due.places]
+    for motor in c.shape.triggered:
+        if motor.name == due.motor:
+            terms.insert(0, ignition(scope, c, motor))
+    return total(terms)
 
 
 def _note_told(text: Text, c: Context, stage: Stage) -> None:
@@ -357,22 +367,20 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         for change, due in _due(scope, c, stage, joint):
             waits = _kind(scope, c, joint) < float(change.to)
             end = where(waits & (due < end), scalar.larger(due, now), end)
-    times = [(met(stage.name, number), places) for number, places in stage.times.items()]
+    times = [(met(stage.name, number), due) for number, due in stage.times.items()]
     times += [
-        (met(APART, number), places)
+        (met(APART, number), due)
         for release in stage.releases
-        for number, places in release.times.items()
+        for number, due in release.times.items()
     ]
-    for flag, places in times:
-        comes, waits = (
-            total([c.case.number(place) for place in places]),
-            scope.load(flag).equals(0.0),
-        )
+    for flag, due in times:
+        comes, waits = _time(scope, c, due), scope.load(flag).equals(0.0)
         end = where(
             waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end
         )
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
+    note_ignitions(scope, c)
     for event in stage.events:
         scope.store(f"LAST_{stage.name}_{event.name}", math.inf)
     scope.write(text)
@@ -538,6 +546,11 @@ def emit_switch(out: Text, c: Context) -> None:
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")
+    for i, motor in enumerate(c.shape.scene.motor):
+        if motor.trigger is not None:
+            p = int(c.model.motors_p) + at.MOTOR_SIZE * i
+            text(f"w[case + {p + at.IGNITION}] = w[{lights(motor.name)} + l]")
+            text(f"w[case + {p + at.IGNITION_DELAY}] = 0.0")
     text("end = min(w[END + l], next_break(t, m, w, case))", "w[END + l] = end")
     text("set_stretch(0.5 * (t + end), m, w, case)")
     for i, motor in enumerate(c.shape.scene.motor):

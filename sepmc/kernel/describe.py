@@ -49,7 +49,25 @@ def lines(plan: Plan) -> list[str]:
         )
     for event in scene.event:
         found.append(f"event        {event.name}: when {condition(event.when)}")
+    for motor in scene.motor:
+        if motor.trigger is not None:
+            found.append(f"ignition     {motor.name}: {_instant(motor)}")
     return found
+
+
+def _instant(motor: Motor) -> str:
+    """When a motor lights that waits for an instant of the flight."""
+    trigger = motor.trigger
+    assert trigger is not None
+    instant = (
+        f"as {trigger.joint} becomes free"
+        if trigger.joint is not None
+        else f"at event {trigger.event}"
+        if trigger.event is not None
+        else f"at release {trigger.release}"
+    )
+    later = trigger.delay + motor.delay
+    return f"{later:g} s later than {instant}" if later else instant
 
 
 def _resolution(scene: Scene) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 from sepmc.kernel.context import Context, height, level, lose, lost_unless, part
 from sepmc.kernel.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.kernel.geometry import Line, State
+from sepmc.kernel.ignition import lights
 from sepmc.kernel.packing import aero_terms
 from sepmc.kernel.recorder import Value, total, where
 from sepmc.kernel.shape import ended
@@ -255,9 +256,13 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
         thrust = level(s.time).called("thrust")
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
-        ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called(
-            "ignition"
-        )
+        if motor.trigger is not None:
+            s.c.start(lights(name), math.inf)
+            ignition = scope.load(lights(name))
+        else:
+            ignition = (case.number(p + at.IGNITION) + case.number(p + at.IGNITION_DELAY)).called(
+                "ignition"
+            )
         since = scalar.larger(s.time - ignition, 0.0).called("since")
         thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
         if s.shape.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):

@@ -7,7 +7,7 @@ from dataclasses import replace
 from msgspec.structs import replace as change
 
 from sepmc.kernel.plan import Plan
-from sepmc.scene.model import GROUND, Phase, Scene, Until
+from sepmc.scene.model import GROUND, Ignition, Phase, Scene, Until
 
 # Tables whose items have a name of the user's, and the word their items are numbered by.
 _WORDS = {
@@ -71,7 +71,12 @@ class Names:
                 for name, j in scene.joint.items()
             },
             motor=tuple(
-                change(m, name=self.of["motor"][m.name], body=self._body(m.body))
+                change(
+                    m,
+                    name=self.of["motor"][m.name],
+                    body=self._body(m.body),
+                    ignition=self._ignition(m.ignition),
+                )
                 for m in scene.motor
             ),
             spring=tuple(
@@ -145,6 +150,13 @@ class Names:
             joints=joints,
             until=phase.until and self._until(phase.until),
         )
+
+    def _ignition(self, ignition: float | Ignition) -> float | Ignition:
+        """A time, or what a motor waits for."""
+        if not isinstance(ignition, Ignition):
+            return ignition
+        waits = {key: getattr(ignition, key) for key in ("event", "release", "joint")}
+        return change(ignition, **{key: name and self.of[key][name] for key, name in waits.items()})
 
     def _until(self, until: Until) -> Until:
         """A condition, and its parts."""

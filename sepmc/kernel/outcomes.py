@@ -10,6 +10,7 @@ from sepmc.kernel.context import Context, part
 from sepmc.kernel.formulas import ZERO, loads, quat, vec3
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import guide_outcomes
+from sepmc.kernel.ignition import ignition
 from sepmc.kernel.recorder import where
 from sepmc.kernel.tables import call_look_up, has_wind_profile
 from sepmc.kernel.text import Text
@@ -55,6 +56,7 @@ def emit_report(out: Text, c: Context) -> None:
     events = [event.name for event in shape.scene.event]
     for number, event in enumerate(events):
         _at_event(s, event, number * _told_at_event(c))
+    _ignitions(s)
     s.scope.write(text)
     for number, event in enumerate(events):
         _clearances_at_event(text, s, event, (number + 1) * _told_at_event(c))
@@ -97,6 +99,17 @@ def _at_event(end: State, event: str, o: int) -> None:
         found += [line.rate, line.length]
     for k, value in enumerate(found):
         scope.store(part("OF_EVENTS", o + k), where(came, value, math.nan))
+
+
+def _ignitions(end: State) -> None:
+    """When motors lit that waited for an instant of the flight, into IGNITIONS; NaN if they did
+    not."""
+    c, motors = end.c, end.shape.triggered
+    if motors:
+        c.slabs.add("IGNITIONS", len(motors), optional=True)
+    for k, motor in enumerate(motors):
+        time = ignition(end.scope, c, motor)
+        end.scope.store(part("IGNITIONS", k), where(time <= end.time, time, math.nan))
 
 
 def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> None:
@@ -200,6 +213,8 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
     found += [(slab, 3) for slab in tip_offs(c)]
     if "OF_EVENTS" in c.slabs.counts:
         found.append(("OF_EVENTS", c.slabs.counts["OF_EVENTS"]))
+    if "IGNITIONS" in c.slabs.counts:
+        found.append(("IGNITIONS", c.slabs.counts["IGNITIONS"]))
     return found
 
 

@@ -202,6 +202,8 @@ def _parameters(
     for i, motor in enumerate(scene.motor):
         start = starts["motors_p"] + at.MOTOR_SIZE * i
         slots |= {f"motor.{motor.name}.{key}": start + offset for key, offset in _MOTOR.items()}
+        if motor.trigger is not None:
+            slots[f"motor.{motor.name}.ignition.delay"] = slots.pop(f"motor.{motor.name}.ignition")
     for i, (name, joint) in enumerate(scene.joint.items()):
         start = starts["joints_p"] + at.JOINT_SIZE * i
         slots |= {f"joint.{name}.{key}": start + offset for key, offset in _JOINT.items()}

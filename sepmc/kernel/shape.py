@@ -10,7 +10,7 @@ from sepmc.kernel.naming import Names
 from sepmc.kernel.plan import Plan
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, slides
-from sepmc.scene.model import GROUND, Scene
+from sepmc.scene.model import GROUND, Motor, Scene
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 # codes of the rows that a joint holds, by the number of its kind: the one that holds most first
@@ -89,16 +89,25 @@ def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
     return sorted({number for clause in clauses for number in clause})
 
 
+@dataclass(frozen=True)
+class Due:
+    """A time: places in w of what adds up to it, from the start of the flight or, if a ``motor``
+    is named, from its ignition."""
+
+    places: tuple[int, ...]
+    motor: str = ""
+
+
 @dataclass
 class Release:
     """A release apart from phases, of a joint, or of none: an instant that is told of. Any of
-    clauses, each all of conditions by number; those of these that are times, places of what adds up
-    to them, those that are ends of springs, those on the state and those on loads."""
+    clauses, each all of conditions by number; those of these that are times, those that are ends of
+    springs, those on the state and those on loads."""
 
     name: str
     joint: str
     clauses: list[tuple[int, ...]]
-    times: dict[int, tuple[int, ...]]
+    times: dict[int, Due]
     springs: dict[int, str]
     events: list[Event]
     loads: list[Event]
@@ -151,8 +160,7 @@ class Stage:
     awaited: Event | None = None
     # of several conditions: any of these ends it, each all of its numbers
     clauses: list[tuple[int, ...]] = field(default_factory=list)
-    # which of them are times: places of what adds up to them
-    times: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    times: dict[int, Due] = field(default_factory=dict)  # which of them are times
     springs: dict[int, str] = field(default_factory=dict)  # which are ends of springs
     # apart from phases, that may change what joints hold in it
     releases: list[Release] = field(default_factory=list)
@@ -244,6 +252,11 @@ class Shape:
     def scene(self) -> Scene:
         """The scene of the plan."""
         return self.plan.scene
+
+    @property
+    def triggered(self) -> list[Motor]:
+        """Motors that light at an instant that the flight itself tells."""
+        return [motor for motor in self.scene.motor if motor.trigger is not None]
 
     @property
     def bodies(self) -> list[str]:

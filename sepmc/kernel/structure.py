@@ -11,6 +11,7 @@ from sepmc.kernel.naming import Names
 from sepmc.kernel.plan import Plan, is_ground_named
 from sepmc.kernel.shape import (
     Change,
+    Due,
     Event,
     Kinds,
     Release,
@@ -54,11 +55,13 @@ def _needs_any_order(shape: Shape) -> bool:
     )
 
 
-def _is_manifold(until: Until) -> bool:
-    """Whether a phase ends by several conditions, or as one of several would."""
+def _is_manifold(scene: Scene, until: Until) -> bool:
+    """Whether a phase ends by several conditions, or as one of several would: by a spring, or by
+    the burn-out of a motor whose ignition is not known beforehand."""
     keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
     return (
         bool(until.any or until.all or until.spring)
+        or any(motor.name == until.burn_out and motor.trigger for motor in scene.motor)
         or sum(getattr(until, key) is not None for key in keys) != 1
     )
 
@@ -148,7 +151,7 @@ def _stages(
     for number, phase in enumerate(scene.phase):
         may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
         stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, care)
-        if phase.until is not None and _is_manifold(phase.until):
+        if phase.until is not None and _is_manifold(scene, phase.until):
             _add_clauses(stage, number, plan, dispersed)
         else:
             _add_end(stage, phase, plan, dispersed)
@@ -272,7 +275,7 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
     if until.time is not None:
         stage.end_time = (leaves[f"{path}.time"],)
     elif until.burn_out is not None:
-        stage.end_time = _burn_out(plan, until.burn_out)
+        stage.end_time = _burn_out(plan, until.burn_out).places
     elif key := next((key for key in _ON_LOAD if getattr(until, key) is not None), None):
         assert until.joint is not None
         stage.loads.append(Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True))
@@ -285,9 +288,12 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         stage.events.append(Event(what, which, leaves[f"{path}.{key}"], True))
 
 
-def _burn_out(plan: Plan, motor: str) -> tuple[int, ...]:
-    """Places in w of what adds up to the time of a burn-out."""
-    return tuple(plan.slots[f"motor.{motor}.{key}"] for key in ("ignition", "delay", "burn"))
+def _burn_out(plan: Plan, name: str) -> Due:
+    """The time of a burn-out."""
+    motor = next(one for one in plan.scene.motor if one.name == name)
+    keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
+    places = tuple(plan.slots[f"motor.{name}.{key}"] for key in keys)
+    return Due(places, name if motor.trigger is not None else "")
 
 
 def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
@@ -299,15 +305,13 @@ def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str
 
 def _clauses(
     number: int, plan: Plan, dispersed: frozenset[str]
-) -> tuple[
-    list[tuple[int, ...]], dict[int, tuple[int, ...]], dict[int, str], list[Event], list[Event]
-]:
+) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
     """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of
     conditions; those that are times, ends of springs, those on the state, those on loads."""
     conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
-    times: dict[int, tuple[int, ...]] = {}
+    times: dict[int, Due] = {}
     springs: dict[int, str] = {}
     on_state: list[Event] = []
     on_load: list[Event] = []
@@ -318,7 +322,7 @@ def _clauses(
         if leaf.event != number:
             continue
         if leaf.what == at.AT_TIME:
-            times[k] = (first + k,)
+            times[k] = Due((first + k,))
         elif leaf.what == at.AT_BURN_OUT:
             times[k] = _burn_out(plan, leaf.which)
         elif leaf.what == at.AT_SPRING_STROKE:
@@ -373,7 +377,7 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     for motor in scene.motor:
         path = f"motor.{motor.name}"
         count += (
-            motor.ignition > 0.0
+            motor.ignition != 0.0
             or motor.delay > 0.0
             or bool(dispersed & {f"{path}.ignition", f"{path}.delay"})
         )
@@ -406,7 +410,12 @@ def _stage(
     attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
     all bodies turn by themselves, and all rows are left in."""
     numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
-    told = [r for r in releases if not r.joint or numbers[r.name] > min(may[r.joint])]
+    lighting = {motor.trigger.release for motor in scene.motor if motor.trigger is not None}
+    told = [
+        r
+        for r in releases
+        if not r.joint or r.name in lighting or numbers[r.name] > min(may[r.joint])
+    ]
     made = Stage(name, phase, may, releases=told)
     ground = [GROUND] if is_ground_named(scene) else []
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]

@@ -8,6 +8,7 @@ import numpy as np
 from sepmc.scene.contents import contents
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.fields import convert
+from sepmc.scene.ignition_checks import check_ignitions
 from sepmc.scene.kinds import KINDS, rows_of, slides
 from sepmc.scene.limits import LARGEST, SMALLEST
 from sepmc.scene.load_checks import (
@@ -45,6 +46,7 @@ def check_scene(scene: Scene, problems: Problems) -> None:
     check_outputs(scene, problems)
     check_air(scene, problems)
     check_phases(scene, problems)
+    check_ignitions(scene, problems)
     _check_initial(scene, problems)
     _check_histories(scene, problems)
     if not problems:

@@ -19,4 +19,5 @@ def contents(scene: Scene) -> Contents:
         tuple(event.name for event in scene.event),
         pins,
         scene.output.transverse,
+        tuple(motor.name for motor in scene.motor if motor.trigger is not None),
     )

@@ -26,6 +26,18 @@ class Field:
     quantity: Quantity
     required: bool
     default: Any
+    # a table that may stand in place of the number, under the field's name without a unit
+    instead: type[msgspec.Struct] | None = None
+
+    @property
+    def spellings(self) -> list["Field"]:
+        """The field, and as another field the table that may stand in its place."""
+        if self.instead is None:
+            return [self]
+        table = dataclasses.replace(
+            self, type=self.instead, bare=self.instead, quantity=Quantity(""), instead=None
+        )
+        return [self, table]
 
     @property
     def units(self) -> dict[str, float]:
@@ -77,12 +89,36 @@ def fields_of(kind: type[msgspec.Struct]) -> dict[str, Field]:
     hints = get_type_hints(kind, include_extras=True)
     result = {}
     for info in msgspec.structs.fields(kind):
-        annotation = hints[info.name]
+        annotation, instead = _split(hints[info.name])
         bare, quantity = _unwrap(annotation)
         result[info.name] = Field(
-            info.name, annotation, bare, quantity or Quantity(""), info.required, info.default
+            info.name,
+            annotation,
+            bare,
+            quantity or Quantity(""),
+            info.required,
+            info.default,
+            instead,
         )
     return result
+
+
+def keys_of(fields: dict[str, Field]) -> dict[str, tuple[Field, float]]:
+    """Every TOML key that fields of a table accept: its field, and the factor of its unit to SI."""
+    return {
+        key: (spelling, factor)
+        for field in fields.values()
+        for spelling in field.spellings
+        for key, factor in spelling.keys.items()
+    }
+
+
+def _split(annotation: Any) -> tuple[Any, type[msgspec.Struct] | None]:
+    """A type without the table that may stand in its place, and that table."""
+    options = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else ()
+    tables = [a for a in options if isinstance(a, type) and issubclass(a, msgspec.Struct)]
+    others = [a for a in options if a not in tables and a is not type(None)]
+    return (others[0], tables[0]) if tables and others else (annotation, None)
 
 
 def _unwrap(annotation: Any) -> tuple[Any, Quantity | None]:

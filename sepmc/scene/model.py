@@ -140,12 +140,23 @@ class Profile(_Table, frozen=True, kw_only=True):
     fraction: Series
 
 
+class Ignition(_Table, frozen=True, kw_only=True):
+    """The instant from which a motor's clock counts: an event, a release (when its condition is
+    met), or a joint that becomes free; ``delay`` after it the motor lights."""
+
+    event: str | None = None
+    release: str | None = None
+    joint: str | None = None
+    delay: Time = 0.0
+
+
 class Motor(_Table, frozen=True, kw_only=True):
     name: Name
     body: str
     thrust: Annotated[float, Quantity("force")]
     build_up: Time = 0.0
-    ignition: Time = 0.0
+    # s from the start of the flight, or from an instant that the flight itself tells
+    ignition: Time | Ignition = 0.0
     delay: Time = 0.0
     burn: Annotated[float, Positive, Quantity("time")] = math.inf
     tail_off: Time = 0.0
@@ -157,6 +168,11 @@ class Motor(_Table, frozen=True, kw_only=True):
     offset: Annotated[tuple[float, float], Quantity("length", ("y", "z"))] = (0.0, 0.0)
     deflection: Angle = 0.0
     deflection_clock: Angle = 0.0
+
+    @property
+    def trigger(self) -> Ignition | None:
+        """The instant it waits for; None if it lights at a time that is given."""
+        return self.ignition if isinstance(self.ignition, Ignition) else None
 
     @property
     def direction(self) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ from typing import Any, get_args, get_origin
 
 import msgspec
 
-from sepmc.scene.fields import Field, fields_of
+from sepmc.scene.fields import Field, fields_of, keys_of
 from sepmc.scene.messages import nearest
 from sepmc.scene.model import XYZ, Scene
 from sepmc.scene.units import split_unit
@@ -61,7 +61,12 @@ def find(scene: Scene, key: str) -> Parameter:
 
 def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
     fields = fields_of(type(node))
-    accepted = {key: field for field in fields.values() for key in field.keys}
+    given = {name: getattr(node, name) for name in fields}
+    accepted = {
+        key: (field, factor)
+        for key, (field, factor) in keys_of(fields).items()
+        if not (fields[field.name].instead and _is_table(given[field.name]) != bool(field.table))
+    }
     if part not in accepted:
         stem = split_unit(part)[0]
         if stem in fields and fields[stem].units:
@@ -69,11 +74,14 @@ def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
                 f"{part!r} has a wrong or missing unit; allowed: " + ", ".join(fields[stem].keys)
             )
         raise UnknownPath(f"no {part!r} here; " + nearest(part, accepted))
-    field = accepted[part]
-    if getattr(node, field.name) is None:
+    field, factor = accepted[part]
+    if given[field.name] is None:
         raise UnknownPath(f"{part!r} is not set in this scene, so it cannot vary")
-    unit = split_unit(part)[1] if field.units else ""
-    return field.name, unit, field.keys[part], field
+    return field.name, split_unit(part)[1] if field.units else "", factor, field
+
+
+def _is_table(node: Any) -> bool:
+    return isinstance(node, msgspec.Struct)
 
 
 def item_names(items: tuple[Any, ...]) -> tuple[str, ...]:

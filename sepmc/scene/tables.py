@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin
 
 import msgspec
 
-from sepmc.scene.fields import Field, convert, fields_of, to_si
+from sepmc.scene.fields import Field, convert, fields_of, keys_of, to_si
 from sepmc.scene.limits import LARGEST
 from sepmc.scene.limits import NAME as LONGEST_NAME
 from sepmc.scene.messages import Problems, shorten
@@ -24,9 +24,7 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
         problems.add(place, "must be a table", tree)
         return None
     fields = fields_of(kind)
-    accepted = {
-        key: (field, factor) for field in fields.values() for key, factor in field.keys.items()
-    }
+    accepted = keys_of(fields)
     values: dict[str, Any] = {}
     seen: dict[str, str] = {}
     misspelt: set[str] = set()
@@ -43,6 +41,11 @@ def read_table(kind: type[msgspec.Struct], tree: Any, place: str, problems: Prob
             problems.add(_join(place, key), f"given twice, also as {seen[field.name]!r}")
             continue
         seen[field.name] = key
+        units = fields[field.name].units
+        if units and field.table and not isinstance(value, dict):
+            said = f"the unit is missing; allowed: {', '.join(fields[field.name].keys)}, or a table"
+            problems.add(_join(place, key), said, value)
+            continue
         values[field.name] = _read_value(field, value, factor, _join(place, key), problems)
     for field in fields.values():
         if field.required and field.name not in seen:

@@ -120,6 +120,8 @@ class Body:
         """Motor data with its unit force and that force's moment (m) about the mass centre, both in
         body axes."""
         refuse_others(m, MOTOR, f"motor.{m['name']}")
+        if isinstance(m.get("ignition"), Mapping):
+            refuse_others(m["ignition"], (), f"motor.{m['name']}.ignition")
         clock, b, p = m.get("clock", 0.0), m.get("deflection", 0.0), m.get("deflection_clock", 0.0)
         nozzle_to_body = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
         force = nozzle_to_body @ (np.cos(b), -np.sin(b) * np.sin(p), np.sin(b) * np.cos(p))

@@ -168,7 +168,8 @@ def check(scene: Any) -> None:
             plain
             and motor.profile is None
             and motor.burn > scene.run.end_time
-            and motor.build_up > 0.0 == motor.ignition + motor.delay
+            and motor.build_up > 0.0
+            and (motor.ignition, motor.delay) == (0.0, 0.0)
         )
         for body in scene.body.values():
             aero = body.aerodynamics

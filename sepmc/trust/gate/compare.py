@@ -411,7 +411,9 @@ def _late_features(tree: Tree) -> set[str]:
     """Those of the later kinds: releases, tables, guides, events, outputs of loads."""
     environment, bodies = tree.get("environment", {}), tree["body"].values()
     guides = [joint["guide"] for joint in tree.get("joint", {}).values() if "guide" in joint]
+    waits = [motor["ignition"] for motor in tree.get("motor", []) if "ignition" in motor]
     present = {
+        **{f"ignition at {key}": any(key in one for one in waits) for key in _INSTANTS},
         "release": tree.get("release"),
         "event": tree.get("event"),
         "proximity": tree.get("proximity"),
@@ -436,6 +438,9 @@ def _keys(until: Tree) -> set[str]:
 
 
 _OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")
+
+
+_INSTANTS = ("event", "release", "joint")
 
 
 def _own(tree: Tree, joint: str, kind: str) -> bool:

@@ -4,9 +4,12 @@ of, of a random scene."""
 from collections.abc import Callable
 
 from sepmc.scene.kinds import KINDS, is_part
+from sepmc.scene.messages import SceneError
+from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import Draft, Tree
 from sepmc.trust.gate.joints import rows
+from sepmc.trust.gate.loads import add_motor
 
 _Condition = Callable[[], Tree]
 
@@ -90,6 +93,53 @@ def add_events(draft: Draft, until: Callable[[dict[str, str], float, float], Tre
     if springs and dice.chance(0.7):
         ends: list[Tree] = [{"spring": name} for name in dice.some(springs, dice.pick([1, 2, 3]))]
         _add_event(draft, ends[0] if len(ends) == 1 else {dice.pick(["any", "all"]): ends})
+
+
+def add_ignitions(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
+    """Motors that light at an event, at a release or as a joint becomes free (``until`` as
+    above). What waits for a burn-out may wait for one of these; what waits for itself is left."""
+    dice, tree = draft.dice, draft.tree
+    if "ignition" not in draft.late or draft.special == "still":
+        return
+    held = dict(tree["phase"][0]["joints"])
+    if not _instants(draft) or dice.chance(0.5):
+        past = dice.between(0.05, 0.7) * draft.span
+        _add_event(draft, ending(draft, held, lambda: until(held, past, past)))
+    if not tree.get("motor") or dice.chance(0.4):
+        add_motor(draft)
+    instants = _instants(draft)
+    for motor in dice.some(tree["motor"], dice.pick([1, 1, 2])):
+        key, name = dice.pick(instants)
+        later = {"delay_s": dice.between(0.01, 0.3) * draft.span} if dice.chance(0.5) else {}
+        before = dict(motor)
+        motor.pop("ignition_s", None)
+        motor["ignition"] = {key: name, **later}
+        if not _is_read(tree):
+            motor.clear()
+            motor.update(before)
+
+
+def _instants(draft: Draft) -> list[tuple[str, str]]:
+    """Events, releases and joints that a motor may wait for."""
+    tree = draft.tree
+    found = [(key, item["name"]) for key in ("event", "release") for item in tree.get(key, [])]
+    phases = [phase["joints"] for phase in tree["phase"]]
+    for joint in tree["joint"]:
+        kinds = [phase.get(joint, "free") for phase in phases]
+        freed = [one for one in tree.get("release", []) if one["joint"] == joint]
+        if kinds[0] != "free" and (kinds[-1] == "free" or any(r["to"] == "free" for r in freed)):
+            found.append(("joint", joint))
+    return found
+
+
+def _is_read(tree: Tree) -> bool:
+    """Whether a tree is one of a campaign file that can be flown."""
+    order = {key: value for key, value in tree.items() if not key.startswith("_")}
+    try:
+        parse_campaign(order, "draft")
+    except SceneError:
+        return False
+    return True
 
 
 def _add_event(draft: Draft, when: Tree) -> None:

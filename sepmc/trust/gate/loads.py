@@ -15,24 +15,30 @@ def add_loads(draft: Draft) -> None:
     for motor in tree.get("motor", []):
         _options(draft, motor)
     for _ in range(dice.weighted({0: 0.3, 1: 0.45, 2: 0.25})):
-        body = dice.pick(draft.bodies)
-        station = rounded(draft.cg(body)[0] + dice.between(-0.5, 0.8))
-        motor = {
-            "name": draft.names.new("motor"),
-            "body": body,
-            "thrust_N": _force(draft, body),
-            "station_m": station,
-        }
-        if dice.chance(0.3):
-            motor["burn_s"] = dice.between(0.1, 0.9) * draft.span
-        if dice.chance(0.35):
-            motor["ignition_s"] = dice.between(0.05, 0.6) * draft.span
-        _options(draft, motor)
-        tree.setdefault("motor", []).append(motor)
+        add_motor(draft)
     for _ in range(dice.weighted({0: 0.5, 1: 0.35, 2: 0.15})):
         _add_spring(draft)
     for _ in range(dice.weighted({0: 0.5, 1: 0.35, 2: 0.15})):
         _add_load(draft)
+
+
+def add_motor(draft: Draft) -> None:
+    """A motor somewhere, with some of what it may have."""
+    dice = draft.dice
+    body = dice.pick(draft.bodies)
+    station = rounded(draft.cg(body)[0] + dice.between(-0.5, 0.8))
+    motor = {
+        "name": draft.names.new("motor"),
+        "body": body,
+        "thrust_N": _force(draft, body),
+        "station_m": station,
+    }
+    if dice.chance(0.3):
+        motor["burn_s"] = dice.between(0.1, 0.9) * draft.span
+    if dice.chance(0.35):
+        motor["ignition_s"] = dice.between(0.05, 0.6) * draft.span
+    _options(draft, motor)
+    draft.tree.setdefault("motor", []).append(motor)
 
 
 def _force(draft: Draft, body: str) -> float:

@@ -6,7 +6,7 @@ from functools import partial
 
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
-from sepmc.trust.gate.events import add_events, add_releases, ending
+from sepmc.trust.gate.events import add_events, add_ignitions, add_releases, ending
 from sepmc.trust.gate.joints import chain, rows, toward
 
 _ENDS = {
@@ -58,6 +58,11 @@ def add_phases(draft: Draft) -> None:
 def add_instants(draft: Draft) -> None:
     """Instants that are told of, in a scene that is complete but for these."""
     add_events(draft, partial(_until, draft))
+
+
+def add_triggers(draft: Draft) -> None:
+    """Motors that light at an instant of the flight, in a scene that is complete but for these."""
+    add_ignitions(draft, partial(_until, draft))
 
 
 def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree:

@@ -32,7 +32,7 @@ from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
 from sepmc.trust.gate.names import Names
 from sepmc.trust.gate.outlines import add_clearances
-from sepmc.trust.gate.phases import add_instants, add_phases
+from sepmc.trust.gate.phases import add_instants, add_phases, add_triggers
 from sepmc.trust.gate.tables import add_aero_tables, add_increments, add_profiles
 
 SPECIAL = {
@@ -56,6 +56,7 @@ LATE = {
     "proximity": 0.2,  # increments over a distance
     "clearance": 0.15,  # outlines, and distances between them
     "event": 0.25,  # instants that are told of, ends of springs among them
+    "ignition": 0.25,  # motors that light at an event or release, or as a joint becomes free
 }
 _LATE_SHARE = 0.3
 _TRANSVERSE = 0.15  # of the scenes tell transverse rates
@@ -108,6 +109,8 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     if across.chance(_TRANSVERSE):
         bodies = across.some(list(draft.tree["body"]), 1)
         draft.tree["output"] = draft.tree.get("output", {}) | {"transverse": bodies}
+    draft.dice = draft.names.dice = Dice(seed, 4)
+    add_triggers(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from sepmc.campaign.campaign import Campaign
-from sepmc.scene.fields import fields_of
+from sepmc.scene.fields import fields_of, keys_of
 from sepmc.scene.model import Scene
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.dice import Dice
@@ -26,11 +26,7 @@ def in_units(tree: Tree, dice: Dice) -> Tree:
 
 
 def _in_units(table: Tree, kind: type[msgspec.Struct], dice: Dice) -> Tree:
-    fields = {
-        key: (field, factor)
-        for field in fields_of(kind).values()
-        for key, factor in field.keys.items()
-    }
+    fields = keys_of(fields_of(kind))
     result: Tree = {}
     for key, value in table.items():
         field, factor = fields.get(key, (None, 1.0))
@@ -74,6 +70,7 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
         for item in new.get(key, []):
             item["body"] = bodies[item["body"]]
             item["name"] = f"m_{item['name']}" if key == "motor" else f"{item['name']}9"
+            item |= {"ignition": _waiting(item, joints)} if "ignition" in item else {}
     for phase in new["phase"]:
         phase["joints"] = {
             joints[name]: f"{kind}_k" if kind in tree["joint"][name].get("kind", {}) else kind
@@ -111,6 +108,13 @@ def renamed(tree: Tree, dice: Dice) -> Tree:
         for key, names in new.get("output", {}).items()
     }
     return new
+
+
+def _waiting(motor: Tree, joints: dict[str, str]) -> Tree:
+    """What a motor waits for, with the new names."""
+    new = {"event": lambda name: f"E{name}", "release": lambda name: f"R{name}"}
+    new |= {"joint": joints.__getitem__}
+    return {key: new[key](it) if key in new else it for key, it in motor["ignition"].items()}
 
 
 def _renamed_in(
@@ -278,6 +282,8 @@ def spelt(column: str, spelling: str, tree: Tree) -> str | None:
         for name in (c["name"] for c in tree.get("clearance", []))
         for end in _OF_CLEARANCE
     }
+    for motor in (m["name"] for m in tree.get("motor", [])):
+        moved[f"{motor}_ignition_time_s"] = f"m_{motor}_ignition_time_s"
     for event in (e["name"] for e in tree.get("event", [])):
         moved |= {f"{event}_{told}": f"E{event}_{new}" for told, new in _at_event(tree)}
     if column in moved:

@@ -38,6 +38,7 @@ MOTOR = {
     "clock": 0.0, "offset": (0.0, 0.0),
     "deflection": 0.0, "deflection_clock": 0.0,
 }  # fmt: skip
+IGNITION = {"event": None, "release": None, "joint": None, "delay": 0.0}
 PROFILE = {"time": REQUIRED, "fraction": REQUIRED}
 SPRING = {
     "name": REQUIRED, "bodies": REQUIRED, "point": REQUIRED, "second_point": None, "axis": None,
@@ -158,6 +159,8 @@ def read(case: Mapping[str, Any]) -> Table:
     scene["motor"] = _list(scene["motor"], MOTOR, "motor")
     for motor in scene["motor"]:
         _inner(motor, "profile", PROFILE, f"motor.{motor['name']}")
+        if isinstance(motor["ignition"], Mapping):
+            _inner(motor, "ignition", IGNITION, f"motor.{motor['name']}")
         if motor["profile"] and math.isinf(motor["burn"]):
             motor["burn"] = motor["profile"]["time"][-1]  # nothing is left after the last row
     scene["spring"] = _list(scene["spring"], SPRING, "spring")

@@ -92,6 +92,7 @@ class Sequence:
                     e.leaves[0].which == spring.name and math.isfinite(e.time) for e in self.springs
                 )
             again = self._let_go(t) or again
+            again = self._light(t) or again
             if loads and not again:
                 return
             loads = not again
@@ -138,6 +139,34 @@ class Sequence:
                 self.held[name], changed = rows, True
                 self.log.append((t, f"joint {name} holds {len(rows)} rows"))
         return changed
+
+    def _light(self, t: float) -> bool:
+        """Motors whose event, release or joint they wait for has come; what acts is then told
+        anew."""
+        lit = [motor for motor in self.loads.motors if motor.waits and math.isinf(motor.start)]
+        lit = [motor for motor in lit if self._has_come(motor.waits)]
+        for motor in lit:
+            motor.light(t)
+            for leaf in self._leaves():
+                if leaf.what == "burn_out" and leaf.which == motor.table["name"]:
+                    leaf.threshold = motor.end
+            self.log.append((t, f"motor {motor.table['name']} is told to light"))
+        if lit:
+            self.loads.set_stretch(t + GRAIN)
+        return bool(lit)
+
+    def _has_come(self, waits: Table) -> bool:
+        if waits["joint"] is not None:
+            return bool(self.kinds[0][waits["joint"]]) and not self.held[waits["joint"]]
+        if waits["event"] is not None:
+            return math.isfinite(self.told[waits["event"]].time)
+        name = f"release {waits['release']}"
+        return any(math.isfinite(one.time) for one in self.releases if one.name == name)
+
+    def _leaves(self) -> Iterator[Leaf]:
+        """Leaves of all conditions, waited for or not."""
+        for event in (*self.phases, *self.apart):
+            yield from event.leaves
 
     def next_time(self, t: float) -> float:
         """Earliest time after t at which something happens by the clock."""

@@ -34,13 +34,24 @@ class Motor:
             m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz)
         )
         self.moment = cross(arm, self.force)
-        self.start = m["ignition"] + m["delay"]
-        self.end = self.start + m["burn"]
-        self.switches = [
-            self.start,
-            self.end,
-            *(self.start + knot for knot in (m["profile"] or {"time": ()})["time"]),
-        ]
+        # what it waits for; its clock stands still until that comes
+        self.waits: Table = m["ignition"] if isinstance(m["ignition"], dict) else {}
+        self.start = math.inf if self.waits else m["ignition"] + m["delay"]
+
+    def light(self, t: float) -> None:
+        """What it waits for comes at time t, s."""
+        self.start = t + self.waits["delay"] + self.table["delay"]
+
+    @property
+    def end(self) -> float:
+        """When it burns out, s."""
+        return self.start + self.table["burn"]
+
+    @property
+    def switches(self) -> list[float]:
+        """Times, s, at which its thrust is not smooth."""
+        knots = (self.table["profile"] or {"time": ()})["time"]
+        return [self.start, self.end, *(self.start + knot for knot in knots)]
 
     def _burning(self, since: float, profile: Callable[[float], float]) -> float:
         build_up = self.table["build_up"]
@@ -208,10 +219,6 @@ class Loads:
             if table["body"] in flows:
                 flows[table["body"]].increments.append((joints[table["joint"]], Increments(table)))
         self.flows = list(flows.values()) if self.air else []
-        self.switches = [t for motor in self.motors for t in motor.switches]
-        self.switches += [
-            t for load in self.constants for t in (load.table["start"], load.table["end"])
-        ]
         self.thrusts: list[tuple[Motor, Callable[[float], float]]] = []
         self.acting: list[Constant] = []
 
@@ -226,6 +233,14 @@ class Loads:
             if self.environment["atmosphere"] == "us1976"
             else Tabled(self.environment["air"])
         )
+
+    @property
+    def switches(self) -> list[float]:
+        """Times, s, at which a load is not smooth, as they are known by now."""
+        switches = [t for motor in self.motors for t in motor.switches]
+        return switches + [
+            t for load in self.constants for t in (load.table["start"], load.table["end"])
+        ]
 
     def set_stretch(self, middle: float) -> None:
         """What acts around a time; no switch lies in the stretch of which it is the middle."""

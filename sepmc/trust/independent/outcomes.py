@@ -30,6 +30,7 @@ def columns(scene: dict[str, Any]) -> list[str]:
         tuple(output["tip_off"]),
         tuple(table["name"] for table in scene["event"]),
         transverse=tuple(output["transverse"]),
+        ignitions=tuple(m["name"] for m in scene["motor"] if isinstance(m["ignition"], dict)),
     )
     return [column.name for column in outcome_columns(contents)]
 
@@ -148,6 +149,9 @@ def report(flight: "IndependentFlight") -> dict[str, float]:
                         out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
     for name in flight.told:
         out |= flight.told[name]
+    for motor in flight.loads.motors:
+        if motor.waits and motor.start <= flight.t:
+            out[f"{motor.table['name']}_ignition_time_s"] = motor.start
     free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
     free |= {name: time for name, (time, _) in flight.released.items()}
     came = {name: found[f"{name}_time_s"] for name, found in flight.told.items()}

@@ -165,6 +165,11 @@ class Case:
             for n, j in self.data.get("joint", {}).items()
             if any(j.get("omega", ()))
         ]
+        lost += [
+            f"the ignition of {motor['name']} at an instant of the flight"
+            for motor in self.data.get("motor", [])
+            if isinstance(motor.get("ignition"), dict)
+        ]
         if self.environment.get("atmosphere") == "table" or (
             self.environment.get("wind") or {}
         ).get("profile"):
