@@ -50,9 +50,7 @@ class Cause:
 
 
 def causes(
-    cases: Mapping[str, np.ndarray],
-    inputs: Sequence[str],
-    violates: np.ndarray,
+    cases: Mapping[str, np.ndarray], inputs: Sequence[str], violates: np.ndarray
 ) -> list[Cause]:
     """Inputs and pairs that set violating cases apart, what tells most first.
 
@@ -107,12 +105,7 @@ def of_requirement(
     if design in PATTERNS:
         return []
     violates, known = violating(requirement, cases, others)
-    return causes(
-        {name: column(cases, name)[known] for name in inputs},
-        inputs,
-        violates[known],
-        design not in PATTERNS,
-    )
+    return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
 
 
 def _cut(
