@@ -67,6 +67,7 @@ class Driven:
     causes: dict[str, list[causes.Cause]]
     violated: dict[str, str]
     keys: dict[str, str]
+    design: str = "random"
 
     def texts(self, width: int) -> tuple[list[str], list[str]]:
         """Both as a screen of so many characters shows them."""
@@ -76,7 +77,7 @@ class Driven:
                 for name, table in self.drivers.items()
             ],
             [
-                causes.text(said, self.causes[name], self.keys, width=width)
+                causes.text(said, self.causes[name], self.keys, width=width, design=self.design)
                 for name, said in self.violated.items()
             ],
         )
@@ -94,10 +95,12 @@ def find_drivers(
     rows = store.CaseColumns(folder)
     _check_known(loaded, named)
     keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
-    sampler, found = loaded.scene.run.sampler, {}
+    found = {}
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
-            found[name] = drivers.drivers(rows, list(keys), name, sampler)
+            found[name] = drivers.drivers(
+                rows, list(keys), name, loaded.design, correlated=loaded.correlated
+            )
         except ValueError as error:
             click.echo(f"warning: {error}", err=True)
     failed = [
@@ -105,7 +108,10 @@ def find_drivers(
     ]
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
     required = loaded.file.requirements
-    apart = {item.name: causes.of_requirement(item, rows, list(keys), required) for item in items}
+    apart = {
+        item.name: causes.of_requirement(item, rows, list(keys), required, loaded.design)
+        for item in items
+    }
     violated = {}
     for item in items:
         violates, there = causes.violating(item, rows, required)
@@ -114,7 +120,7 @@ def find_drivers(
             lack = "are not known to" if item.metric == VIOLATION else "have no such outcome"
             left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
-    return Driven(found, apart, violated, keys)
+    return Driven(found, apart, violated, keys, loaded.design)
 
 
 def _check_known(loaded: Campaign, named: tuple[str, ...]) -> None:
@@ -153,7 +159,11 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         folded(text)
     written = [folder / "causes.csv"]
     if driven.drivers:
-        table = pd.concat(driven.drivers, names=["outcome", "input"]).reset_index()
+        noted = {
+            name: table.assign(note=" ".join(drivers.remarks(table, driven.keys)))
+            for name, table in driven.drivers.items()
+        }
+        table = pd.concat(noted, names=["outcome", "input"]).reset_index()
         before = _told_before(folder, list(table.columns)) if named else table[:0]
         table = pd.concat([before[~before["outcome"].isin(driven.drivers)], table])
         folders.write_text(folder / "drivers.csv", table.to_csv(index=False))

@@ -10,24 +10,33 @@ indices: with all that an input does together with others.
 """
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.dependence import dependence
+from sepmc.analysis.indices import (
+    BY_GROUPS,
+    BY_ROWS,
+    ESTIMATORS,
+    PATTERNED,
+    PLAN,
+    groups_of,
+    independent,
+    of_groups,
+    of_order,
+    of_values,
+)
 from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
 from sepmc.scene.model import SALTELLI
 
 _FEWEST = 20  # cases from which anything is told
 _TENTH = 0.1  # of the cases, at either end of an input
 _MANY = 20  # cases of each value of an input, on average, from which its values are groups
-# bootstrap, of first-order indices; what Student's law of so few makes of 1.96
-_RESAMPLES, _WIDER = 12, 2.2010 / 1.9600
-_OF_GROUPS = 200  # the same of groups, which take less time
-# Slow waves of RBD-FAST, at least, and over the root of the cases: ten miss a fifth of the variance
-# that exp(u) of a normal u explains, and of an outcome with a jump a tenth; chance grows with them
-_WAVES, _WAVES_OF_ROOT = 10, 0.7
 # from it on first-order indices say what drives an outcome
 _EXPLAINED = 0.7
+_NAMED = 4  # inputs that vary together, by name
 COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "shift", "first",
     "first_low", "first_high", "total", "total_low", "total_high",
@@ -40,6 +49,7 @@ def drivers(
     outcome: str,
     sampler: str = "random",
     indices: bool = True,
+    correlated: Sequence[Sequence[str]] = (),
 ) -> pd.DataFrame:
     """How much each input drives an outcome.
 
@@ -50,8 +60,10 @@ def drivers(
         are left out.
     inputs : names of the dispersed inputs
     outcome : name of a column
-    sampler : how the cases were drawn; those of ``saltelli`` give total indices
-    indices : whether to compute first-order indices, which take longest
+    sampler : how the cases were drawn, a key of `sepmc.analysis.indices.ESTIMATORS`; those of
+        ``saltelli`` give total indices
+    indices : whether to compute indices, which take longest
+    correlated : inputs that are known to vary together, group by group
 
     Returns
     -------
@@ -61,11 +73,11 @@ def drivers(
         of the cases in which the input is lowest and highest (over its lowest and highest value, if
         these are few), in its unit, and ``shift``, how far these are apart at least, with 95 %
         (Welch, Biometrika 34, 1947); all of these of the independent cases of a Saltelli design
-        alone; ``first`` with a 95 % interval (RBD-FAST, Tarantola et al. 2006, Tissot and Prieur
-        2012; of an input of few values epsilon squared of its groups, Kelley 1935; Saltelli et al.
-        2010); ``total`` with a 95 % interval, NaN unless the sampler is ``saltelli``.
-        ``attrs["mean"]`` is the outcome's mean, ``attrs["cases"]`` how many cases have it, and how
-        many are ok.
+        alone; ``first`` with a 95 % interval (see `sepmc.analysis.indices`), NaN if no estimator is
+        valid for the cases; ``total`` with a 95 % interval, NaN unless the sampler is
+        ``saltelli``. ``attrs["mean"]`` is the outcome's mean, ``attrs["cases"]`` how many cases
+        have it, and how many are ok; ``attrs["correlated"]`` inputs that vary together,
+        ``attrs["said"]`` what limits the indices, a sentence or none.
 
     Raises
     ------
@@ -83,19 +95,28 @@ def drivers(
     names = [inputs[i] for i in varied]
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))
     known, outcomes = x[varied][:, there], y[there]
-    if sampler == SALTELLI:  # the others of a group repeat these two but for one input, or for one
-        size = len(inputs) + 2
-        apart = np.isin(np.arange(len(y)) % size, (0, size - 1))
+    if sampler == SALTELLI:
+        apart = independent(cases, len(inputs), sampler)
         known, outcomes = x[varied][:, there & apart], y[there & apart]
     _by_rank(table, known, outcomes)
     # whether an input has so few values that cases with the same are groups
     few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])
     tenths = [_tails(row, outcomes, of_few) for row, of_few in zip(known, few, strict=True)]
     table[["mean_low", "mean_high", "shift"]] = tenths
-    if sampler == SALTELLI:
-        _by_saltelli(table, len(inputs), varied, np.where(there, y, np.nan))
-    elif indices:
+    pairs, even = dependence(known)
+    valid = ESTIMATORS[sampler]
+    said = valid.said
+    if indices and valid.first == BY_GROUPS:
+        numbers = np.asarray(cases["case"]) if "case" in cases else np.arange(len(y))
+        said = _by_saltelli(table, numbers, x, varied, np.where(there, y, np.nan))
+    elif indices and valid.first == BY_ROWS and even:
+        said = PATTERNED.format(what="run.plan" if sampler == PLAN else "what the cases give")
+    elif indices and valid.first == BY_ROWS:
         _by_rows(table, known, outcomes, few)
+    table.attrs["said"] = said if indices else ""
+    of_pairs = {names[k] for pair in pairs for k in pair} if sampler != SALTELLI else set()
+    together = of_pairs | {name for group in correlated for name in group}
+    table.attrs["correlated"] = [name for name in names if name in together]
     table.attrs["mean"] = float(outcomes.mean())
     table.attrs["cases"] = int(np.count_nonzero(there)), int(np.count_nonzero(ok_rows(cases)))
     # a large index of few cases may be none
@@ -114,7 +135,8 @@ def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
 
 def order_text(table: pd.DataFrame, most: int) -> str:
     """In what order `foremost` has inputs."""
-    first = "the surest first-order index first"
+    given = table["first"].notna().any()
+    first = "the surest first-order index first" if given else "what surely shifts its mean first"
     return first + ("" if len(table) <= most else ", then what else shifts its mean most")
 
 
@@ -155,73 +177,29 @@ def _tails(x: np.ndarray, y: np.ndarray, of_few: bool) -> tuple[float, float, fl
 
 
 def _by_rows(table: pd.DataFrame, x: np.ndarray, y: np.ndarray, few: np.ndarray) -> None:
-    """First-order indices from any cases. RBD-FAST orders the cases by an input and looks for slow
-    waves: of ``few`` values (d,), one of them rare, it misses most."""
-    index, half = np.empty(len(x)), np.empty(len(x))
-    if not few.all():
-        from SALib.analyze import rbd_fast  # noqa: PLC0415  (1 s)
-
-        problem = _problem([str(name) for name in table.index[~few]])
-        waves = max(_WAVES, min(round(_WAVES_OF_ROOT * np.sqrt(len(y))), len(y) // 8))
-        found, coarse = (
-            rbd_fast.analyze(problem, x[~few].T, y, M=most, num_resamples=resamples, seed=1)
-            for most, resamples in ((waves, _RESAMPLES), (waves // 2, 2))
-        )
-        index[~few] = found["S1"]
-        # halves of the cases were resampled; what faster waves have is about what the second half
-        # of the slow ones has
-        chance = np.array(found["S1_conf"]) * _WIDER / np.sqrt(2.0)
-        half[~few] = np.hypot(chance, np.subtract(found["S1"], coarse["S1"]))
-    for k in np.flatnonzero(few):
-        index[k], half[k] = _by_groups(x[k], y)
-    _put(table, "first", index, half)
+    """First-order indices from independent cases, of inputs of ``few`` values (d,) or many."""
+    estimators = [of_values if of_few else of_order for of_few in few]
+    found = np.array([of(row, y) for of, row in zip(estimators, x, strict=True)])
+    _put(table, "first", *found.T)
 
 
-def _by_groups(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """First-order index of an input of few values, and half of its 95 % interval: epsilon squared,
-    the variance between groups less what chance gives them (Kelley, PNAS 21, 1935); bootstrap."""
-    group, n = np.unique(x, return_inverse=True)[1], len(y)
-    y = y - y.mean()
-
-    def index(rows: np.ndarray) -> float:
-        chosen, values = group[rows], y[rows]
-        size, total = np.bincount(chosen), np.bincount(chosen, values)
-        there = size > 0
-        between = float(np.sum(total[there] ** 2 / size[there])) - values.sum() ** 2 / n
-        every = float(np.sum(values**2)) - values.sum() ** 2 / n
-        groups = int(there.sum())
-        by_chance = (groups - 1) * (every - between) / max(n - groups, 1)
-        return (between - by_chance) / every if every > 0.0 else 0.0
-
-    rng = np.random.default_rng(1)
-    drawn = [index(rng.integers(0, n, n)) for _ in range(_OF_GROUPS)]
-    return index(np.arange(n)), TWO_SIDED * float(np.std(drawn, ddof=1))
+def _by_saltelli(
+    table: pd.DataFrame, numbers: np.ndarray, x: np.ndarray, varied: list[int], y: np.ndarray
+) -> str:
+    """First-order and total indices from whole groups of a Saltelli design. Returns what is to be
+    said of it."""
+    try:
+        groups = groups_of(numbers, x, y)
+    except ValueError as error:
+        return f"first-order and total indices are not given: {error}"
+    first, total = of_groups(groups)
+    _put(table, "first", *first[:, varied])
+    _put(table, "total", *total[:, varied])
+    left = groups.left_out
+    return f"indices are of whole groups of cases: {left} groups are left out" if left else ""
 
 
-def _by_saltelli(table: pd.DataFrame, inputs: int, varied: list[int], y: np.ndarray) -> None:
-    """First-order and total indices from whole groups of a Saltelli campaign."""
-    from SALib.analyze import sobol  # noqa: PLC0415  (1 s)
-
-    size = inputs + 2
-    groups = y[: len(y) // size * size].reshape(-1, size)
-    groups = groups[np.isfinite(groups).all(axis=1)]
-    if not len(groups):
-        raise ValueError("no group of the Saltelli campaign is whole")
-    about = _problem([str(k) for k in range(inputs)])
-    found = sobol.analyze(about, groups.ravel(), calc_second_order=False, seed=1)
-    _put(table, "first", found["S1"][varied], found["S1_conf"][varied])
-    _put(table, "total", found["ST"][varied], found["ST_conf"][varied])
-
-
-def _problem(names: list[str]) -> dict[str, object]:
-    """Inputs as SALib is told of them."""
-    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
-
-
-def _put(
-    table: pd.DataFrame, name: str, found: Sequence[float] | np.ndarray, half: np.ndarray
-) -> None:
-    index = np.asarray(found, dtype=float)
+def _put(table: pd.DataFrame, name: str, index: np.ndarray, half: np.ndarray) -> None:
     table[name], table[f"{name}_low"], table[f"{name}_high"] = index, index - half, index + half
 
 
@@ -257,19 +235,34 @@ def text(
             *(f"  {line}".rstrip() for line in lines),
         ]
         + ([f"  and {left} more inputs"] if left > 0 else [])
-        + _left_over(table)
+        + [
+            fill(each, width, initial_indent="  ", subsequent_indent="  ")
+            for each in remarks(table, keys)
+        ]
     )
 
 
-def _left_over(table: pd.DataFrame) -> list[str]:
-    """What is to be said if inputs by themselves explain little of an outcome."""
+def remarks(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
+    """Sentences on what indices of `drivers` mean, or why there are none; inputs by ``keys``."""
+    lines = [table.attrs["said"]] if table.attrs["said"] else []
+    if not table["first"].notna().any():
+        return lines
     together = float(table["first"].clip(lower=0.0).sum())
-    if not (together < _EXPLAINED and table["total"].isna().all()):
-        return []
-    return [
-        f"  first-order indices add up to {together:.2f}: what is left is due to inputs together,",
-        "  or to chance; --sampler saltelli flies cases that tell total indices",
-    ]
+    if correlated := table.attrs["correlated"]:
+        names = [keys.get(name, name) for name in correlated]
+        named = ", ".join(names[:_NAMED]) + (
+            f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        )
+        lines.append(
+            f"{named} vary together: the first-order index of each also holds what it tells of the "
+            f"others, so indices do not add up (here to {together:.2f})"
+        )
+    elif together < _EXPLAINED and table["total"].isna().all():
+        lines.append(
+            f"first-order indices add up to {together:.2f}: what is left is due to inputs "
+            "together, or to chance; --sampler saltelli flies cases that tell total indices"
+        )
+    return lines
 
 
 def _with_half(row: pd.Series, name: str) -> str:

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
+from sepmc.analysis.indices import LHS, PLAN
 from sepmc.analysis.occurrences import Rare, rare_values
 from sepmc.campaign import cases
 from sepmc.campaign.cases import OF_ITS_SIZE
@@ -269,6 +270,19 @@ class Definition:
         if fault := cases.size_fault(sampling, len(self.file.dispersions)):
             raise InputError(f"cases = {size}: {fault}")
         return sampling
+
+    @property
+    def design(self) -> str:
+        """How cases are drawn, a key of `sepmc.analysis.indices.ESTIMATORS`: a sampler, or a plan
+        whose other inputs are drawn at random."""
+        sampler = self.scene.run.sampler
+        return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
+
+    @property
+    def correlated(self) -> list[list[str]]:
+        """Columns of inputs that the file lets vary together, group by group."""
+        laws = self.file.dispersions
+        return [[laws[k].parameter.column for k in c.places] for c in self.file.copulas]
 
     def case(self, number: int, seed: int | None = None, total: int | None = None) -> Case:
         """Case ``number`` of the campaign, or of so many cases in ``total``, fully resolved in SI,

@@ -113,8 +113,8 @@ class Result:
         `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
-        sampler = self.campaign.scene.run.sampler
-        return drivers.drivers(self._rows(), self._inputs, outcome, sampler, indices)
+        design, correlated = self.campaign.design, self.campaign.correlated
+        return drivers.drivers(self._rows(), self._inputs, outcome, design, indices, correlated)
 
     def laws(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
@@ -130,7 +130,8 @@ class Result:
             said = nearest(name, [*known, *statuses])
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
-        return causes.of_requirement(item, rows, self._inputs, list(known.values()))
+        others, design = list(known.values()), self.campaign.design
+        return causes.of_requirement(item, rows, self._inputs, others, design)
 
     @property
     def _inputs(self) -> list[str]:

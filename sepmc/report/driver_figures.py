@@ -94,11 +94,19 @@ def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
                 top[name], places + aside, xerr=reach, fmt=marker, color=colour, ms=3.5,
                 capsize=2.5, linewidth=1.0, label=text,
             )  # fmt: skip
+    if not top[["first", "total"]].notna().any(axis=None):
+        ax.text(
+            0.5, 0.5, "not given:\nno estimator is valid\nfor these cases", fontsize=8,
+            ha="center", va="center", transform=ax.transAxes,
+        )  # fmt: skip
+        ax.set_xticks([])
     ax.axvline(0.0, color="#555555", linewidth=0.8)
     ax.set_yticks(places, [])
     ax.set_ylim(-0.6, len(top) - 0.4)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("share of variance")
+    if top.attrs.get("correlated"):
+        ax.set_xlabel("share of variance\n(inputs vary together: no sum)")
     ax.locator_params(axis="x", nbins=4)
 
 
