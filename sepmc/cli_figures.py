@@ -109,7 +109,7 @@ def clearance_bounds(loaded: "Campaign") -> dict[str, list[float]]:
     return found
 
 
-def marks_of(history: Mapping[str, Any]) -> dict[str, float]:
+def marks_of(history: Mapping[Any, Any]) -> dict[str, float]:
     """Times (s) of releases and events, by what figures call them, from the ``attrs`` of a history
     or the manifest that keeps them."""
     releases = {f"release of {joint}": t for joint, t in history.get("releases", {}).items()}

@@ -24,7 +24,6 @@ _EXCLUDED = {
     "plan": "plan",
     "sampler": "sampler",
     "until": "until",
-    "resume": "resume",
     "stats_only": "stats-only",
     "keep": "keep",
     "keep_columns": "keep-columns",
@@ -51,13 +50,13 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
     from sepmc.campaign import folders, limit, rare, record
 
     aim, most = limit.target(loaded, requirement), given["cases"] or rare.MOST
-    overwrite, folder = given["overwrite"], given["out"]
+    overwrite, resume, folder = given["overwrite"], given["resume"], given["out"]
     folder = folder or folders.next_folder(f"{loaded.name}-rare")
     if given["dry_run"]:
-        folders.check_folder(folder, overwrite, resumable=False)
+        folders.check_folder(folder, overwrite, resume)
         click.echo(f"{loaded.name}: {aim.sentence}; at most {most} flights, into {folder}")
         return 0
-    with folders.opened(folder, overwrite, resumable=False):
+    with folders.opened(folder, overwrite, resume):
         with progress_bar(most, given["quiet"]) as progress:
             try:
                 found = loaded.rare(
@@ -66,11 +65,16 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
                     given["seed"],
                     folder,
                     threads=given["threads"],
+                    resume=resume,
                     progress=progress,
                     announce=say,
                 )
             except KeyboardInterrupt:
-                click.echo("\ninterrupted; with --rare nothing is kept", err=True)
+                click.echo(
+                    f"\ninterrupted; what was flown is kept. Go on with the same command and "
+                    f"--out {folder} --resume",
+                    err=True,
+                )
                 sys.exit(INTERRUPTED)
         for note in found.notes + redundant(loaded):
             click.echo(f"warning: {note}", err=True)

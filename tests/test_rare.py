@@ -16,7 +16,8 @@ from scipy import stats
 import sepmc
 from sepmc import cli
 from sepmc.analysis import rare
-from sepmc.campaign import cases, record, store
+from sepmc.campaign import cases, flight_log, record, store
+from sepmc.campaign.folders import StoreError
 from sepmc.campaign.limit import Target, target
 from sepmc.report import rare_figures
 from sepmc.report.rare_figures import rare_figure
@@ -356,6 +357,72 @@ def test_it_is_not_gone_on_with(folder, tmp_path):
     assert "add --set run.plan=rare.parquet" in said.output
     said = invoke("campaign", run, "--rare", "slow", "--out", run)
     assert "exists; add --overwrite to replace it" in said.output
+
+
+class _Stop:
+    """Progress that interrupts after so many flights."""
+
+    def __init__(self, flights):
+        self.flights = flights
+
+    def __call__(self, done, most, failed):
+        if done >= self.flights:
+            raise KeyboardInterrupt
+
+
+def _interrupted(campaign, folder, flights):
+    with pytest.raises(KeyboardInterrupt):
+        campaign.rare("slow", FLIGHTS, 3, folder, resume=True, progress=_Stop(flights))
+
+
+def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
+    """It ends in the numbers of one that was left alone, however often it was interrupted, and
+    flies what was flown before no more."""
+    monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)
+    campaign, folder = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
+    for flights in (1, 5_000, 8_000):
+        _interrupted(campaign, folder, flights)
+    assert not record.read_manifest(folder)["complete"]
+    found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
+    alone = campaign.rare("slow", FLIGHTS, 3)
+    assert (found.replicas, found.statuses, found.flights) == (
+        alone.replicas, alone.statuses, alone.flights
+    )  # fmt: skip
+    assert found.notes == alone.notes
+    pd.testing.assert_frame_equal(found.to_pandas(), alone.to_pandas(), check_exact=True)
+    manifest = record.read_manifest(folder)
+    assert manifest["complete"]
+    assert manifest["sessions"][-1]["cases_flown"] <= found.flights - 5_000
+    assert not (folder / "counted").exists()
+    assert record.diagnose(folder) == []
+
+
+def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
+    """What follows a shard that was changed does not answer."""
+    monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)
+    campaign, folder = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
+    _interrupted(campaign, folder, 8_000)
+    first, second, *_ = sorted((folder / "counted").iterdir())
+    second.write_bytes(first.read_bytes())
+    found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
+    assert found.replicas == campaign.rare("slow", FLIGHTS, 3).replicas
+
+
+def test_another_estimate_is_not_resumed(folder, tmp_path):
+    """Another seed, number of flights, requirement or folder is refused by name."""
+    campaign, other = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
+    _interrupted(campaign, other, 1)
+    for words, seed, most in (("another seed", 4, FLIGHTS), ("another flights", 3, 2 * FLIGHTS)):
+        with pytest.raises(StoreError, match=words):
+            campaign.rare("slow", most, seed, other, resume=True)
+    run, _ = folder
+    with pytest.raises(StoreError, match="holds an estimate that is complete"):
+        campaign.rare("slow", FLIGHTS, 3, run, resume=True)
+    with pytest.raises(InputError, match="resume: needs out"):
+        campaign.rare("slow", FLIGHTS, 3, resume=True)
+    campaign.run(8, out=tmp_path / "cases")
+    with pytest.raises(StoreError, match="holds no estimate of a rare event"):
+        campaign.rare("slow", FLIGHTS, 3, tmp_path / "cases", resume=True)
 
 
 def test_doctor_looks_at_it(folder, tmp_path):

@@ -376,6 +376,7 @@ class Campaign(Definition):
         *,
         threads: int | None = None,
         overwrite: bool = False,
+        resume: bool = False,
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
     ) -> Rare:
@@ -389,6 +390,9 @@ class Campaign(Definition):
         most : int
             Flights allowed: 1e5 tell 1e-6 to a quarter of it (95 %).
         seed, out, threads, overwrite, progress, announce : as for `run`
+        resume : bool
+            Go on with an estimate in ``out`` that was interrupted; asked for in the same way, it
+            ends in the same numbers.
 
         Raises
         ------
@@ -397,9 +401,17 @@ class Campaign(Definition):
         """
         check_threads(threads)
         target(self, requirement)
+<<<<<<< HEAD
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, False, False)
         with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce)
+=======
+        if resume and out is None:
+            raise InputError("resume: needs out, the folder of the estimate")
+        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
+        with into as folder:
+            found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
+>>>>>>> main
         _warn(found.notes, announce)
         return found
 

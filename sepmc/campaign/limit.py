@@ -13,6 +13,7 @@ from sepmc.analysis.statistics import Worst
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say, fly
+from sepmc.campaign.flight_log import FlightLog
 from sepmc.campaign.tally import Tally, count
 from sepmc.engine.door import Block
 from sepmc.scene.messages import InputError, nearest
@@ -119,9 +120,10 @@ class Flights:
         aim: Target,
         tell: Callable[[int, int], None],
         announce: Say | None,
+        log: FlightLog | None = None,
     ):
         self.campaign, self.flight, self.aim = campaign, flight, aim
-        self.tell, self.announce = tell, announce
+        self.tell, self.announce, self.log = tell, announce, log
         self.count, self.tally, self.statuses = 0, Tally(), Counter[str]()
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
@@ -141,16 +143,29 @@ class Flights:
         return np.concatenate(margin), np.concatenate(told)
 
     def _margins(self, scores: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        campaign, file = self.campaign, self.campaign.file
+        file = self.campaign.file
         drawn = cases.at_scores(file.dispersions, scores, file.copulas)
+        logged = self.log.answer(drawn) if self.log else None
+        margin, told = logged or self._fly(drawn)
+        if self.log and logged:
+            self.tally = self.log.tally
+        elif self.log:
+            self.log.add(margin, told, self.tally)
+        inputs = drawn.shape[1]
+        status, results = told[:, inputs], told[:, inputs + 1 :]
+        numbers, ok = self.count + np.arange(len(drawn)), status == Status.OK
+        for place, worst in self.audited.items():  # audit columns have SI units
+            worst.add(results[ok, place], numbers[ok])
+        self.count += len(drawn)
+        self.statuses.update(LABELS[int(code)] for code in status)
+        self.tell(self.count, self.tally.failures)
+        return margin, told
+
+    def _fly(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Margins (n,) and rows (n, k) of cases of these inputs (n, d), which are flown."""
+        campaign = self.campaign
         block = fly(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
         self.tally += count(campaign, drawn, block)
-        numbers, ok = self.count + np.arange(len(drawn)), block.status == Status.OK
-        for place, worst in self.audited.items():
-            worst.add(block.outcomes[ok, place], numbers[ok])
-        self.count += len(drawn)
-        self.statuses.update(LABELS[code] for code in block.status)
-        self.tell(self.count, self.tally.failures)
         told = np.column_stack([drawn, block.status, block.outcomes * self.scales])
         return self.aim.margin(block), told
 

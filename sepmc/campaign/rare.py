@@ -22,6 +22,7 @@ from sepmc.campaign import cases, folders, record, store
 from sepmc.campaign.chunks import implausible_note
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say
+from sepmc.campaign.flight_log import FlightLog, check_resumable
 from sepmc.campaign.limit import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
@@ -124,24 +125,38 @@ def seek(
     folder: Path | None = None,
     progress: Callable[[int, int, int], None] | None = None,
     announce: Say | None = None,
+    resume: bool = False,
 ) -> Rare:
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
-    that is open, if one is given."""
+    that is open, if one is given, in which an interrupted estimate can be resumed."""
     aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
     seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0)
     begun, started = datetime.now(UTC), time.perf_counter()
+<<<<<<< HEAD
+=======
+    asked = _asked(campaign, aim, most, seed)
+    earlier = _begin(campaign, folder, asked, resume) if folder else []
+    use_threads(threads)
+>>>>>>> main
     if announce:
         announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
     flight = plan_flight(campaign, announce=announce)
     compiled = time.perf_counter()
     tell = (lambda done, failed: progress(done, most, failed)) if progress else (lambda *_: None)
-    flights = Flights(campaign, flight, aim, tell, announce)
+    log = _log(campaign, folder, aim, seed, resume) if folder else None
+    flights = Flights(campaign, flight, aim, tell, announce, log)
     tell(0, 0)  # so that compiling does not count
     random = partial(_generator, seed)
     dimensions = len(campaign.file.dispersions)
-    values = seldom(flights, random("seldom"))
-    left = most - flights.count
-    known, all_of, _ = rare.estimate(flights.margins, dimensions, random, left)
+    try:
+        values = seldom(flights, random("seldom"))
+        known, all_of, _ = rare.estimate(flights.margins, dimensions, random, most - flights.count)
+    finally:
+        if log:
+            log.save()
+    resumed = log.resumed if log else 0
+    if log:
+        log.remove()
     found = Rare(
         aim.requirement.name,
         aim.column.name,
@@ -162,8 +177,54 @@ def seek(
     )
     if folder:
         times = {"compile": compiled - started, "kernel": time.perf_counter() - compiled}
-        _write(folder, found, flights, begun, times, threads)
+        session = {
+            "cases_flown": found.flights - resumed,
+            "started": begun.isoformat(timespec="seconds"),
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "timing_s": {k: round(v, 6) for k, v in times.items()},
+            "threads": threads or os.cpu_count(),
+            **record.versions(),
+        }
+        _write(folder, found, flights, asked, [*earlier, session])
     return found
+
+
+def _asked(campaign: Definition, aim: Target, most: int, seed: int) -> dict[str, Any]:
+    """What an estimate follows from, by the keys of its manifest."""
+    item = msgspec.to_builtins(aim.requirement)
+    return {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "seed": seed,
+        "rare": {k: v for k, v in item.items() if v is not None},
+        "flights_allowed": most,
+    }
+
+
+def _begin(
+    campaign: Definition, folder: Path, asked: dict[str, Any], resume: bool
+) -> list[dict[str, Any]]:
+    """Write into an open folder what is estimated; returns the earlier sessions of an estimate that
+    is resumed."""
+    earlier: list[dict[str, Any]] = []
+    if resume:
+        check_resumable(folder, asked)
+        earlier = record.made_by(folder).get("sessions", []) if folders.is_run(folder) else []
+    now = {"started": datetime.now(UTC).isoformat(timespec="seconds"), **record.versions()}
+    manifest = {**asked, "complete": False, "sessions": [*earlier, now]}
+    record.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=asked["seed"]))
+    return earlier
+
+
+def _log(campaign: Definition, folder: Path, aim: Target, seed: int, resume: bool) -> FlightLog:
+    inputs = len(campaign.input_columns)
+    about = {
+        "campaign": campaign.name,
+        "digest": campaign.digest,
+        "seed": str(seed),
+        "requirement": aim.requirement.name,
+    }
+    return FlightLog(folder, inputs + 1 + len(campaign.result_columns), inputs, about, resume)
 
 
 def _generator(seed: int, what: str) -> np.random.Generator:
@@ -274,34 +335,20 @@ def _write(
     folder: Path,
     found: Rare,
     flights: Flights,
-    begun: datetime,
-    times: dict[str, float],
-    threads: int | None,
+    asked: dict[str, Any],
+    sessions: list[dict[str, Any]],
 ) -> None:
     """Write manifest, campaign, report and cases into an open folder."""
     campaign = flights.campaign
-    item = msgspec.to_builtins(flights.aim.requirement)
     manifest = {
-        "campaign": campaign.name,
-        "digest": campaign.digest,
-        "seed": found.seed,
-        "rare": {k: v for k, v in item.items() if v is not None},
+        **asked,
         "flights": found.flights,
         "complete": True,
         "failures": flights.tally.failures,
         "audit_beyond": flights.beyond,
         "accuracy": accuracy_told(campaign, flights.flight, flights.tally),
         "notes": found.notes,
-        "sessions": [
-            {
-                "cases_flown": found.flights,
-                "started": begun.isoformat(timespec="seconds"),
-                "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-                "timing_s": {k: round(v, 6) for k, v in times.items()},
-                "threads": threads or os.cpu_count(),
-                **record.versions(),
-            }
-        ],
+        "sessions": sessions,
     }
     record.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=found.seed))
     about = {
