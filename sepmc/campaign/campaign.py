@@ -401,17 +401,11 @@ class Campaign(Definition):
         """
         check_threads(threads)
         target(self, requirement)
-<<<<<<< HEAD
-        into = nullcontext() if out is None else folders.opened(place(out), overwrite, False, False)
-        with using_threads(threads), into as folder:
-            found = seek(self, requirement, most, seed, threads, folder, progress, announce)
-=======
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
-        with into as folder:
+        with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
->>>>>>> main
         _warn(found.notes, announce)
         return found
 

@@ -132,12 +132,8 @@ def seek(
     aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
     seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0)
     begun, started = datetime.now(UTC), time.perf_counter()
-<<<<<<< HEAD
-=======
     asked = _asked(campaign, aim, most, seed)
     earlier = _begin(campaign, folder, asked, resume) if folder else []
-    use_threads(threads)
->>>>>>> main
     if announce:
         announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
     flight = plan_flight(campaign, announce=announce)
