@@ -373,8 +373,8 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
         for release in stage.releases
         for number, due in release.times.items()
     ]
-    for flag, due in times:
-        comes, waits = _time(scope, c, due), scope.load(flag).equals(0.0)
+    for flag, instant in times:
+        comes, waits = _time(scope, c, instant), scope.load(flag).equals(0.0)
         end = where(
             waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end
         )
