@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import interval
-from sepmc.analysis.statistics import PERCENTILES, TWO_SIDED
+from sepmc.analysis.statistics import PERCENTILES, student
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
 
@@ -51,7 +51,7 @@ class Until:
         if self.statistic in PERCENTILES:
             low, high = row[f"{self.statistic}_low"], row[f"{self.statistic}_high"]
         else:
-            half = TWO_SIDED * row[f"{self.statistic}_se"]
+            half = student(row["n"] - 1) * row[f"{self.statistic}_se"]
             low, high = value - half, value + half
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 

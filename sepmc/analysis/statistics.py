@@ -97,6 +97,14 @@ def statistics(
     )
 
 
+def student(freedoms: float | np.ndarray) -> Any:
+    """97.5 % point of Student's t with so many degrees of freedom: what `TWO_SIDED` is of a normal
+    law whose sigma is known; shape of ``freedoms``."""
+    from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s)
+
+    return stdtrit(freedoms, 0.975)
+
+
 def ok_rows(cases: Mapping[str, Any]) -> np.ndarray:
     """Which cases count, shape (n_cases,), bool."""
     return np.asarray(cases["status"] == OK)
