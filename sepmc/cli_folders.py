@@ -248,8 +248,9 @@ def laws(folder: Path, outcomes: tuple[str, ...]) -> None:
 @click.option("--overwrite", is_flag=True, help="Replace the comparison in --out.")
 def compare(one: Path, two: Path, out: Path | None, overwrite: bool) -> None:
     """What differs between RUN_A and RUN_B: in their files, in statuses and verdicts, and in their
-    outcomes, with a 95 % interval of each difference: of pairs of cases of the same number, where
-    both runs have the same inputs there but for those that the files change, as with one seed.
+    outcomes, with a 95 % interval of each difference: of pairs of cases of the same number
+    (Student's t), if both runs have the same inputs there but for those that the files change, as
+    with one seed; else of independent samples (Welch). What is yes or no is compared as a share.
 
     \b
     Example:

@@ -248,10 +248,7 @@ def tell_comparison(
         click.echo(f"requirement {name}: {' -> '.join(told)}")
     inputs = _common(*([c.name for c in run.input_columns] for run in runs))
     outcomes = _common(*([c.name for c in run.outcome_columns] for run in runs))
-    laws_of = [
-        {d.parameter.column: (d.law, d.numbers, d.weights) for d in run.file.dispersions}
-        for run in runs
-    ]
+    laws_of = [_laws(run) for run in runs]
     draws = [_drawn(record.read_manifest(f), run) for f, run in zip(places, runs, strict=True)]
     given = {d.parameter.column for run in runs for d in run.file.dispersions if d.column}
     redrawn = [
@@ -286,6 +283,18 @@ def _drawn(manifest: dict[str, Any], run: Campaign) -> tuple[Any, ...]:
     together = tuple(d.parameter.path for d in drawn) if sampler in ("sobol", SALTELLI) else ()
     size = run.scene.run.cases if sampler in OF_ITS_SIZE else 0
     return manifest.get("seed"), sampler, together, size
+
+
+def _laws(run: Campaign) -> dict[str, tuple[Any, ...]]:
+    """Law of each input, by column, and what it varies together with."""
+    laws_of = run.file.dispersions
+    found: dict[str, tuple[Any, ...]] = {
+        d.parameter.column: (d.law, d.numbers, d.weights) for d in laws_of
+    }
+    for copula in run.file.copulas:
+        names = tuple(laws_of[place].parameter.column for place in copula.places)
+        found |= {name: (*found[name], names, copula.factor) for name in names}
+    return found
 
 
 def _common(one: list[str], two: list[str]) -> list[str]:

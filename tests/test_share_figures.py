@@ -4,11 +4,12 @@ definitions."""
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import stats
 
 from sepmc.analysis.proportions import interval
 from sepmc.analysis.requirements import Tally, judge
 from sepmc.report import share_figures
-from sepmc.report.share_figures import _beyond, _running, beyond_figure, convergence_figure
+from sepmc.report.share_figures import _beyond, beyond_figure, convergence_figure, running
 from sepmc.report.style import PRINTED, SCREEN, dots, sheet
 from sepmc.scene.model import Requirement
 
@@ -68,18 +69,32 @@ def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
 
 
 def test_running_mean_and_sigma():
-    """Mean, sigma and their standard errors of the first n values, for every n, far from zero."""
+    """Mean and sigma of the first n values, for every n, far from zero; the interval of the mean is
+    Student's."""
     x = 1e6 + np.random.default_rng(4).gamma(2.0, size=400)
     n = np.array([2, 3, 10, 57, 400])
-    (mean, sigma), (mean_error, sigma_error) = _running(x, n)
+    (mean, low, high), (sigma, least, greatest) = running(x, n)
     for k, m in enumerate(n):
         part = x[:m]
-        s, fourth = part.std(ddof=1), np.mean((part - part.mean()) ** 4)
         assert mean[k] == pytest.approx(part.mean(), rel=1e-14)
-        assert sigma[k] == pytest.approx(s, rel=1e-9)
-        assert mean_error[k] == pytest.approx(s / np.sqrt(m), rel=1e-9)
-        expected = np.sqrt(max(0.0, fourth - (m - 3) / (m - 1) * s**4) / m) / (2.0 * s)
-        assert sigma_error[k] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+        assert sigma[k] == pytest.approx(part.std(ddof=1), rel=1e-9)
+        ends = stats.t.interval(0.95, m - 1, part.mean(), part.std(ddof=1) / np.sqrt(m))
+        assert (low[k], high[k]) == pytest.approx(ends, rel=1e-13)
+        assert least[k] < sigma[k] < greatest[k]
+
+
+def test_running_intervals_hold_the_truth():
+    """Of ten values of a normal law, 95 % of the intervals hold its mean, and 96 % its sigma."""
+    random, n = np.random.default_rng(8), np.array([10])
+    held = np.zeros(2)
+    for _ in range(1000):
+        found = running(random.normal(3.0, 2.0, 10), n)
+        held += [
+            low[0] <= truth <= high[0]
+            for (_, low, high), truth in zip(found, (3.0, 2.0), strict=True)
+        ]
+    assert (held >= stats.binom.ppf(0.001, 1000, 0.95)).all(), held
+    assert held[0] <= stats.binom.ppf(0.999, 1000, 0.95), held
 
 
 def test_dots_an_inch(tmp_path):

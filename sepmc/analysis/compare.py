@@ -1,8 +1,9 @@
 """Two runs beside each other: what differs in their files, and by how much their outcomes differ.
 
-Cases of equal number and equal inputs, but for those that were changed, are pairs, as two runs of
-one seed have them: the difference of a pair is known far better than that of two means. Runs that
-share no pairs are compared as independent samples (Welch, Biometrika 34, 1947).
+Rows are joined by case number. Where one number means the same draws in both runs, as with one
+seed, the two rows are a pair: the difference of a pair is known far better than that of two means
+(Student's t). Runs whose numbers mean different draws are compared as independent samples (Welch,
+Biometrika 34, 1947). Outcomes that are yes or no are compared as proportions.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -11,7 +12,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.statistics import TWO_SIDED, WIDTH, aligned, column, ok_rows, rounded
+from sepmc.analysis.proportions import difference_interval, paired_interval
+from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student
+from sepmc.schema import is_yes_or_no
 
 _MISSING = "-"
 
@@ -42,30 +45,45 @@ def _brief(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def are_pairs(
+def paired_rows(
     one: Mapping[str, Any],
     two: Mapping[str, Any],
     inputs: Sequence[str],
     changed: Collection[str] = (),
-) -> np.ndarray:
-    """Which cases (n,) of the numbers that both tables hold have equal inputs, but for those that
-    were changed: that were drawn anew, or that differ in every case, as correlation makes them.
-    Where all were changed there are no pairs, unless both tables hold the same cases.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of two case tables that belong together.
+
+    All cases that both tables hold are pairs, or none: a choice of the cases in which inputs agree
+    would leave out those that a change has an effect on. They are pairs if one number means the
+    same draws in both tables: inputs that were not changed agree in every common case, and there
+    are such inputs, or inputs that agree tell most of the cases apart.
 
     Parameters
     ----------
     one, two : mapping of name to column
-        ``case`` and inputs; cases are numbered from 0 without a gap.
+        ``case`` (each number once, in any order) and inputs.
     inputs : names of the inputs that both have
-    changed : those of them that were drawn anew, as their laws differ, or the seed: they may agree
-        in some cases all the same
+    changed : those of them whose values may differ, as their laws, correlations or the seed do
+
+    Returns
+    -------
+    in_one, in_two : ndarray, shape (n_pairs,), int
+        Places of the pairs in either table, by rising case number.
     """
-    count = min(len(one["case"]), len(two["case"]))
-    equal = {name: column(one, name)[:count] == column(two, name)[:count] for name in inputs}
-    if equal and all(each.all() for each in equal.values()):
-        return np.ones(count, dtype=bool)
-    kept = [each for name, each in equal.items() if name not in changed and each.any()]
-    return np.logical_and.reduce(kept) if kept else np.zeros(count, dtype=bool)
+    _, in_one, in_two = np.intersect1d(
+        np.asarray(one["case"]), np.asarray(two["case"]), return_indices=True
+    )
+    known = {name: column(one, name)[in_one] for name in inputs}
+    agree = [name for name, x in known.items() if (x == column(two, name)[in_two]).all()]
+    kept = [name for name in inputs if name not in changed]
+    if set(kept) <= set(agree) and (kept or _tell_apart([known[name] for name in agree])):
+        return in_one, in_two
+    return in_one[:0], in_two[:0]
+
+
+def _tell_apart(values: Sequence[np.ndarray]) -> bool:
+    """Whether columns (n,) differ between most rows, as draws of a continuous law do."""
+    return bool(values) and 2 * len(np.unique(values, axis=1).T) > len(values[0])
 
 
 def compare(
@@ -82,28 +100,26 @@ def compare(
     one, two : mapping of name to column
         ``case``, ``status``, inputs, outcomes.
     inputs, outcomes : names that both have
-    changed : inputs that were drawn anew; see `are_pairs`
+    changed : inputs that were drawn anew; see `paired_rows`
 
     Returns
     -------
     DataFrame, a row per outcome
         ``mean_one``, ``mean_two``, ``sigma_one``, ``sigma_two``; ``difference`` of the means with
-        its 95 % interval ``low``, ``high``, and from how many ``pairs`` of cases; 0 pairs: from
-        independent samples.
+        its 95 % interval ``low``, ``high`` (Student's t, exact for normal outcomes; of an outcome
+        that is yes or no see `sepmc.analysis.proportions`), and from how many ``pairs`` of cases;
+        0 pairs: from independent samples.
     """
-    pairs, rows = are_pairs(one, two, inputs, changed), []
+    in_one, in_two = paired_rows(one, two, inputs, changed)
+    rows = []
     for name in outcomes:
         a, b = (np.where(ok_rows(t), column(t, name), np.nan) for t in (one, two))
-        apart = (b[: len(pairs)] - a[: len(pairs)])[pairs]
-        apart = apart[np.isfinite(apart)]
+        before, after = a[in_one], b[in_two]
+        both = np.isfinite(before) & np.isfinite(after)
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        if len(apart) > 1:
-            difference, error = apart.mean(), apart.std(ddof=1) / np.sqrt(len(apart))
-        elif min(len(a), len(b)) > 1:
-            difference = b.mean() - a.mean()
-            error = np.sqrt(a.var(ddof=1) / len(a) + b.var(ddof=1) / len(b))
-        else:
-            difference = error = np.nan
+        pairs = int(both.sum()) if both.sum() > 1 else 0
+        by = _of_shares if is_yes_or_no(name) else _of_means
+        difference, low, high = by(*((before[both], after[both], True) if pairs else (a, b, False)))
         rows.append(
             {
                 "mean_one": a.mean() if len(a) else np.nan,
@@ -111,12 +127,42 @@ def compare(
                 "sigma_one": a.std(ddof=1) if len(a) > 1 else np.nan,
                 "sigma_two": b.std(ddof=1) if len(b) > 1 else np.nan,
                 "difference": difference,
-                "low": difference - TWO_SIDED * error,
-                "high": difference + TWO_SIDED * error,
-                "pairs": len(apart) if len(apart) > 1 else 0,
+                "low": low,
+                "high": high,
+                "pairs": pairs,
             }
         )
     return pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome"))
+
+
+def _of_means(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
+    """Difference of two means, and its 95 % interval: of pairs, or of independent samples."""
+    if min(len(a), len(b)) < 2:
+        return np.nan, np.nan, np.nan
+    if paired:
+        apart = b - a
+        difference, freedoms = apart.mean(), len(apart) - 1.0
+        error = apart.std(ddof=1) / np.sqrt(len(apart))
+    else:
+        difference = b.mean() - a.mean()
+        of_a, of_b = a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)
+        error, freedoms = np.sqrt(of_a + of_b), 1.0
+        if error > 0.0:  # Welch and Satterthwaite, by shares, which do not underflow
+            share = of_a / (of_a + of_b)
+            freedoms = 1.0 / (share**2 / (len(a) - 1) + (1.0 - share) ** 2 / (len(b) - 1))
+    reach = student(freedoms) * error
+    return difference, difference - reach, difference + reach
+
+
+def _of_shares(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float, float]:
+    """Difference of two shares of cases, and its 95 % interval, from outcomes that are 0 or 1."""
+    if not (len(a) and len(b)):
+        return np.nan, np.nan, np.nan
+    if paired:
+        ends = paired_interval(int((b > a).sum()), int((a > b).sum()), len(a))
+    else:
+        ends = difference_interval(int(a.sum()), len(a), int(b.sum()), len(b))
+    return b.mean() - a.mean(), *ends
 
 
 def text(table: pd.DataFrame, width: int = WIDTH) -> str:
@@ -139,6 +185,6 @@ def text(table: pd.DataFrame, width: int = WIDTH) -> str:
             ]
         )
     told = (
-        "differences are of pairs where there are some, means and sigmas of all cases of each run"
+        "differences are of pairs where there are some, means and sigmas of all ok cases of a run"
     )
     return "\n".join([*aligned(rows, width), told])

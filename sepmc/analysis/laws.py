@@ -108,9 +108,10 @@ def _law(values: np.ndarray) -> dict[str, Any]:
     z = (x - x.mean()) / x.std()
     found |= {
         "skewness": (z**3).mean(),
-        "skewness_se": np.sqrt(6.0 / n),
+        # of normal cases, exact (Fisher, Proc. R. Soc. A 130, 1930)
+        "skewness_se": np.sqrt(6.0 * (n - 2) / ((n + 1.0) * (n + 3))),
         "kurtosis": (z**4).mean() - 3.0,
-        "kurtosis_se": np.sqrt(24.0 / n),
+        "kurtosis_se": np.sqrt(24.0 * n * (n - 2) * (n - 3) / ((n + 3.0) * (n + 5))) / (n + 1),
     }
     likeliest = -np.inf
     for name, law in LAWS.items():

@@ -17,7 +17,7 @@ import pandas as pd
 
 from sepmc.analysis.occurrences import Occurrence, Rare, seldom
 from sepmc.analysis.proportions import CONFIDENCE, interval
-from sepmc.analysis.statistics import PERCENTILES
+from sepmc.analysis.statistics import PERCENTILES, student
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
 
@@ -110,7 +110,7 @@ class Until:
         if self.statistic in PERCENTILES:
             low, high = row[f"{self.statistic}_low"], row[f"{self.statistic}_high"]
         else:
-            half = _student(n, confidence) * row[f"{self.statistic}_se"]
+            half = student(n - 1, confidence) * row[f"{self.statistic}_se"]
             low, high = value - half, value + half
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 
@@ -147,14 +147,6 @@ class Until:
                 f"{100.0 * error / sigma:.0f} % of it and should be {100.0 * _SIGMA_KNOWN:.0f} %"
             )
         return ""
-
-
-def _student(n: int, confidence: float) -> float:
-    """Half the width of an interval of a mean of n values, in standard errors; NaN of fewer than
-    two."""
-    from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that most runs do not need)
-
-    return float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) if n > 1 else math.nan
 
 
 def _share(k: int, n: int, confidence: float) -> tuple[float, float, float]:

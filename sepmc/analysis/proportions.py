@@ -2,7 +2,8 @@
 
 A requirement asks that a share of all cases holds, with a confidence; its complement is the
 consumer risk. Method: Hanson and Beard, NASA/TP-2010-216447, sections 3 and 4; intervals: Clopper
-and Pearson, Biometrika 26 (1934) 404.
+and Pearson, Biometrika 26 (1934) 404. Differences of two probabilities: from the intervals of both
+(Newcombe, Statistics in Medicine 17 (1998) 873 and 2635).
 """
 
 import math
@@ -37,6 +38,50 @@ def interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, flo
     """
     risk = (1.0 - confidence) / 2.0
     return _lower(k, n, risk), _upper(k, n, risk)
+
+
+def difference_interval(k_one: int, n_one: int, k_two: int, n_two: int) -> tuple[float, float]:
+    """95 % interval of how much larger a second probability is than a first, each met k times in n
+    cases of its own. Holds it with 94 % at least from ten cases of each on, 92.5 % from five (all
+    tables enumerated)."""
+    return _square_and_add((k_two, n_two), (k_one, n_one), 0.0)
+
+
+def paired_interval(gained: int, lost: int, n: int) -> tuple[float, float]:
+    """95 % interval of how much larger the second of two probabilities is, from pairs.
+
+    Parameters
+    ----------
+    gained, lost, n : int
+        Pairs of which the second alone met it, the first alone, and all; gained + lost <= n.
+
+    Returns
+    -------
+    low, high : float
+        Without 0 only if McNemar's exact test, of 5 %, tells the two probabilities apart. Holds the
+        difference with 95 % at least from three pairs on (all tables enumerated).
+    """
+    p, q, apart = gained / n, lost / n, gained + lost
+    rest = (1.0 - p) * (1.0 - q)
+    low, high = _square_and_add((gained, n), (lost, n), -math.sqrt(p * q / rest) if rest else 0.0)
+    if not apart:
+        return low, high
+    # of the pairs that differ, given how many these are
+    least, most = (apart / n * (2.0 * end - 1.0) for end in interval(gained, apart))
+    return min(low, least), max(high, most)
+
+
+def _square_and_add(
+    one: tuple[int, int], two: tuple[int, int], correlation: float
+) -> tuple[float, float]:
+    """95 % interval of the difference of the first probability less the second, from those of both
+    and the correlation of their estimates."""
+    (p, low, high), (q, least, most) = ((k / n, *interval(k, n)) for k, n in (one, two))
+
+    def reach(a: float, b: float) -> float:
+        return math.sqrt(a * a + b * b - 2.0 * correlation * a * b)
+
+    return p - q - reach(p - low, most - q), p - q + reach(high - p, q - least)
 
 
 def at_most(k: int, n: int, confidence: float = CONFIDENCE) -> float:
