@@ -19,6 +19,11 @@ _SILENT = "60 s"  # so long a worker of this machine may say nothing, and is the
 # every range, and to get it again takes a sixth of the time.
 _SPAWNED = "distributed.nanny.pre-spawn-environ"
 _ENVIRONMENT = {"MALLOC_TRIM_THRESHOLD_": 2**28, "MALLOC_MMAP_THRESHOLD_": 2**25}
+# So long after a worker was lost, Dask (2026.8) closes for good what starts it again, if it is down
+# at that moment: later than any run ends.
+_LOST = "distributed.deploy.lost-worker-timeout"
+_LOST_AFTER = "30 days"
+_LOOK_S = 10.0  # from one look at which workers are left to the next, while none is done
 _TIMES = 3  # that a range whose worker was lost is handed out again
 
 
@@ -80,10 +85,23 @@ class DaskCrew:
         return self.client.submit(_work, function, job, first, end, self.threads, pure=False)
 
     def _done(self, futures: dict[Any, int]) -> list[Any]:
-        """Those that are done, one at least."""
+        """Those that are done, one at least. Raises ClusterError if there are no workers for a
+        minute."""
         if not futures:
             return []
-        return list(wait(list(futures), return_when="FIRST_COMPLETED").done)
+        seen = time.monotonic()  # when there were workers
+        while True:
+            with suppress(TimeoutError):
+                return list(
+                    wait(list(futures), timeout=_LOOK_S, return_when="FIRST_COMPLETED").done
+                )
+            if self.client.nthreads():
+                seen = time.monotonic()
+            elif time.monotonic() - seen > _PATIENCE_S:
+                raise ClusterError(
+                    f"{self.address or 'this machine'}: all workers are gone for {_PATIENCE_S:g} "
+                    "s; what is flown is kept, and --resume goes on from there"
+                )
 
     def _result(self, future: Any, cases: tuple[int, int], lost: dict[int, int], each: int) -> Any:
         """What a worker gave back; None if it was lost, and the range is to be handed out again."""
@@ -156,6 +174,7 @@ def crew(
             dask.config.set(
                 {
                     "distributed.scheduler.worker-ttl": _SILENT,
+                    _LOST: _LOST_AFTER,
                     _SPAWNED: dask.config.get(_SPAWNED) | _ENVIRONMENT,
                 }
             ),

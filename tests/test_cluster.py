@@ -6,6 +6,7 @@ import os
 import signal
 from pathlib import Path
 
+import dask
 import pytest
 from click.testing import CliRunner
 from distributed import LocalCluster
@@ -13,7 +14,7 @@ from measure_cluster import statistics_of
 from measure_kills import same
 
 import sepmc
-from sepmc import cli
+from sepmc import cli, cluster
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
 from sepmc.campaign import chunks, record, store
@@ -203,3 +204,32 @@ def test_too_many_failures_among_the_first_cases(tmp_path, orders):
     assert found.stopped
     assert 50 < sum(found.status_counts.values()) < 100_000
     assert (tmp_path / "run" / "manifest.json").is_file()
+
+
+def test_workers_that_are_gone_are_not_waited_for(monkeypatch):
+    """While no range is done it is looked whether there are workers; none for too long ends the
+    wait with what to do, and some do not."""
+    looks = []
+
+    def wait(futures, timeout, return_when):
+        looks.append(timeout)
+        raise TimeoutError
+
+    class Client:
+        """Has workers at the first two looks."""
+
+        def nthreads(self):
+            return {"a": 1} if len(looks) <= 2 else {}
+
+    monkeypatch.setattr(cluster, "wait", wait)
+    monkeypatch.setattr(cluster, "_PATIENCE_S", 0.0)
+    with pytest.raises(ClusterError, match="all workers are gone for 0 s; what is flown is kept"):
+        DaskCrew(Client(), None, 1, 1)._done({"future": 0})
+    assert len(looks) == 3
+    assert all(timeout <= 10.0 for timeout in looks)
+
+
+def test_what_restarts_a_worker_is_not_closed():
+    """A worker that is down long after an earlier one was lost is still started again."""
+    with crew(1):
+        assert dask.config.get("distributed.deploy.lost-worker-timeout") == "30 days"
