@@ -6,7 +6,9 @@ Nothing heavy is imported until it is needed.
 import math
 import os
 import shutil
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +24,7 @@ from sepmc.places import is_of_storage
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+    from types import FrameType
 
     import pandas as pd
 
@@ -31,20 +34,51 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
-INTERRUPTED = 130  # the exit code of who was
+INTERRUPTED, TERMINATED = 130, 143  # exit codes after Ctrl-C and SIGTERM
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, which ends a command as Ctrl-C does, with an exit code of its own."""
+
+
+def stopped(error: KeyboardInterrupt) -> tuple[str, int]:
+    """The word for what stopped a command, and its exit code."""
+    if isinstance(error, Terminated):
+        return "terminated", TERMINATED
+    return "interrupted", INTERRUPTED
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM raises `Terminated` meanwhile, unless someone else handles it."""
+    mine = threading.current_thread() is threading.main_thread()
+    if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def end(number: int, frame: "FrameType | None") -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @contextmanager
 def plain_errors(quiet: bool) -> Iterator[None]:
     """Bad input and unusable folders end with their sentence and exit code 2, without a traceback;
-    who interrupts gets exit code 130."""
+    Ctrl-C ends with exit code 130, SIGTERM with 143."""
     from sepmc.scene.messages import InputError, SceneError
 
     try:
-        yield
-    except KeyboardInterrupt:
-        click.echo("\ninterrupted", err=True)
-        sys.exit(INTERRUPTED)
+        with _terminable():
+            yield
+    except KeyboardInterrupt as error:
+        word, code = stopped(error)
+        click.echo(f"\n{word}", err=True)
+        sys.exit(code)
     except InputError as error:
         for line in error.problems if isinstance(error, SceneError) else [error]:
             click.echo(f"error: {line}", err=True)

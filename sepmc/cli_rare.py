@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sepmc.cli_options import load_campaign, redundant
-from sepmc.cli_output import INTERRUPTED, accuracy_text, for_screen, progress_bar, speaker
+from sepmc.cli_output import accuracy_text, for_screen, progress_bar, speaker, stopped
 
 if TYPE_CHECKING:
     from sepmc.campaign.rare import Rare
@@ -69,13 +69,14 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
                     progress=progress,
                     announce=say,
                 )
-            except KeyboardInterrupt:
+            except KeyboardInterrupt as error:
+                word, code = stopped(error)
                 click.echo(
-                    f"\ninterrupted; what was flown is kept. Go on with the same command and "
+                    f"\n{word}; what was flown is kept. Go on with the same command and "
                     f"--out {folder} --resume",
                     err=True,
                 )
-                sys.exit(INTERRUPTED)
+                sys.exit(code)
         for note in found.notes + redundant(loaded):
             click.echo(f"warning: {note}", err=True)
         say(text(found))

@@ -27,11 +27,11 @@ from sepmc.cli_options import (
     undispersed,
 )
 from sepmc.cli_output import (
-    INTERRUPTED,
     manifest_with_rows,
     plain_errors,
     progress_bar,
     speaker,
+    stopped,
     tell_results,
     timing_line,
 )
@@ -198,7 +198,8 @@ def campaign(
                         progress=progress,
                         announce=say,
                     )
-                except KeyboardInterrupt:
+                except KeyboardInterrupt as error:
+                    word, code = stopped(error)
                     own = numbers == loaded.numbers or numbers.are_first
                     which = "" if own else f" --cases {numbers}"
                     what = (
@@ -207,8 +208,8 @@ def campaign(
                     )
                     if not (folder / folders.MANIFEST).is_file():
                         what = "no case was flown yet"
-                    click.echo(f"\ninterrupted; {what}", err=True)
-                    sys.exit(INTERRUPTED)
+                    click.echo(f"\n{word}; {what}", err=True)
+                    sys.exit(code)
             for note in result.notes + redundant(loaded) + undispersed(loaded):
                 click.echo(f"warning: {note}", err=True)
             say(timing_line(result))

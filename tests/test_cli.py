@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -238,6 +239,24 @@ def test_interrupt_before_anything_is_flown(tmp_path, monkeypatch):
     monkeypatch.setattr(cli_checks, "load_campaign", interrupted)
     result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
     assert (result.exit_code, result.stderr) == (130, "\ninterrupted\n")
+
+
+def test_sigterm_ends_a_command_as_an_interrupt_does(tmp_path, monkeypatch):
+    """It says what is kept and how to go on, with an exit code of its own; what handled the signal
+    before handles it afterwards."""
+
+    def terminated(*_, **__):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(Campaign, "run", terminated)
+    result = CliRunner().invoke(
+        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
+    )
+    assert (result.exit_code, "\nterminated; no case" in result.stderr) == (143, True)
+    monkeypatch.setattr(cli_checks, "load_campaign", terminated)
+    result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
+    assert (result.exit_code, result.stderr) == (143, "\nterminated\n")
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
 def test_only_a_folder_with_cases_may_be_resumed(tmp_path):
