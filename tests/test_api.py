@@ -12,7 +12,8 @@ import pytest
 import sepmc
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import cases
-from sepmc.scene.messages import SceneError
+from sepmc.campaign.record import read_manifest
+from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
 
 FILE = Path(__file__).parents[1] / "campaigns" / "table2.toml"
@@ -371,3 +372,29 @@ def test_a_spread_relative_to_a_negative_nominal():
         "table2.toml", {"body.lower.cg_mm": [3000.0, -2.0, 0.0], "dispersion": law}
     )
     assert campaign.file.dispersions[0].numbers[:2] == pytest.approx((-2.0, 0.1))
+
+
+@pytest.mark.parametrize("seed", [2**63, 10**30])
+def test_a_seed_that_readers_do_not_take_is_refused(pair, tmp_path, seed):
+    """What a run folder says can be read again: its seed has 64 bits."""
+    with pytest.raises(InputError, match=r"seed = \d+: must be >= 0 and <= 9223372036854775807"):
+        pair().run(1, seed=seed, out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(InputError, match=r"run.seed"):
+        pair({"run.seed": seed})
+
+
+def test_the_largest_seed_is_read_again(pair, tmp_path):
+    """A folder of the largest seed is a run like any other."""
+    campaign = pair()
+    result = campaign.run(2, seed=2**63 - 1, out=tmp_path / "run")
+    assert read_manifest(tmp_path / "run")["seed"] == 2**63 - 1
+    assert len(result.to_pandas()) == 2
+
+
+@pytest.mark.parametrize("number", [10**9, 2**63])
+def test_a_case_beyond_all_campaigns_is_refused(pair, number):
+    """No campaign has such a case, so none is drawn or flown."""
+    for ask in (pair().case, pair().simulate):
+        with pytest.raises(InputError, match=r"case = \d+: must be >= 0 and <= 999999999"):
+            ask(number)

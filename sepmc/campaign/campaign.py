@@ -32,6 +32,7 @@ from sepmc.campaign.work import Crew
 from sepmc.engine.door import check_every, check_threads, using_threads, whole
 from sepmc.places import place
 from sepmc.scene.fields import convert
+from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, RunWarning
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
@@ -122,7 +123,7 @@ class Campaign(Definition):
         """
         check_every(step_s, self.scene)
         if case is not None and not isinstance(case, Case):
-            case = self.case(whole("case", case, 0))
+            case = self.case(whole("case", case, 0, CASES - 1))
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene

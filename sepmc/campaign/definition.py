@@ -22,6 +22,7 @@ from sepmc.engine.door import whole
 from sepmc.kernel.plan import Plan, apart, make_plan
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
+from sepmc.scene.limits import CASES, SEED
 from sepmc.scene.load_checks import SHORTEST
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement, Scene
@@ -289,9 +290,8 @@ class Definition:
         drawn without the others. Raises InputError if there is no such case: a Latin hypercube or
         a Saltelli design has no other cases than its own."""
         total = self.scene.run.cases if total is None else total
-        number = whole(
-            "case", number, 0, total - 1 if self.scene.run.sampler in cases.OF_ITS_SIZE else None
-        )
+        of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
+        number = whole("case", number, 0, (total if of_its_size else CASES) - 1)
         drawn = self.draw(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
@@ -316,7 +316,7 @@ class Definition:
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})
 
     def _seed(self, seed: int | None) -> int:
-        return self.scene.run.seed if seed is None else whole("seed", seed, 0)
+        return self.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
 
     def implausible_inertias(self, drawn: np.ndarray) -> int:
         """Number of rows of a case table (n, d) in which some body's inertia breaks the triangle

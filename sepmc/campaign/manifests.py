@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from sepmc.scene.limits import CASES, NAME, check_tree
+from sepmc.scene.limits import CASES, NAME, SEED, check_tree
 from sepmc.scene.messages import Problems, TooManyProblems
 from sepmc.scene.model import Name
 
@@ -62,7 +62,7 @@ class _Manifest(Struct):
 
     digest: str
     campaign: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*\Z", max_length=NAME)] = "x"
-    seed: Annotated[int, Meta(ge=0)] | None = None
+    seed: Annotated[int, Meta(ge=0, le=SEED)] | None = None
     cases: _Count = 0
     of: _Count = 0
     numbers: str = ""

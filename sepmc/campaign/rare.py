@@ -28,6 +28,7 @@ from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
 from sepmc.campaign.tally import accuracy, accuracy_told
 from sepmc.engine.door import whole
+from sepmc.scene.limits import SEED
 from sepmc.schema import Column, Status
 
 MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
@@ -130,7 +131,7 @@ def seek(
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder
     that is open, if one is given, in which an interrupted estimate can be resumed."""
     aim, most = target(campaign, name), whole("flights", most, _LEAST, _LIMIT)
-    seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0)
+    seed = campaign.scene.run.seed if seed is None else whole("seed", seed, 0, SEED)
     begun, started = datetime.now(UTC), time.perf_counter()
     asked = _asked(campaign, aim, most, seed)
     earlier = _begin(campaign, folder, asked, resume) if folder else []

@@ -19,6 +19,7 @@ from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.sinks import Kept
 from sepmc.engine.door import whole
+from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
@@ -140,7 +141,7 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number = whole("case", number, 0)
+        number = whole("case", number, 0, CASES - 1)
         if number not in self.numbers:
             raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
         found = self.campaign.case(number, self.seed, self.total)

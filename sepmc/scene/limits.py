@@ -14,6 +14,8 @@ CAMPAIGN_BYTES = 4_000_000
 PLAN_BYTES = 1_000_000_000
 # Cases of a campaign, and one more than the largest number of one.
 CASES = 10**9
+# Largest seed: what JSON and Parquet readers take as a whole number of 64 bits.
+SEED = 2**63 - 1
 # Cases times parameters of a Latin hypercube or a Saltelli design, which are drawn as a whole: each
 # takes 8 bytes.
 DESIGN_NUMBERS = 300_000_000

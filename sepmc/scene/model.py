@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from msgspec import Meta, Struct, field
 
-from sepmc.scene.limits import CASES, NAME
+from sepmc.scene.limits import CASES, NAME, SEED
 
 
 class Quantity(NamedTuple):
@@ -350,7 +350,7 @@ SALTELLI = "saltelli"
 class Run(_Table, frozen=True, kw_only=True):
     end_time: Annotated[float, Positive, Quantity("time")]
     cases: Annotated[int, Meta(ge=1, le=CASES)] = 1000
-    seed: Annotated[int, NotNegative] = 0
+    seed: Annotated[int, Meta(ge=0, le=SEED)] = 0
     sampler: Literal["random", "lhs", "sobol", "saltelli"] = "random"
     plan: str | None = None  # a table of inputs, a row for each case
     history_step: Time = 0.0  # 0: no histories
