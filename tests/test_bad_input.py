@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import sepmc as package
 from sepmc.cli import main
-from sepmc.scene.messages import SceneError
+from sepmc.scene.messages import SceneError, nearest
 
 TEXT = (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
 MASS, INERTIA, UNTIL = (
@@ -902,3 +902,39 @@ def test_a_clearance_of_shells_only(tmp_path):
     )
     with pytest.raises(SceneError, match=r"clearance\.c\.bodies.*shells only"):
         package.load(path)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"normal": [700.0, 0.02]},
+        {"uniform": [690.0, 710.0]},
+        {"triangular": [690.0, 700.0, 710.0]},
+        {"normal": [-700.0, 0.02]},
+    ],
+)
+def test_a_relative_law_in_the_unit_of_its_key_is_refused(pair, law):
+    """Such a law would be flown at hundreds of times the nominal."""
+    path = "body.fore.mass_kg"
+    with pytest.raises(SceneError, match=r"relative = true multiplies all numbers by the nominal"):
+        pair({"dispersion": {path: law | {"relative": True}}})
+    near = {"normal": [1.0, 0.02], "relative": True}
+    assert pair({"dispersion": {path: near}}).file.dispersions[0].numbers[0] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "meant"),
+    [
+        ("hinge", ("fixed", "revolute", "slider"), "revolute"),
+        ("ball", ("fixed", "revolute", "spherical"), "spherical"),
+        ("weld", ("fixed", "revolute", "spherical"), "fixed"),
+        ("gaussian", ("uniform", "normal", "discrete"), "normal"),
+        ("clearance_gap", ("no-clearance", "gap_clearance_mm", "gap_clearance_time_s"),
+         "gap_clearance_mm"),
+        ("speed_separation", ("separation_speed_m_s", "separation_distance_mm"),
+         "separation_speed_m_s"),
+    ],
+)  # fmt: skip
+def test_words_of_other_tools_are_understood(word, known, meant):
+    """A word of another tool, or parts in another order, lead to the name that is meant."""
+    assert nearest(word, known) == f"did you mean {meant!r}?"

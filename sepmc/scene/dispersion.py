@@ -13,6 +13,8 @@ from sepmc.scene.parameters import Parameter, UnknownPath, find, value
 
 LAWS = ("uniform", "normal", "triangular", "discrete", "constant")
 
+_CENTRED = ("uniform", "triangular", "normal")
+_FAR_FROM_NOMINAL = 10.0  # times the nominal: a law so far off was meant in the unit of its key
 _FARTHEST = 40.0  # sigma: beyond, a normal law has no values
 
 
@@ -193,6 +195,17 @@ def _resolve_one(
         )
         return None
     raw = getattr(law, name)
+    if law.relative and isinstance(raw, tuple) and name in _CENTRED:
+        centre = float(raw[0] if name == "normal" else raw[len(raw) // 2])
+        if abs(centre) > _FAR_FROM_NOMINAL:
+            problems.add(
+                place,
+                f"relative = true multiplies all numbers by the nominal {nominal:g}: {centre:g} "
+                f"becomes {centre * nominal:g}; give shares of the nominal, near 1, or leave "
+                "relative out",
+                list(raw),
+            )
+            return None
     numbers = (
         tuple(float(x) * scale for x in raw) if isinstance(raw, tuple) else (float(raw) * scale,)
     )

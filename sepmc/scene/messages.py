@@ -68,16 +68,49 @@ def printable(text: str, limit: int = 300) -> str:
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 
 
+# What other tools and textbooks call joint kinds and laws.
+_ELSEWHERE = {
+    "hinge": "revolute",
+    "pin": "revolute",
+    "prismatic": "slider",
+    "translational": "slider",
+    "sliding": "slider",
+    "ball": "spherical",
+    "socket": "spherical",
+    "weld": "fixed",
+    "rigid": "fixed",
+    "locked": "fixed",
+    "cardan": "universal",
+    "hooke": "universal",
+    "inline": "point-on-line",
+    "inplane": "point-on-plane",
+    "gaussian": "normal",
+    "gauss": "normal",
+    "triangle": "triangular",
+    "rectangular": "uniform",
+    "choice": "discrete",
+}
+
+
+def _parts(name: str) -> list[str]:
+    return [part for part in re.split(r"[^a-z0-9]+", name.lower()) if part]
+
+
 def nearest(word: str, known) -> str:
     """A phrase that names the nearest known word or, if none is near, all of them; of many those
-    that have a part of the word, or else the first."""
-    known = list(known)
+    that have a part of the word, or else the first. Near is what another tool's word means, what
+    has all parts of the word in another order, or what is spelled alike."""
+    known, parts = list(known), _parts(word)
+    if _ELSEWHERE.get(word.lower()) in known:
+        return f"did you mean {_ELSEWHERE[word.lower()]!r}?"
+    whole = [each for each in known if each != word and set(parts) <= set(_parts(each))]
+    if len(parts) > 1 and whole:
+        return f"did you mean {min(whole, key=len)!r}?"
     match = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if match and match[0] != word:
         return f"did you mean {match[0]!r}?"
     if len(known) <= _LISTED:
         return "known here: " + (", ".join(known) or "nothing")
-    parts = [part for part in re.split(r"[^a-z0-9]+", word.lower()) if len(part) > 2]
-    alike = [each for each in known if any(part in each.lower() for part in parts)]
+    alike = [each for each in known if any(p in each.lower() for p in parts if len(p) > 2)]
     shown = (alike or known)[:_LISTED]
     return f"known here: {', '.join(shown)} and {len(known) - len(shown)} more"
