@@ -19,6 +19,7 @@ EVERY = Contents(
     tip_off=("JOINT",),
     events=("EVENT",),
     transverse=("BODY",),
+    ignitions=("MOTOR",),
 )
 
 

@@ -1,0 +1,100 @@
+"""Motors that light at an event, a release or when a joint becomes free."""
+
+import math
+
+import pytest
+
+from sepmc.scene.messages import SceneError
+
+# the aft body is freed at 0.1 s; its motor pushes it aft with 2 N, so 2 m/s2
+_FREED = {
+    "phase": [
+        {"name": "locked", "joints": {"pins": "fixed"}, "until": {"time_s": 0.1}},
+        {"name": "free", "joints": {}},
+    ],
+    "event": [{"name": "cue", "when": {"time_s": 0.15}}],
+}
+
+
+def _motor(**keys):
+    return {"name": "retro", "body": "aft", "thrust_N": 2.0, "station_m": 3.0, **keys}
+
+
+def _flown(pair, **keys):
+    """Outcomes of the nominal case with such a motor."""
+    campaign = pair({**_FREED, "motor": [_motor(**keys)]})
+    return campaign.simulate(step_s=0.1).attrs["outcomes"]
+
+
+@pytest.mark.parametrize(
+    ("ignition", "lights"),
+    [
+        ({"event": "cue"}, 0.15),
+        ({"event": "cue", "delay_s": 0.05}, 0.20),
+        ({"joint": "pins"}, 0.10),
+        ({"joint": "pins", "delay_ms": 30.0}, 0.13),
+    ],
+)
+def test_speed_of_a_motor_that_lights_late(pair, ignition, lights):
+    """v = F / m (t - t0), from a burn that goes on, and F / m times the burn of one that ends."""
+    flown = _flown(pair, ignition=ignition)
+    assert flown["retro_ignition_time_s"] == pytest.approx(lights, abs=1e-12)
+    assert flown["separation_speed_m_s"] == pytest.approx(2.0 * (0.5 - lights), rel=1e-9)
+    ended = _flown(pair, ignition=ignition, burn_s=0.1)
+    assert ended["separation_speed_m_s"] == pytest.approx(0.2, rel=1e-9)
+
+
+def test_the_clock_of_a_motor_starts_when_it_lights(pair):
+    """Build-up, profile and tail-off count from the ignition."""
+    ignition, lasts = {"event": "cue"}, 0.35
+    built = _flown(pair, ignition=ignition, build_up_s=0.1)
+    speed = 2.0 * (lasts - 0.1 * (1.0 - math.exp(-lasts / 0.1)))
+    assert built["separation_speed_m_s"] == pytest.approx(speed, rel=1e-9)
+    ramp = {"time_s": [0.0, 0.1, 0.2], "fraction": [0.0, 1.0, 0.0]}
+    profiled = _flown(pair, ignition=ignition, profile=ramp)
+    assert profiled["separation_speed_m_s"] == pytest.approx(0.2, rel=1e-9)
+    tailed = _flown(pair, ignition=ignition, burn_s=0.1, tail_off_s=0.05)
+    speed = 0.2 + 2.0 * 0.05 * (1.0 - math.exp(-0.25 / 0.05))
+    assert tailed["separation_speed_m_s"] == pytest.approx(speed, rel=1e-9)
+
+
+def test_a_motor_whose_event_does_not_come_does_not_light(pair):
+    """Its ignition time is NaN, and it pushes nothing."""
+    late = {**_FREED, "event": [{"name": "cue", "when": {"time_s": 0.9}}]}
+    campaign = pair({**late, "motor": [_motor(ignition={"event": "cue"})]})
+    flown = campaign.simulate(step_s=0.1).attrs["outcomes"]
+    assert math.isnan(flown["retro_ignition_time_s"])
+    assert flown["separation_speed_m_s"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("ignition", "said"),
+    [
+        ({"event": "cus"}, "did you mean 'cue'"),
+        ({"event": "cue", "joint": "pins"}, "ignition"),
+        ({"delay_s": 0.1}, "ignition"),
+        ({"joint": "pinz"}, "did you mean 'pins'"),
+    ],
+)
+def test_an_ignition_that_is_none_is_refused(pair, ignition, said):
+    """Unknown names, several instants or none are refused, with the motor's place."""
+    with pytest.raises(SceneError, match=r"motor\.retro\.ignition") as refused:
+        pair({**_FREED, "motor": [_motor(ignition=ignition)]})
+    assert said in str(refused.value)
+
+
+def test_a_compiled_campaign_lights_as_a_single_run_does(pair):
+    """Rows of a campaign have the outcomes of single runs, with a delay that varies."""
+    path = "motor.retro.ignition.delay_s"
+    campaign = pair(
+        {
+            **_FREED,
+            "motor": [_motor(ignition={"event": "cue", "delay_s": 0.05}, burn_s=0.1)],
+            "dispersion": {path: {"uniform": [0.0, 0.1]}},
+        }
+    )
+    cases = campaign.run(8, announce=lambda text: None).to_pandas()
+    assert (cases["status"] == "ok").all()
+    lit = 0.15 + cases["in_motor_retro_ignition_delay_s"]
+    assert cases["retro_ignition_time_s"].to_numpy() == pytest.approx(lit.to_numpy(), abs=1e-12)
+    assert cases["separation_speed_m_s"].to_numpy() == pytest.approx(0.2, rel=1e-8)
