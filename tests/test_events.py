@@ -349,7 +349,7 @@ def test_met_when_the_phase_begins(pair):
 
 @pytest.mark.parametrize(
     "until",
-    [{"time_s": 0.0}, {"joint": "pins", "stroke_mm": 0.0}, {"body": "fore", "altitude_m": 1000.0}],
+    [{"time_s": 0.0}, {"joint": "pins", "stroke_mm": 0.0}],
 )
 def test_met_at_the_start(pair, until):
     """Free from the first instant."""

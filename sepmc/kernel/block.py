@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from sepmc.kernel.context import Context, height, lose, part, went
+from sepmc.kernel.context import Context, lose, part, went
 from sepmc.kernel.formulas import ZERO, scalar, vec3
 from sepmc.kernel.history import trace
 from sepmc.kernel.ignition import ignition, lights, note_ignitions
@@ -16,6 +16,7 @@ from sepmc.kernel.shape import APART, Change, Due, Release, Stage, ended, met, n
 from sepmc.kernel.steps import advance
 from sepmc.kernel.tables import has_tables
 from sepmc.kernel.text import Text
+from sepmc.kernel.watch import side_before
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -115,7 +116,7 @@ def _enter(out: Text, c: Context, number: int, stage: Stage) -> None:
         _begin_timed(text, c, stage)
     if stage.late:
         _begin_late(text, c, stage)
-    _note_sides(text, c, stage)
+    _forget_sides(text, c, stage)
     if stage.awaited:
         text(f"await_{stage.name}(w, 1.0)")
     if stage.releases:
@@ -186,15 +187,11 @@ def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[C
             yield change, _comes(scope, c, change) + delay
 
 
-def _note_sides(text: Text, c: Context, stage: Stage) -> None:
-    """From which side a height is approached that ends a phase."""
-    for event in stage.events:
-        if event.what == at.AT_ALTITUDE:
-            scope = c.scope()
-            c.slabs.add(f"SIDE_{stage.name}_{event.name}", 1)
-            above = height(scope, event.which) > c.case.number(event.threshold)
-            scope.store(f"SIDE_{stage.name}_{event.name}", where(above, -1.0, 1.0))
-            scope.write(text)
+def _forget_sides(text: Text, c: Context, stage: Stage) -> None:
+    """On which side of its threshold a load is, is new to a phase that waits for it to cross it."""
+    for load in stage.loads:
+        if load.direction and not load.apart:
+            text.lanes()(f"w[{side_before(stage, load)} + l] = 0.0")
 
 
 def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:

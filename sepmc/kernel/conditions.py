@@ -15,17 +15,20 @@ _ON_JOINT = {
     "force": at.AT_FORCE,
     "moment": at.AT_MOMENT,
 }
+_ON_BODY = {"altitude": at.AT_ALTITUDE, "vertical_speed": at.AT_VERTICAL_SPEED}
 
 
 @dataclass(frozen=True)
 class Leaf:
     """One comparison: what, of which joint, motor, body or spring, for which event; the path of its
-    threshold, if it has one."""
+    threshold, if it has one; in which direction it must be crossed, "" if at or beyond it will
+    do."""
 
     what: int
     which: str
     event: int
     path: str | None
+    direction: str = ""
 
 
 @dataclass
@@ -56,8 +59,8 @@ class Conditions:
             self.clauses += [len(self.clause_leaves), len(clause)]
             self.clause_leaves += clause
 
-    def _leaf(self, what: int, which: str, path: str | None) -> int:
-        self.leaves.append(Leaf(what, which, len(self.events) // 2, path))
+    def _leaf(self, what: int, which: str, path: str | None, direction: str = "") -> int:
+        self.leaves.append(Leaf(what, which, len(self.events) // 2, path, direction))
         return len(self.leaves) - 1
 
     def _clauses(self, until: Until, path: str) -> list[list[int]]:
@@ -71,9 +74,12 @@ class Conditions:
             found.append([self._leaf(at.AT_SPRING_STROKE, until.spring, None)])
         for key, what in _ON_JOINT.items():
             if getattr(until, key) is not None and until.joint is not None:
-                found.append([self._leaf(what, until.joint, f"{path}.{key}")])
-        if until.altitude is not None and until.body is not None:
-            found.append([self._leaf(at.AT_ALTITUDE, until.body, f"{path}.altitude")])
+                direction = until.direction or ""
+                found.append([self._leaf(what, until.joint, f"{path}.{key}", direction)])
+        for key, what in _ON_BODY.items():
+            if getattr(until, key) is not None and until.body is not None:
+                direction = until.direction or "either"
+                found.append([self._leaf(what, until.body, f"{path}.{key}", direction)])
         for number, item in enumerate(until.any):
             found += self._clauses(item, f"{path}.any.{number}")
         if until.all:

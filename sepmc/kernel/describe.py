@@ -108,6 +108,13 @@ def condition(until: Until) -> str:
     parts += [f"force of {until.joint} {until.force:g} N"] if until.force is not None else []
     parts += [f"moment of {until.joint} {until.moment:g} N m"] if until.moment is not None else []
     parts += [f"{until.body} at {until.altitude:g} m height"] if until.altitude is not None else []
+    parts += (
+        [f"{until.body} at {until.vertical_speed:g} m/s upward"]
+        if until.vertical_speed is not None
+        else []
+    )
+    if until.direction is not None:  # of the one quantity there is, the last so far
+        parts[-1] += f" ({until.direction})"
     parts += [condition(item) for item in until.any]
     if until.all:
         parts.append("(" + " and ".join(condition(item) for item in until.all) + ")")

@@ -15,6 +15,9 @@ from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
 _MET = -1e-12  # what counts as zero of a condition's value
+# of a threshold, or of one: a quantity this close stands at it. Its rate (and acceleration) tell
+# where it goes from there if they take it further within a millisecond: smaller ones are round-off
+_TOUCH, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 
 
 def emit_aim(out: Text, c: Context, stage: Stage) -> None:
@@ -37,6 +40,8 @@ def emit_aim(out: Text, c: Context, stage: Stage) -> None:
 
 def _wait(s: State, event: Event) -> Any:
     """Time to an event."""
+    if event.direction:
+        return _wait_to_cross(s, event)
     scope, name = s.scope, f"{s.stage.name}_{event.name}"
     for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
         s.c.slabs.add(f"{slab}_{name}", count)
@@ -79,13 +84,81 @@ def _wait(s: State, event: Event) -> Any:
     )
 
 
-def _note_graze(scope: Scope, event: Event, stage: str, value: Value, rate: Any) -> None:
-    """A condition may be met and left again within a step: then the case is on its own."""
+def _wait_to_cross(s: State, event: Event) -> Any:
+    """Time to an event whose quantity must cross its threshold, from the side on which it is, or
+    goes to from where it stands at it, as a stretch begins.
+
+    On the side from which a crossing does not count, another one is waited for, to the other side:
+    that is noted at the end of a step.
+    """
+    scope, name = s.scope, f"{s.stage.name}_{event.name}"
+    for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("SIDE", 1), ("STOOD", 1)):
+        s.c.slabs.add(f"{slab}_{name}", count)
+    scope.comment(f"{event.which}, {event.direction}")
+    time, usual = s.time, scope.named("usual")
+    earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
+    first = earlier.equals(math.inf)
+    excess, rate, acceleration = (
+        called(x, name)
+        for x, name in zip(_condition(s, event), ("excess", "rate", "acceleration"), strict=True)
+    )
+    since = where(time > earlier, time - earlier, math.inf)
+    if event.what == at.AT_VERTICAL_SPEED:  # how its rate changes is not known from the state
+        acceleration = ((rate - scope.load(f"RATE_{name}")) / since).called("acceleration")
+    jerk = (acceleration - before) / since
+    touch = _touch(s.c, event)
+    stands = scalar.abs(excess) <= touch
+    goes = where(scalar.abs(acceleration) > _PER_ACCELERATION * touch, acceleration, 0.0)
+    goes = where(scalar.abs(rate) > _PER_RATE * touch, rate, goes)
+    goes = where(stands, goes, excess).called("goes")
+    was = scope.load(f"SIDE_{name}")
+    again = first | was.equals(0.0)
+    if event.direction != "either":
+        again = again | (_counts(event, -was) & (was * excess > touch))
+    side = where(again, where(goes < 0.0, 1.0, where(goes > 0.0, -1.0, 0.0)), was).called("side")
+    value, slope = side * excess, side * rate
+    _note_graze(scope, event, s.stage.name, value, slope, side)
+    stood = scope.load(f"STOOD_{name}")
+    noted = (
+        (f"VALUE_{name}", excess),
+        (f"RATE_{name}", rate),
+        (f"LAST_{name}", time),
+        (part(f"LAST_{name}", 1), acceleration),
+        (f"SIDE_{name}", side),
+        (f"STOOD_{name}", where(first, where(stands, time, -math.inf), stood)),
+    )
+    for place, now in noted:
+        held = scope.load("HELD_BACK") > 0.0 if s.c.paces(s.stage) else None
+        scope.store(place, now if held is None else where(held, scope.load(place), now))
+    wait = scalar.time_left(value, slope, side * acceleration, side * jerk).called("wait")
+    wait = where(_counts(event, side), where(first & stands, math.inf, wait), math.inf)
+    wait = where(first & (wait > usual), usual, wait)
+    met = scope.load(event.flag(s.stage.name))
+    return wait if event.ends_phase else where(met > 0.0, math.inf, wait)
+
+
+def _touch(c: Context, event: Event) -> Value:
+    """How far from its threshold a quantity still stands at it."""
+    return _TOUCH * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
+
+
+def _counts(event: Event, side: Value) -> Value:
+    """Whether a crossing counts from a side: 1 below the threshold, -1 above, 0 neither."""
+    if event.direction == "either":
+        return side * side > 0.0
+    return side > 0.0 if event.direction == "rising" else side < 0.0
+
+
+def _note_graze(
+    scope: Scope, event: Event, stage: str, value: Value, rate: Any, side: Any = 1.0
+) -> None:
+    """A condition may be met and left again within a step: then the case is on its own. What was
+    noted of it counts from a ``side``."""
     name = f"{stage}_{event.name}"
     earlier, past, slope = (
         scope.load(f"LAST_{name}"),
-        scope.load(f"VALUE_{name}"),
-        scope.load(f"RATE_{name}"),
+        scope.load(f"VALUE_{name}") * side,
+        scope.load(f"RATE_{name}") * side,
     )
     grazes = (
         _may_rise(past, slope, value, rate, scope.load("T") - earlier)
@@ -122,14 +195,11 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
     c.slabs.add(name, 3)
     s = State(c, c.scope(), stage, "Y")
     scope, time = s.scope, s.time
-    if event.what == at.AT_ALTITUDE:
-        value, rate = _climb(s, event.which, s.case.number(event.threshold))
-    else:
-        value, rate, _ = _condition(s, event)
+    value, rate, _ = _condition(s, event)
     past, slope, earlier = (scope.load(part(name, k)) for k in range(3))
     length = time - earlier
     met = (value >= _MET) | _may_rise(past, slope, value, rate, length)
-    if event.what == at.AT_ALTITUDE:  # from below or from above
+    if event.direction:  # from below or from above
         met = (
             (value * past <= 0.0)
             | _may_rise(past, slope, value, rate, length)
@@ -146,7 +216,8 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
 
 
 def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
-    """Value (below zero before the event), rate and acceleration of a condition."""
+    """Value, rate and acceleration of a condition: below zero before the event or, if it has a
+    direction, below the threshold."""
     if event.is_border:
         return _border(s, event)
     scene, threshold = s.shape.scene, s.case.number(event.threshold)
@@ -155,8 +226,14 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
         line = s.spring(spring)
         value, rate = line.length - s.spring_start(spring) - threshold, line.rate
         return value, rate, s.lengthening_by("K1", spring.bodies, line)
-    if event.what == at.AT_ALTITUDE:
-        return _height(s, event, threshold)
+    if event.what in (at.AT_ALTITUDE, at.AT_VERTICAL_SPEED):
+        acceleration = s.scope.load(f"K1 + V_{event.which}", 3)[1]
+        excess, rate = _climb(s, event.which, threshold)
+        return (
+            (excess, rate, acceleration)
+            if event.what == at.AT_ALTITUDE
+            else (_climb_rate(s, event.which) - threshold, acceleration, 0.0)
+        )
     bodies = scene.joint[event.which].bodies
     if event.what == at.AT_ANGLE:
         return _angle(s, event.which, threshold)
@@ -177,13 +254,6 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     )
 
 
-def _height(s: State, event: Event, threshold: Value) -> tuple[Any, Any, Any]:
-    """A height that is reached from the side on which the body is as the phase begins."""
-    side = s.scope.load(f"SIDE_{s.stage.name}_{event.name}")
-    value, rate = _climb(s, event.which, threshold)
-    return side * value, side * rate, side * s.scope.load(f"K1 + V_{event.which}", 3)[1]
-
-
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     """How far a body is above the top of its layer of air, or below its base."""
     up = event.what == at.AT_LAYER_TOP
@@ -194,7 +264,12 @@ def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
 
 def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
     """Height of a body above a threshold, and its rate."""
-    return height(s.scope, body) - threshold, s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
+    return height(s.scope, body) - threshold, _climb_rate(s, body)
+
+
+def _climb_rate(s: State, body: str) -> Any:
+    """Vertical speed of a body."""
+    return s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
 def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
@@ -264,6 +339,9 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     """Whether a condition is met, and how slowly: an error of its value is so much of an error of
     its time."""
     name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
+    if event.direction:
+        _note_crossed(scope, c, stage, event)
+        return
     if not event.ends_phase and event.number < 0:
         c.start(flag, 1.0 if event.is_border else 0.0)  # at the start every body enters a layer
     met, before, rate = (
@@ -280,3 +358,21 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
         place = spent(event.which)
         c.start(place, math.nan)
         scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))
+
+
+def _note_crossed(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
+    """Whether a quantity has crossed its threshold in the direction that counts: not by standing at
+    it as the stretch began."""
+    name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
+    side, before = scope.load(f"SIDE_{name}"), scope.load(flag)
+    met = (
+        (side * scope.load(f"VALUE_{name}") >= -_touch(c, event))
+        & _counts(event, side)
+        & (scope.load("T") > scope.load(f"STOOD_{name}") + at.GRAIN)
+    )
+    rate = side * scope.load(f"RATE_{name}")
+    slow = where(rate > 0.0, 1.0 / rate, math.inf)
+    guard = c.guard(name)
+    waited_for = met & before.equals(0.0)
+    scope.store(guard, scalar.larger(scope.load(guard), where(waited_for, slow, 0.0)))
+    scope.store(flag, where(met, 1.0, before))

@@ -36,7 +36,8 @@ class Row:
 class Event:
     """A condition on the state: ``what`` (AT_STROKE, ...) of which joint, spring or body, and where
     its threshold stands in w; whether it ends its phase by itself, or else its number among the
-    conditions that do so together, or, ``apart`` from phases, release a joint."""
+    conditions that do so together, or, ``apart`` from phases, release a joint; the ``direction`` in
+    which the threshold must be crossed, "" if at or beyond it will do."""
 
     what: int
     which: str
@@ -44,6 +45,7 @@ class Event:
     ends_phase: bool
     number: int = -1
     apart: bool = False
+    direction: str = ""
 
     @property
     def name(self) -> str:

@@ -28,6 +28,7 @@ _ON_STATE = {
     "distance": at.AT_DISTANCE,
     "angle": at.AT_ANGLE,
     "altitude": at.AT_ALTITUDE,
+    "vertical_speed": at.AT_VERTICAL_SPEED,
 }
 _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 # stretches of a phase that a load may end: each as long as the phase usually is, or a share of the
@@ -58,7 +59,7 @@ def _needs_any_order(shape: Shape) -> bool:
 def _is_manifold(scene: Scene, until: Until) -> bool:
     """Whether a phase ends by several conditions, or as one of several would: by a spring, or by
     the burn-out of a motor whose ignition is not known beforehand."""
-    keys = ("time", "burn_out", "stroke", "distance", "angle", "force", "moment", "altitude")
+    keys = ("time", "burn_out", *_ON_LOAD, *_ON_STATE)
     return (
         bool(until.any or until.all or until.spring)
         or any(motor.name == until.burn_out and motor.trigger for motor in scene.motor)
@@ -269,23 +270,18 @@ def _holds_alike(stage: Stage, late: Stage) -> bool:
 def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
     """What ends a phase: a time, the end of a burn, or a condition on a joint."""
     until, path = phase.until, f"phase.{phase.name}.until"
-    leaves = {leaf.path: place for leaf, place in _thresholds(plan, dispersed)}
+    leaves = {leaf.path: (leaf, place) for leaf, place in _thresholds(plan, dispersed)}
     if until is None:
         return
     if until.time is not None:
-        stage.end_time = (leaves[f"{path}.time"],)
+        stage.end_time = (leaves[f"{path}.time"][1],)
     elif until.burn_out is not None:
         stage.end_time = _burn_out(plan, until.burn_out).places
-    elif key := next((key for key in _ON_LOAD if getattr(until, key) is not None), None):
-        assert until.joint is not None
-        stage.loads.append(Event(_ON_LOAD[key], until.joint, leaves[f"{path}.{key}"], True))
     else:
-        key, what = next(
-            (key, what) for key, what in _ON_STATE.items() if getattr(until, key) is not None
-        )
-        which = until.body if what == at.AT_ALTITUDE else until.joint
-        assert which is not None
-        stage.events.append(Event(what, which, leaves[f"{path}.{key}"], True))
+        key = next(key for key in (*_ON_LOAD, *_ON_STATE) if getattr(until, key) is not None)
+        leaf, place = leaves[f"{path}.{key}"]
+        event = Event(leaf.what, leaf.which, place, True, direction=leaf.direction)
+        (stage.loads if key in _ON_LOAD else stage.events).append(event)
 
 
 def _burn_out(plan: Plan, name: str) -> Due:
@@ -328,9 +324,8 @@ def _clauses(
         elif leaf.what == at.AT_SPRING_STROKE:
             springs[k] = leaf.which
         else:
-            event = Event(
-                leaf.what, leaf.which, first + k, False, k, number >= len(plan.scene.phase)
-            )
+            apart = number >= len(plan.scene.phase)
+            event = Event(leaf.what, leaf.which, first + k, False, k, apart, leaf.direction)
             (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
     return clauses, times, springs, on_state, on_load
 

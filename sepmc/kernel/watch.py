@@ -6,7 +6,7 @@ import math
 from sepmc.kernel.context import Context, part
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import note_guides, start_guides, watch_guide
-from sepmc.kernel.shape import Stage
+from sepmc.kernel.shape import APART, Event, Stage
 from sepmc.kernel.steps import emit_spread
 from sepmc.kernel.text import Text
 from sepmc.kernel.wrenches import before_wrenches, make_wrenches, store_wrenches
@@ -106,6 +106,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
     inner("first, slope = 2.0, 0.0")
+    sides: list[str] = []
     for i, load in enumerate(stage.loads):
         place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
         threshold, nodes = (
@@ -116,7 +117,15 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
         waits = (
             inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
         )
-        waits(f"theta_{i}, rate = peaks.first_reached(w, {nodes}, SCRATCH, {threshold})")
+        asked = f"w, {nodes}, SCRATCH, {threshold}"
+        if load.direction:
+            side = side_before(stage, load)
+            c.start(side, 0.0)
+            ways = [load.direction in (way, "either") for way in ("rising", "falling")]
+            sides.append(f"w[{side} + l] = peaks.side_then({asked}, w[THETA + l], w[{side} + l])")
+            asked += f", w[{side} + l], {ways[0]}, {ways[1]}"
+        how = "first_crossed" if load.direction else "first_reached"
+        waits(f"theta_{i}, rate = peaks.{how}({asked})")
         waits.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     met = inner.block("if first <= 1.0:")
     met("found, w[MET + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
@@ -132,6 +141,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
             f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > "
             "0.0 else 0.0)"
         )
+    inner(*sides)
     inner = text.block("if found > 0.0:")
     emit_spread(inner, c, "THETA")
     emit_spread(inner, c, "MET")
@@ -139,6 +149,11 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     inner.block(f"for e in range({c.shape.active(stage)} * LANES):")(
         "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
     )
+
+
+def side_before(stage: Stage, load: Event) -> str:
+    """Where it is noted on which side of its threshold a load was at the end of the last step."""
+    return f"SIDE_{APART}_{load.number}" if load.apart else f"SIDE_{stage.name}_{load.name}"
 
 
 def _wrenches(out: Text, c: Context, stage: Stage) -> None:

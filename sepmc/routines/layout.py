@@ -91,6 +91,7 @@ BAUMGARTE_RATE = 10.0  # 1/s: rate at which a drifted constraint is pulled back,
     AT_SPRING_STROKE,
 ) = 0, 1, 2, 3, 4, 5, 6, 7, 8
 AT_LAYER_TOP, AT_LAYER_BASE = 9, 10
+AT_VERTICAL_SPEED = 11
 BODY_OUTCOMES, JOINT_OUTCOMES = 9, 3
 FLOW_ANGLES = 2  # the first outcomes of a body: of no value in still air
 LOADS_OUTCOMES, CLEARANCE_OUTCOMES = 6, 6

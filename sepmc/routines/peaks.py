@@ -355,6 +355,100 @@ def first_reached(w, nodes, apart, scratch, threshold):
 
 
 @routine
+def first_crossed(w, nodes, apart, scratch, threshold, side, rising, falling):
+    """Where in a step, as a share of it, the size of a vector first crosses a threshold in a
+    direction that counts, and how fast there by the share; 2 if nowhere.
+
+    nodes, apart, scratch : those of `note_size`
+    side : 1 below the threshold before the step, -1 above, 0 if it stood at it or there was no step
+        before: what jumps to the other side as the step begins has crossed it there
+    rising, falling : whether a crossing from below counts, and one from above
+    """
+    keep_apart()
+    sizes = scratch + 3 * COUNT
+    _put_sizes(nodes, apart, w, sizes)
+    _set_coefficients(nodes, apart, w, scratch)
+    now = _side(w[sizes], threshold, 0.0)
+    if side != now and (rising if side > 0.0 else falling and side < 0.0):
+        return 0.0, abs(_rate_at(sizes, w))
+    side = now
+    for i in range(COUNT - 1):
+        low, high = THETA[i], THETA[i + 1]
+        then = _side(w[sizes + i + 1], threshold, side)
+        counts = rising if side > 0.0 else falling
+        if side == 0.0 or (then != side and not counts):
+            side = then
+            continue
+        if then == side:  # there and back between two nodes, if at all
+            if not (_turns(sizes, w, i, side) or _turns(sizes, w, i + 1, side)):
+                continue
+            turn = (
+                _highest(low, high, w, scratch, 0) if side > 0.0 else _lowest(low, high, w, scratch)
+            )
+            if side * (_size(turn, w, scratch) - threshold) < 0.0:
+                continue
+            low, high = (low, turn) if counts else (turn, high)
+            side = side if counts else -side
+        return _crossing(low, high, w, scratch, threshold, side)
+    return 2.0, 0.0
+
+
+@routine
+def _crossing(low, high, w, scratch, threshold, side):
+    """Where between two shares of the step the size crosses a threshold from a ``side``, and how
+    fast, by halving."""
+    start = low
+    while high - low > 1e-16 + 2e-16 * high:
+        middle = 0.5 * (low + high)
+        if middle <= low or middle >= high:
+            break
+        beyond = side * (_size(middle, w, scratch) - threshold) >= 0.0
+        low, high = (low, middle) if beyond else (middle, high)
+    beside = max(start, high - _BESIDE)
+    rise = abs(_size(high, w, scratch) - _size(beside, w, scratch))
+    return high, rise / (high - beside) if high > beside else 0.0
+
+
+@routine
+def side_then(w, nodes, apart, scratch, threshold, theta, side):
+    """On which side of a threshold the size of a vector is at a share of the step; where it stands
+    at it, that on which it was last, or ``side`` before the step."""
+    keep_apart()
+    _set_coefficients(nodes, apart, w, scratch)
+    for i in range(COUNT):
+        if THETA[i] < theta:
+            side = _side(_size(THETA[i], w, scratch), threshold, side)
+    return _side(_size(theta, w, scratch), threshold, side)
+
+
+@routine
+def _side(size, threshold, before):
+    """Below a threshold 1, above -1, ``before`` where it stands at it."""
+    touch = _TOUCH * max(1.0, threshold)
+    return 1.0 if size < threshold - touch else -1.0 if size > threshold + touch else before
+
+
+@routine
+def _turns(sizes, w, i, side):
+    """Whether a peak (from ``side`` 1) or a dip (-1) lies beside node ``i``."""
+    if side > 0.0:
+        return _rises(sizes, w, i)
+    before, now, after = w[sizes + max(i - 1, 0)], w[sizes + i], w[sizes + min(i + 1, COUNT - 1)]
+    return now <= before and now <= after
+
+
+@routine
+def _lowest(low, high, w, scratch):
+    """Where between two shares of the step the size is least, by golden sections."""
+    golden = 0.5 * (3.0 - math.sqrt(5.0))
+    for _ in range(_ROUNDS):
+        one, other = low + golden * (high - low), high - golden * (high - low)
+        rises = _size(one, w, scratch) < _size(other, w, scratch)
+        low, high = (low, other) if rises else (one, high)
+    return 0.5 * (low + high)
+
+
+@routine
 def _rate_at(sizes, w):
     """Rate of the size at the start of a step, by the share of it."""
     slope = 0.0

@@ -96,7 +96,17 @@ def _may_come(scene: Scene, lighting: set[str]) -> set[tuple[str, str]]:
 def _may_be_met(until: Until, lighting: set[str]) -> bool:
     """Whether a condition may be met where only these motors may light: all others but burn-outs
     may."""
-    keys = ("time", "spring", "stroke", "distance", "angle", "force", "moment", "altitude")
+    keys = (
+        "time",
+        "spring",
+        "stroke",
+        "distance",
+        "angle",
+        "force",
+        "moment",
+        "altitude",
+        "vertical_speed",
+    )
     return (
         any(getattr(until, key) is not None for key in keys)
         or until.burn_out in lighting

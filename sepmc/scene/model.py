@@ -274,7 +274,11 @@ class Joint(_Table, frozen=True, kw_only=True):
 
 
 class Until(_Table, frozen=True, kw_only=True):
-    """A condition. Of several keys, whichever is met first counts; what was met once stays met."""
+    """A condition. Of several keys, whichever is met first counts; what was met once stays met.
+
+    With a ``direction`` the quantity of the table must cross its threshold that way; without one a
+    height or a vertical speed counts crossed either way, any other quantity at or beyond it.
+    """
 
     time: Annotated[float, NotNegative, Quantity("time")] | None = None
     burn_out: str | None = None  # of a motor
@@ -287,6 +291,8 @@ class Until(_Table, frozen=True, kw_only=True):
     moment: Annotated[float, Positive, Quantity("moment")] | None = None
     body: str | None = None
     altitude: Annotated[float, Quantity("length")] | None = None
+    vertical_speed: Annotated[float, Quantity("speed")] | None = None  # up is positive
+    direction: Literal["rising", "falling", "either"] | None = None
     any: tuple["Until", ...] = ()
     all: tuple["Until", ...] = ()
 

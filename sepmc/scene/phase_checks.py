@@ -17,6 +17,7 @@ _OF_JOINT = {
     "force": "force_N",
     "moment": "moment_N_m",
 }
+_OF_BODY = {"altitude": "altitude_m", "vertical_speed": "vertical_speed_m_s"}
 
 
 def holds_ground(scene: Scene) -> bool:
@@ -114,12 +115,13 @@ def _check_kind(place: str, joint: str, kind: str, scene: Scene, problems: Probl
 def _check_condition(place: str, until: Until, scene: Scene, problems: Problems) -> None:
     """A condition must compare something, and name what it compares."""
     on_joint = [key for key in _OF_JOINT if getattr(until, key) is not None]
+    of_body = [key for key in _OF_BODY if getattr(until, key) is not None]
     if (
         until.time is None
         and until.burn_out is None
         and until.spring is None
         and not on_joint
-        and until.altitude is None
+        and not of_body
         and not until.any
         and not until.all
     ):
@@ -130,8 +132,8 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
         )
         problems.add(
             place,
-            f"never ends: give time_s, burn_out, spring, {missing}, body and altitude_m, any or "
-            "all",
+            f"never ends: give time_s, burn_out, spring, {missing}, body and altitude_m or "
+            "vertical_speed_m_s, any or all",
         )
         return
     if until.joint is not None:
@@ -158,13 +160,28 @@ def _check_condition(place: str, until: Until, scene: Scene, problems: Problems)
     if until.spring is not None:
         springs = [spring.name for spring in scene.spring]
         check_known(f"{place}.spring", until.spring, springs, "spring", problems)
-    if (until.body is None) != (until.altitude is None):
-        problems.add(place, "body and altitude_m belong together")
+    if (until.body is None) != (not of_body):
+        problems.add(place, "body and altitude_m, or vertical_speed_m_s, belong together")
+    if until.direction is not None and len(on_joint + of_body) != 1:
+        _refuse_direction(place, until, [*on_joint, *of_body], problems)
     if until.body is not None:
         check_known(f"{place}.body", until.body, scene.body, "body", problems)
     for key, items in (("any", until.any), ("all", until.all)):
         for number, item in enumerate(items):
             _check_condition(f"{place}.{key}.{number}", item, scene, problems)
+
+
+def _refuse_direction(place: str, until: Until, given: list[str], problems: Problems) -> None:
+    """A direction is that of the one quantity in its table that crosses a threshold."""
+    keys = _OF_JOINT | _OF_BODY
+    said = (
+        "is of one quantity: give each its own table, in any = [...]; here are "
+        + " and ".join(keys[key] for key in given)
+        if given
+        else f"is of what crosses a threshold: give it beside one of {', '.join(keys.values())}; "
+        "a time, a burn-out and the end of a spring come once"
+    )
+    problems.add(f"{place}.direction", said, until.direction)
 
 
 def _check_letting_go(scene: Scene, problems: Problems) -> None:

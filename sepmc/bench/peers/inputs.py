@@ -155,7 +155,7 @@ def check(scene: Any) -> None:
         )
         plain = (
             plain
-            and not any(u.any or u.all for u in until)
+            and not any(u.any or u.all or u.direction for u in until)
             and (until[0].stroke, until[1].time) == (None, None)
         )
         plain = (

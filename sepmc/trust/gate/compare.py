@@ -350,6 +350,7 @@ _THRESHOLDS = (
     "distance",
     "angle",
     "altitude",
+    "vertical_speed",
 )
 _FORCES = ("mass", "thrust", "force", "stiffness", "speed")
 
@@ -371,7 +372,7 @@ def features(tree: Tree) -> list[str]:
         item["when"] for key in ("release", "event") for item in tree.get(key, [])
     ]
     found = {
-        f"until {key if key == 'burn_out' else key.removesuffix('_N_m').rsplit('_', 1)[0]}"
+        f"until {_OF_CONDITIONS.get(key) or key.removesuffix('_N_m').rsplit('_', 1)[0]}"
         for c in conditions
         for key in _keys(c)
     }
@@ -437,6 +438,7 @@ def _keys(until: Tree) -> set[str]:
     return set(until).union(*map(_keys, inside))
 
 
+_OF_CONDITIONS = {"burn_out": "burn_out", "vertical_speed_m_s": "vertical_speed"}
 _OF_MOTOR = ("ignition_s", "delay_s", "burn_s", "tail_off_s", "build_up_s", "profile")
 
 

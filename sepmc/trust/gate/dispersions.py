@@ -33,6 +33,7 @@ _TIMED = (
     "distance",
     "angle",
     "altitude",
+    "vertical_speed",
 )
 # Half-width of a law over a nominal of 0, in SI, by kind of quantity.
 _SIZES = {

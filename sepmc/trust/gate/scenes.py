@@ -25,6 +25,7 @@ from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate.bodies import add_air, add_bodies, add_environment, add_start
 from sepmc.trust.gate.dice import Dice
+from sepmc.trust.gate.directions import add_directions
 from sepmc.trust.gate.dispersions import add_dispersions
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
 from sepmc.trust.gate.guides import add_guides, add_outputs
@@ -57,6 +58,7 @@ LATE = {
     "clearance": 0.15,  # outlines, and distances between them
     "event": 0.25,  # instants that are told of, ends of springs among them
     "ignition": 0.25,  # motors that light at an event or release, or as a joint becomes free
+    "direction": 0.25,  # in which conditions must be crossed, and vertical speeds
 }
 _LATE_SHARE = 0.3
 _TRANSVERSE = 0.15  # of the scenes tell transverse rates
@@ -111,6 +113,8 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
         draft.tree["output"] = draft.tree.get("output", {}) | {"transverse": bodies}
     draft.dice = draft.names.dice = Dice(seed, 4)
     add_triggers(draft)
+    draft.dice = draft.names.dice = Dice(seed, 5)
+    add_directions(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

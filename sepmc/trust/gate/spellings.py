@@ -210,13 +210,23 @@ def _first_end(tree: Tree) -> float:
 
 
 def interrupted(tree: Tree, dice: Dice) -> Tree:
-    """A boundary soon after the start at which nothing changes."""
+    """A boundary soon after the start at which nothing changes; where what the first phase waits
+    for may have been crossed by then, none."""
+    if "until" in tree["phase"][0] and _is_crossed(tree["phase"][0]["until"]):
+        return tree
     first, ends = tree["phase"][0], [phase.get("until", {}) for phase in tree["phase"]]
     times = [until.get("time_s", 1.0) for until in ends]
     times += [part.get("time_s", 1.0) for key in ("any", "all") for part in ends[0].get(key, [])]
     soon = min(*times, dice.between(0.01, 0.05) * tree["run"]["end_time_s"], _first_end(tree))
     idle = {**first, "name": "before_all", "until": {"time_s": 0.5 * soon}}
     return {**tree, "phase": [idle, *tree["phase"]]}
+
+
+def _is_crossed(until: Tree) -> bool:
+    """Whether part of a condition is met by a crossing, not by what lies at or beyond a limit."""
+    parts = [part for key in ("any", "all") for part in until.get(key, [])]
+    crossed = "direction" in until or any(key.startswith("vertical_speed") for key in until)
+    return crossed or any(map(_is_crossed, parts))
 
 
 SPELLINGS: dict[str, Callable[[Tree, Dice], Tree]] = {

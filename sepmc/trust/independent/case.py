@@ -82,7 +82,8 @@ RELEASE = {
 UNTIL = {
     "time": None, "burn_out": None, "spring": None, "joint": None, "stroke": None, "distance": None,
     "angle": None, "force": None, "moment": None,
-    "body": None, "altitude": None, "any": (), "all": (),
+    "body": None, "altitude": None, "vertical_speed": None, "direction": None,
+    "any": (), "all": (),
 }  # fmt: skip
 OUTPUT = {"loads": (), "tip_off": (), "guide": (), "transverse": ()}
 INITIAL = {

@@ -8,19 +8,26 @@ from typing import Any
 from sepmc.trust.independent.case import Table
 
 _ON_JOINT = ("stroke", "distance", "angle", "force", "moment")
-# of a threshold, or of one: a condition this close at the instant it begins to be waited for is met
-TOUCH = 1e-12
+_ON_BODY = ("altitude", "vertical_speed")
+# of a threshold, or of one: a condition this close at the instant it begins to be waited for is
+# met; and how far from a threshold a quantity is on a side of it
+TOUCH, ASIDE = 1e-12, 4e-12
 
 
 @dataclass
 class Leaf:
-    """One comparison: of what, with which threshold; whether it has been met."""
+    """One comparison: of what, with which threshold; whether it has been met.
+
+    With a ``direction`` (rising, falling, either) the threshold must be crossed, from the ``side``:
+    1 below, -1 above, 0 as long as the quantity has not been on a side of it.
+    """
 
     what: str
     which: str | None
     threshold: float
+    direction: str | None = None
     met: bool = False
-    side: float = 1.0  # from below 1, from above -1: of a height
+    side: float = 0.0
 
     @property
     def on_time(self) -> bool:
@@ -31,6 +38,31 @@ class Leaf:
     def on_load(self) -> bool:
         """Whether a joint's force or moment is compared."""
         return self.what in ("force", "moment")
+
+    @property
+    def scale(self) -> float:
+        """What its tolerances are shares of."""
+        return max(1.0, abs(self.threshold))
+
+    def take_side(self, excess: float) -> None:
+        """Note on which side a quantity is, if on any, by how far it is beyond its threshold."""
+        if abs(excess) > ASIDE * self.scale * (1.0 - 1e-3):
+            self.side = -1.0 if excess > 0.0 else 1.0
+
+    def cross(self) -> None:
+        """The threshold is crossed from the side that the quantity was on."""
+        wanted = {"rising": (1.0,), "falling": (-1.0,)}.get(str(self.direction), (1.0, -1.0))
+        self.met, self.side = self.side in wanted, 0.0
+
+    def judge(self, excess: float) -> None:
+        """What follows for it from how far a quantity is beyond its threshold at an instant."""
+        if self.direction is None:
+            self.met = excess >= -TOUCH * self.scale
+            return
+        if self.side and self.side * excess >= -TOUCH * self.scale:
+            self.cross()
+        if not self.side:
+            self.take_side(excess)
 
 
 @dataclass
@@ -79,10 +111,16 @@ def _tree(
         own.append(Leaf("spring", until["spring"], stroke(until["spring"])))
     if until["joint"] is not None:
         own += [
-            Leaf(key, until["joint"], until[key]) for key in _ON_JOINT if until[key] is not None
+            Leaf(key, until["joint"], until[key], until["direction"])
+            for key in _ON_JOINT
+            if until[key] is not None
         ]
-    if until["body"] is not None and until["altitude"] is not None:
-        own.append(Leaf("altitude", until["body"], until["altitude"]))
+    if until["body"] is not None:
+        own += [
+            Leaf(key, until["body"], until[key], until["direction"] or "either")
+            for key in _ON_BODY
+            if until[key] is not None
+        ]
     leaves += own
     return {
         "own": own,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator
 
 from sepmc.trust.independent.case import Table
-from sepmc.trust.independent.conditions import TOUCH, Event, Leaf, make_event, spring_event
+from sepmc.trust.independent.conditions import Event, Leaf, make_event, spring_event
 from sepmc.trust.independent.joints import Joint, Row, rows_of
 from sepmc.trust.independent.loads import GRAIN, Loads
 
@@ -63,16 +63,7 @@ class Sequence:
             waiting.append(self.phases[self.phase])
         return [leaf for event in waiting for leaf in event.leaves if not leaf.met]
 
-    def set_sides(self, height: Callable[[str], float], of: list[Event]) -> None:
-        """From which side the heights of events are approached that are waited for from now on."""
-        for leaf in (leaf for event in of for leaf in event.leaves if leaf.what == "altitude"):
-            leaf.side = -1.0 if height(str(leaf.which)) > leaf.threshold else 1.0
-
-    def begin(self, height: Callable[[str], float]) -> None:
-        """Set the sides of heights waited for at the start; ``height`` tells that of a body, m."""
-        self.set_sides(height, [self.phases[0], *self.releases, *self.told.values()])
-
-    def settle(self, t: float, value: Value, height: Callable[[str], float]) -> None:
+    def settle(self, t: float, value: Value) -> None:
         """Everything that happens at time t, until nothing more does; what joints carry is judged
         when all else has happened."""
         loads = False
@@ -81,7 +72,6 @@ class Sequence:
             if self.phase < len(self.phases) - 1 and self.phases[self.phase].satisfied():
                 self._happened(self.phases[self.phase], t)
                 self.phase += 1
-                self.set_sides(height, [self.phases[self.phase]])
                 again = True
             for event in self.apart:
                 if math.isinf(event.time) and event.satisfied():
@@ -110,7 +100,7 @@ class Sequence:
             if leaf.on_time:
                 leaf.met = t >= leaf.threshold - GRAIN
             else:
-                leaf.met = value(leaf) >= -TOUCH * max(1.0, abs(leaf.threshold))
+                leaf.judge(value(leaf))
             found = found or leaf.met
         return found
 

@@ -12,7 +12,7 @@ from scipy.integrate import DOP853
 
 from sepmc.trust.independent.case import GROUND, read
 from sepmc.trust.independent.clearances import Clearances
-from sepmc.trust.independent.conditions import Leaf
+from sepmc.trust.independent.conditions import ASIDE, Leaf
 from sepmc.trust.independent.constraints import Singular
 from sepmc.trust.independent.loads import GRAIN, Flow
 from sepmc.trust.independent.motion import Motion
@@ -91,9 +91,7 @@ class IndependentFlight:
         found: list[Watched] = []
         for leaf in self.sequence.armed():
             if not leaf.on_time:
-                found.append(
-                    (partial(self.motion.value, leaf), partial(setattr, leaf, "met", True))
-                )
+                found.append((partial(self._excess, leaf), partial(self._reach_threshold, leaf)))
         for flow in self.loads.flows:
             for side in (-1, 1):
                 found.append(
@@ -105,6 +103,22 @@ class IndependentFlight:
             for i in range(2 * len(flow.coefficients.axes)):
                 found.append((partial(self._beyond_table, flow, i), self._leave_table))
         return found
+
+    def _excess(self, leaf: Leaf, t: float, s: State) -> float:
+        """How far beyond its threshold a leaf is, from the side it was on; or aside of it."""
+        excess = self.motion.value(leaf, t, s)
+        if leaf.direction is None:
+            return excess
+        return leaf.side * excess if leaf.side else abs(excess) - ASIDE * leaf.scale
+
+    def _reach_threshold(self, leaf: Leaf) -> None:
+        """What was watched of a leaf has come: its threshold, or a side of it."""
+        if leaf.direction is None:
+            leaf.met = True
+        elif leaf.side:
+            leaf.cross()
+        else:
+            leaf.take_side(self.motion.value(leaf, self.t, self.state(self.t, self.y)))
 
     def _edges(self) -> Array:
         return self.loads.air.edges if self.loads.air else np.zeros(0)
@@ -142,10 +156,6 @@ class IndependentFlight:
                 for i in range(2 * len(flow.coefficients.axes))
             ):
                 raise Ended("outside-table")
-        self.sequence.begin(self._height(s))
-
-    def _height(self, s: State) -> Callable[[str], float]:
-        return lambda body: self.vehicle.height(self.t, s, self.vehicle.index[body])
 
     def _project(self) -> None:
         """Bring positions and attitudes, then speeds, back onto the constraints: the least change
@@ -189,7 +199,7 @@ class IndependentFlight:
             self.motion.hold()
             return self.motion.value(leaf, self.t, s)
 
-        self.sequence.settle(self.t, value, self._height(s))
+        self.sequence.settle(self.t, value)
         self.motion.hold()
 
     def fly(self) -> str:

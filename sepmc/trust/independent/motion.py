@@ -114,10 +114,10 @@ class Motion:
         """How far a condition on the state is beyond its threshold."""
         what, which = leaf.what, str(leaf.which)
         if what == "altitude":
-            return leaf.side * (
-                self.vehicle.height(t, s, self.vehicle.index[which]) - leaf.threshold
-            )
-        if what == "spring":
+            found = self.vehicle.height(t, s, self.vehicle.index[which])
+        elif what == "vertical_speed":
+            found = s.v[self.vehicle.index[which], 1] + self.vehicle.velocity[1]
+        elif what == "spring":
             if next(one.spent for one in self.loads.springs if one.name == which):
                 return 1.0  # it stays so
             found = next(spring for spring in self.loads.springs if spring.name == which).extension(

@@ -91,6 +91,8 @@ class Condition:
 def condition(case: Case, table: dict[str, Any]) -> Condition:
     """A condition table of the case."""
     here = Condition()
+    if table.get("vertical_speed") is not None or table.get("direction") is not None:
+        raise ValueError("other engines fly no condition with a direction or on a vertical speed")
     if table.get("time") is not None:
         here.times.append(table["time"])
     if table.get("spring") is not None:
