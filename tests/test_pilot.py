@@ -368,7 +368,8 @@ def test_the_error_told_is_the_error_there_is(table2, name):
     assert told >= error / 3.0
     assert not result.accuracy.met or error <= result.accuracy.asked
     assert result.accuracy.met
-    assert result.notes == []
+    seldom = [note for note in result.notes if "occurred in" in note]
+    assert (len(seldom), result.notes) == (int(name == "a rare value"), seldom)
     assert again.spare == again.unsettled == 0
     if "spin" in name:
         assert again.finer > 50
