@@ -83,6 +83,16 @@ def test_running_mean_and_sigma():
         assert least[k] < sigma[k] < greatest[k]
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_convergence_of_few_cases(tmp_path, count):
+    """One case has a mean and no interval; uneven values of a few give no warning."""
+    x = np.array([1.0, 1.0 + 1e-9, 1e6])[:count]
+    (mean, _, _), (sigma, _, _) = running(x, np.array([count]))
+    assert mean[0] == pytest.approx(x.mean())
+    assert np.isnan(sigma[0]) == (count == 1)
+    assert convergence_figure({"a": x}, tmp_path, {}, "title").is_file()
+
+
 def test_running_intervals_hold_the_truth():
     """Of ten values of a normal law, 95 % of the intervals hold its mean, and 96 % its sigma."""
     random, n = np.random.default_rng(8), np.array([10])

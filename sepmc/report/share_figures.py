@@ -136,6 +136,9 @@ def convergence_figure(
     return save(figure, made(folder) / f"convergence{suffix}")
 
 
+_WIDEST = 300.0  # logarithm of a factor on sigma: few, uneven cases say nothing of it
+
+
 def running(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     """Mean and sigma of the first cases of an outcome, each with its 95 % interval.
 
@@ -158,10 +161,12 @@ def running(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     c = (x - middle) / span  # sums of powers of small numbers
     first, second, fourth = (np.cumsum(c**p)[n - 1] / n for p in (1, 2, 4))
     mean, spread = middle + span * first, np.maximum(second - first**2, 0.0)
-    sigma = span * np.sqrt(spread * n / (n - 1))
-    reach = student(n - 1) * sigma / np.sqrt(n)
-    kurtosis = np.divide(fourth, spread**2, out=np.ones(len(n)), where=spread > 0.0)
-    few = n / (n - TWO_SIDED)
-    error = few * np.sqrt(np.maximum(kurtosis - (n - 3) / n, 0.0) / (n - 1)) / 2.0
-    ends = (sigma * np.sqrt(few) * np.exp(side * TWO_SIDED * error) for side in (-1.0, 1.0))
+    with np.errstate(invalid="ignore", divide="ignore"):  # one case has no sigma: NaN
+        sigma = span * np.sqrt(spread * n / (n - 1))
+        reach = student(n - 1) * sigma / np.sqrt(n)
+        kurtosis = np.divide(fourth, spread**2, out=np.ones(len(n)), where=spread > 0.0)
+        few = n / (n - TWO_SIDED)
+        error = few * np.sqrt(np.maximum(kurtosis - (n - 3) / n, 0.0) / (n - 1)) / 2.0
+        reach_log = np.minimum(TWO_SIDED * error, _WIDEST)
+        ends = [sigma * np.sqrt(few) * np.exp(side * reach_log) for side in (-1.0, 1.0)]
     return (mean, mean - reach, mean + reach), (sigma, *ends)
