@@ -272,7 +272,7 @@ def outcome_columns(contents: Contents) -> list[Column]:
     no joint name."""
     columns = [column for body in contents.bodies for column in _fill(_BODY, f"{body}_", body)]
     for joint in contents.joints:
-        columns += _fill(_JOINT, "" if len(contents.joints) == 1 else f"{joint}_", joint)
+        columns += _fill(_JOINT, _of_joint(contents, joint), joint)
     for joint in contents.loads:
         columns += _fill(_LOADS, f"{joint}_", joint)
     for joint, pins in contents.guides.items():
@@ -314,10 +314,14 @@ def outcome_columns(contents: Contents) -> list[Column]:
     ]
 
 
+def _of_joint(contents: Contents, joint: str) -> str:
+    """How the names of a joint's columns begin: with its own, if there are several joints."""
+    return "" if len(contents.joints) == 1 else f"{joint}_"
+
+
 def release_columns(contents: Contents) -> dict[str, str]:
     """Column of the release time of each joint, by the joint's name."""
-    one = len(contents.joints) == 1
-    return {joint: f"{'' if one else f'{joint}_'}release_time_s" for joint in contents.joints}
+    return {joint: f"{_of_joint(contents, joint)}release_time_s" for joint in contents.joints}
 
 
 def event_columns(contents: Contents) -> dict[str, str]:
@@ -355,7 +359,7 @@ def _at_event(contents: Contents, event: str) -> list[Column]:
         for column in _fill(_BODY[3:], f"{event}_{body}_", body):
             found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
     for joint in contents.joints:
-        prefix = f"{event}_" if len(contents.joints) == 1 else f"{event}_{joint}_"
+        prefix = f"{event}_{_of_joint(contents, joint)}"
         for column in _fill(_JOINT[:2], prefix, joint):
             found.append(replace(column, meaning=f"{column.meaning}, at {event}"))
     for column in _distances(contents):

@@ -225,37 +225,28 @@ def test_interrupt_keeps_what_is_done(campaign, tmp_path, monkeypatch):
     assert manifest(folder)["complete"] is True
 
 
-def test_interrupt_before_anything_is_flown(tmp_path, monkeypatch):
-    """Nothing to go on from; any command that is interrupted ends with the same exit code."""
+def _interrupted(*_, **__):
+    raise KeyboardInterrupt
 
-    def interrupted(*_, **__):
-        raise KeyboardInterrupt
 
-    monkeypatch.setattr(Campaign, "run", interrupted)
+def _terminated(*_, **__):
+    signal.raise_signal(signal.SIGTERM)
+
+
+@pytest.mark.parametrize(
+    ("end", "code", "word"), [(_interrupted, 130, "interrupted"), (_terminated, 143, "terminated")]
+)
+def test_end_before_anything_is_flown(tmp_path, monkeypatch, end, code, word):
+    """Nothing to go on from; any command that Ctrl-C or SIGTERM ends has the exit code of that;
+    what handled the signal before handles it afterwards."""
+    monkeypatch.setattr(Campaign, "run", end)
     result = CliRunner().invoke(
         cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
-    assert (result.exit_code, "no case was flown yet" in result.stderr) == (130, True)
-    monkeypatch.setattr(cli_checks, "load_campaign", interrupted)
+    assert (result.exit_code, f"\n{word}; no case was flown yet" in result.stderr) == (code, True)
+    monkeypatch.setattr(cli_checks, "load_campaign", end)
     result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
-    assert (result.exit_code, result.stderr) == (130, "\ninterrupted\n")
-
-
-def test_sigterm_ends_a_command_as_an_interrupt_does(tmp_path, monkeypatch):
-    """It says what is kept and how to go on, with an exit code of its own; what handled the signal
-    before handles it afterwards."""
-
-    def terminated(*_, **__):
-        signal.raise_signal(signal.SIGTERM)
-
-    monkeypatch.setattr(Campaign, "run", terminated)
-    result = CliRunner().invoke(
-        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
-    )
-    assert (result.exit_code, "\nterminated; no case" in result.stderr) == (143, True)
-    monkeypatch.setattr(cli_checks, "load_campaign", terminated)
-    result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
-    assert (result.exit_code, result.stderr) == (143, "\nterminated\n")
+    assert (result.exit_code, result.stderr) == (code, f"\n{word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 

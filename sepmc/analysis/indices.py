@@ -13,16 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-PLAN, LHS, SOBOL, SALTELLI = "plan", "lhs", "sobol", "saltelli"
+from sepmc.analysis.statistics import student
+from sepmc.scene.model import SALTELLI
+
+PLAN, LHS, SOBOL = "plan", "lhs", "sobol"
 BY_ROWS, BY_GROUPS, NONE = "rows", "groups", ""
 
 
 class Valid(NamedTuple):
-    """Estimators that are valid for a sampler: of first-order indices, of total ones, and a
-    sentence on what follows from how the cases were drawn; empty if nothing is to be said."""
+    """Estimator of first-order indices that is valid for a sampler (by groups: of total ones, too),
+    and a sentence on what follows from how the cases were drawn; empty if nothing is to be said."""
 
     first: str
-    total: str
     said: str = ""
 
 
@@ -32,21 +34,18 @@ PATTERNED = (
 )
 # Coverage of 95 % intervals: python tests/measure_sensitivity.py
 ESTIMATORS: Mapping[str, Valid] = {
-    "random": Valid(BY_ROWS, NONE),
+    "random": Valid(BY_ROWS),
     LHS: Valid(
-        BY_ROWS, NONE, "sampler lhs: intervals of indices are those of random cases, at least 95 %"
+        BY_ROWS, "sampler lhs: intervals of indices are those of random cases, at least 95 %"
     ),
-    PLAN: Valid(
-        BY_ROWS, NONE, "run.plan: intervals of indices hold if its rows are independent cases"
-    ),
-    SOBOL: Valid(NONE, NONE, PATTERNED.format(what="a Sobol sequence")),
-    SALTELLI: Valid(BY_GROUPS, BY_GROUPS),
+    PLAN: Valid(BY_ROWS, "run.plan: intervals of indices hold if its rows are independent cases"),
+    SOBOL: Valid(NONE, PATTERNED.format(what="a Sobol sequence")),
+    SALTELLI: Valid(BY_GROUPS),
 }
 # samplers whose cases are not independent, so that no test of chance holds for counts of them
 PATTERNS = (SOBOL, SALTELLI)
 MOST_LEFT_OUT = 0.05  # of the groups of a Saltelli design, before the rest no longer stand for all
 _LEAST_GROUPS = 8
-_PROBABILITY = 0.975
 _LAGS, _LAGS_OF_ROOT = (4, 64), 0.5  # fewest and most places apart; over the root of the cases
 
 
@@ -203,8 +202,6 @@ def _half(influence: np.ndarray, too_much: float, more: float) -> float:
     """Half of a 95 % interval of a mean with such an ``influence`` (n,) of each case, of whose
     variance ``too_much`` is left out, and ``more`` added to that of the mean. Student's law has the
     freedoms that the kurtosis leaves to the variance (Satterthwaite, Biometrics 2, 1946)."""
-    from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s)
-
     n = len(influence)
     influence = influence - influence.mean()
     variance = float(np.mean(influence**2))
@@ -215,4 +212,4 @@ def _half(influence: np.ndarray, too_much: float, more: float) -> float:
     if of_mean > 0.0:
         kurtosis = float(np.mean(influence**4)) / variance**2
         freedoms = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + more / of_mean) ** 2
-    return float(stdtrit(np.clip(freedoms, 2.0, 1e9), _PROBABILITY) * np.sqrt(of_mean + more))
+    return float(student(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))

@@ -49,6 +49,7 @@ class FlightLog:
         self._written: list[ledger.Entry] = []
         self._shards = _whole_shards(folder) if resume else []
         self._batches: list[Batch] = []  # of the shard that answers
+        self._next_tally = Tally()  # that at its end
         self._waiting: list[Batch] = []
         self._saved = time.monotonic()
 
@@ -138,11 +139,11 @@ def _whole_shards(folder: Path) -> list[ledger.Entry]:
     return found
 
 
-def check_resumable(folder: Path, asked: dict[str, Any]) -> None:
-    """Raise StoreError unless a folder holds no run, or an interrupted estimate of what is
-    ``asked``, by the keys of its manifest."""
+def interrupted(folder: Path, asked: dict[str, Any]) -> list[dict[str, Any]]:
+    """Sessions of the interrupted estimate in a folder; none if it holds no run. Raises StoreError
+    unless it is an estimate of what is ``asked``, by the keys of its manifest."""
     if not folders.is_run(folder):
-        return
+        return []
     manifest = record.read_manifest(folder)
     ways = "use --overwrite or another --out"
     if "rare" not in manifest:
@@ -155,3 +156,4 @@ def check_resumable(folder: Path, asked: dict[str, Any]) -> None:
                 f"{folder}: its estimate was begun with another {key.replace('_', ' ')}, so it "
                 f"cannot be resumed; {ways}"
             )
+    return list(manifest["sessions"])

@@ -22,7 +22,7 @@ from sepmc.campaign import cases, folders, record, store
 from sepmc.campaign.chunks import implausible_note
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say
-from sepmc.campaign.flight_log import FlightLog, check_resumable
+from sepmc.campaign.flight_log import FlightLog, interrupted
 from sepmc.campaign.limit import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
@@ -203,10 +203,7 @@ def _begin(
 ) -> list[dict[str, Any]]:
     """Write into an open folder what is estimated; returns the earlier sessions of an estimate that
     is resumed."""
-    earlier: list[dict[str, Any]] = []
-    if resume:
-        check_resumable(folder, asked)
-        earlier = record.made_by(folder).get("sessions", []) if folders.is_run(folder) else []
+    earlier: list[dict[str, Any]] = interrupted(folder, asked) if resume else []
     now = {"started": datetime.now(UTC).isoformat(timespec="seconds"), **record.versions()}
     manifest = {**asked, "complete": False, "sessions": [*earlier, now]}
     record.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=asked["seed"]))
@@ -214,14 +211,18 @@ def _begin(
 
 
 def _log(campaign: Definition, folder: Path, aim: Target, seed: int, resume: bool) -> FlightLog:
-    inputs = len(campaign.input_columns)
-    about = {
+    inputs, about = len(campaign.input_columns), _about(campaign, seed, aim.requirement.name)
+    return FlightLog(folder, inputs + 1 + len(campaign.result_columns), inputs, about, resume)
+
+
+def _about(campaign: Definition, seed: int, requirement: str) -> dict[str, str]:
+    """What files of an estimate say of it."""
+    return {
         "campaign": campaign.name,
         "digest": campaign.digest,
         "seed": str(seed),
-        "requirement": aim.requirement.name,
+        "requirement": requirement,
     }
-    return FlightLog(folder, inputs + 1 + len(campaign.result_columns), inputs, about, resume)
 
 
 def _generator(seed: int, what: str) -> np.random.Generator:
@@ -348,12 +349,7 @@ def _write(
         "sessions": sessions,
     }
     record.write_manifest(folder, manifest, store.campaign_text(campaign.file, seed=found.seed))
-    about = {
-        "campaign": campaign.name,
-        "digest": campaign.digest,
-        "seed": str(found.seed),
-        "requirement": found.requirement,
-    }
+    about = _about(campaign, found.seed, found.requirement)
     of = columns(campaign, found.unit)
     store.write_parquet(folder / TABLE, of, found.rows, about)
     folders.write_json(folder / REPORT, found.to_dict())
