@@ -201,7 +201,7 @@ def _resolve_one(
             problems.add(
                 place,
                 f"relative = true multiplies all numbers by the nominal {nominal:g}: {centre:g} "
-                f"becomes {centre * nominal:g}; give shares of the nominal, near 1, or leave "
+                f"becomes {centre * nominal:g}; give fractions of the nominal, near 1, or leave "
                 "relative out",
                 list(raw),
             )
