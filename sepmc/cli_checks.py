@@ -287,6 +287,14 @@ def compile_(
     help="With --random: seconds after which a scene is left without a verdict (600 at least, if "
     "it is compiled).",
 )
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    metavar="KIND",
+    help="With --random: what every scene has beside what it draws, such as direction, ignition or "
+    "optional; may be given more than once.",
+)
 @BRIEF
 @QUIET
 def verify(
@@ -296,6 +304,7 @@ def verify(
     compiled: int,
     rows: int,
     limit_s: float,
+    kinds: tuple[str, ...],
     brief: bool,
     quiet: bool,
 ) -> None:
@@ -310,12 +319,13 @@ def verify(
     Examples:
       sepmc verify --brief
       sepmc verify --random 30 --seed 7
+      sepmc verify --random 30 --kind direction --kind ignition
     """
     with plain_errors(quiet):
         if count is not None:
             from sepmc.trust.gate import drive
 
-            found = drive.gate(count, seed, compiled, speaker(quiet), rows, limit_s)
+            found = drive.gate(count, seed, compiled, speaker(quiet), rows, limit_s, kinds)
             click.echo(drive.table(found))
             sys.exit(1 if any(map(drive.fails, found)) else 0)
         from sepmc.trust import verify as suite

@@ -500,6 +500,11 @@ OTHERS = [  # the same for everything.toml
         "time_s = [0.3], fraction = [0.6]",
         ["motor.retro.profile.time_s", "needs at least 2 values"],
     ),
+    (
+        "time_s = [0.0, 0.05, 0.3]",
+        "time_s = [-0.02, 0.05, 0.3]",
+        ["motor.retro.profile.time_s = -0.02", "must begin at 0 or later"],
+    ),
     ("tail_off_s = 0.05", "tail_off_s = -0.05", ["motor.retro.tail_off_s = -0.05", "must be >= 0"]),
     # air and wind
     (

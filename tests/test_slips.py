@@ -94,6 +94,28 @@ def test_planted(name, settings, place, said):
     assert any(place in one and said in one for one in found), found
 
 
+LATE = {"time_s": [0.02, 0.3], "fraction": [0.5, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("profile", "burn", "said"),
+    [
+        pytest.param(LATE, {}, "no thrust before, then 0.5 of thrust_N at once", id="a step"),
+        pytest.param(
+            LATE | {"fraction": [0.0, 1.0]}, {}, "there is no thrust before", id="from zero"
+        ),
+        pytest.param(LATE, {"burn_s": 0.01}, "does nothing: burn_s = 0.01", id="burnt out"),
+        pytest.param(LATE | {"time_s": [0.0, 0.3]}, {}, None, id="from the ignition"),
+    ],
+)
+def test_a_profile_that_begins_late(profile, burn, said):
+    """That it brings no thrust before its first row is told, with the time."""
+    settings = {f"motor.retro.{key}": value for key, value in ({"profile": profile} | burn).items()}
+    found = [one for one in of_file(loaded("table2", settings)) if one.startswith("motor.retro")]
+    assert len(found) == (said is not None)
+    assert said is None or (said in found[0] and "0.02 s after the ignition" in found[0])
+
+
 def test_there_are_thirty():
     assert sum(place is not None for _, _, place, _ in PLANTED) >= 30 - 2  # and two below
 

@@ -407,14 +407,29 @@ def test_profile(pair, step):
 
 
 def test_profile_cut_by_burn_out(pair):
-    """Its own rows go to 0.62 s, but it burns 0.2 s only; and a profile whose first row comes late
-    begins with its first value."""
+    """Its own rows go to 0.62 s, but it burns 0.2 s only."""
     time, speed = fore_speed(pair, [MOTOR | {"burn_s": 0.2, "profile": PROFILE}])
     assert_allclose(speed, 2.0 * impulse(np.minimum(time, 0.2), PROFILE), rtol=0, atol=1e-13)
-    late = {"time_s": [0.1, 0.3], "fraction": [0.5, 1.0]}
-    time, speed = fore_speed(pair, [MOTOR | {"profile": late}])
-    whole = {"time_s": [0.0, 0.1, 0.3], "fraction": [0.5, 0.5, 1.0]}
-    assert_allclose(speed, 2.0 * impulse(time, whole), rtol=0, atol=1e-13)
+
+
+LATE = {"time_s": [0.1, 0.3], "fraction": [0.5, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("keys", "begins", "ends"),
+    [
+        pytest.param({}, 0.1, 0.3, id="from the start"),
+        pytest.param({"ignition_s": 0.05, "delay_s": 0.02}, 0.17, 0.37, id="late ignition"),
+        pytest.param({"burn_s": 0.25}, 0.1, 0.25, id="cut by burn-out"),
+        pytest.param({"burn_s": 0.08}, 0.08, 0.08, id="burnt out before its first row"),
+        pytest.param({"burn_s": 0.08, "tail_off_s": 0.1}, 0.08, 0.08, id="no tail of no thrust"),
+    ],
+)
+def test_profile_whose_first_row_is_late(pair, keys, begins, ends):
+    """No thrust before its first row, at which it begins at once with its first fraction."""
+    time, speed = fore_speed(pair, [MOTOR | {"profile": LATE} | keys])
+    since = np.clip(time, begins, ends) - begins
+    assert_allclose(speed, 2.0 * (0.5 * since + 1.25 * since**2), rtol=0, atol=1e-13)
 
 
 def test_profile_with_build_up(pair):

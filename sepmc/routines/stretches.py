@@ -107,11 +107,9 @@ def set_stretch(middle, m, w, case):
 
 @routine
 def _set_profile(since, first, rows, work, m, w):
-    """Line that a thrust profile follows around ``since`` seconds after ignition: its first value
-    before, nothing after its rows."""
+    """Line that a thrust profile follows around ``since`` seconds after ignition: zero before and
+    after its rows."""
     w[work + at.LEVEL], w[work + at.SLOPE] = 0.0, 0.0
-    if since < m.numbers[first]:
-        w[work + at.LEVEL] = m.numbers[first + 1]
     for k in range(rows - 1):
         t0, f0 = m.numbers[first + 2 * k], m.numbers[first + 2 * k + 1]
         t1, f1 = m.numbers[first + 2 * k + 2], m.numbers[first + 2 * k + 3]

@@ -107,6 +107,9 @@ def _check_motor(motor: Motor, scene: Scene, problems: Problems) -> None:
     check_known(f"{place}.body", motor.body, scene.body, "body", problems)
     if motor.profile is not None:
         check_series(f"{place}.profile", "time_s", motor.profile.time, 2, problems)
+        if motor.profile.time and motor.profile.time[0] < 0.0:
+            said = "must begin at 0 or later: times count from the ignition"
+            problems.add(f"{place}.profile.time_s", said, motor.profile.time[0])
         check_lengths(
             f"{place}.profile",
             {"time_s": motor.profile.time, "fraction": motor.profile.fraction},

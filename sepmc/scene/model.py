@@ -134,7 +134,7 @@ class Body(_Table, frozen=True, kw_only=True):
 
 class Profile(_Table, frozen=True, kw_only=True):
     """Thrust over time since ignition, as a fraction of ``thrust``; linear between the rows, zero
-    after the last."""
+    before the first and after the last."""
 
     time: Annotated[Series, Quantity("time")]
     fraction: Series

@@ -39,6 +39,7 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_springs(scene),
         *_pulls(scene, dispersions),
         *_wind(scene, dispersions),
+        *_late_thrust(scene, dispersions),
         *_never(scene, dispersions),
     ]
 
@@ -249,6 +250,27 @@ def _wind(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
         yield "environment.wind does nothing: environment.atmosphere is 'none'"
     elif all(body.aerodynamics is None for body in scene.body.values()):
         yield "environment.wind does nothing: no body has aerodynamics"
+
+
+def _late_thrust(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:
+    """Thrust profiles whose first row comes after the ignition."""
+    varied = {d.parameter.path for d in dispersions}
+    for motor in scene.motor:
+        place, profile = f"motor.{motor.name}", motor.profile
+        if profile is None or not profile.time[0] > 0.0:
+            continue
+        first, share = profile.time[0], profile.fraction[0]
+        if motor.burn <= first and f"{place}.burn" not in varied:
+            yield (
+                f"{place} does nothing: burn_s = {motor.burn:g}, but its profile begins {first:g} "
+                "s after the ignition"
+            )
+            continue
+        then = f", then {share:g} of thrust_N at once" if share else ""
+        yield (
+            f"{place}.profile begins {first:g} s after the ignition: there is no thrust "
+            f"before{then}"
+        )
 
 
 def _never(scene: Scene, dispersions: Sequence[Dispersion]) -> Iterator[str]:

@@ -416,6 +416,7 @@ def _late_features(tree: Tree) -> set[str]:
     present = {
         **{f"ignition at {key}": any(key in one for one in waits) for key in _INSTANTS},
         "release": tree.get("release"),
+        "release optional": any(one.get("optional") for one in tree.get("release", [])),
         "event": tree.get("event"),
         "proximity": tree.get("proximity"),
         "wind profile": "profile" in environment.get("wind", {}),

@@ -9,8 +9,10 @@ from typing import Any
 import tomli_w
 
 from sepmc.engine.door import now_and_then
+from sepmc.scene.messages import InputError, nearest
 from sepmc.trust.gate.compare import FAULTS
 from sepmc.trust.gate.draft import Tree
+from sepmc.trust.gate.scenes import LATE
 from sepmc.trust.gate.workers import LIMIT_S, Job, Worker, judge_all
 
 CASES = 3  # rows of a scene
@@ -27,6 +29,7 @@ def gate(
     say: Callable[[str], None] = print,
     cases: int = CASES,
     limit_s: float = LIMIT_S,
+    kinds: Iterable[str] = (),
 ) -> list[Found]:
     """Judge the scenes of seeds ``seed`` to ``seed + count``.
 
@@ -38,17 +41,23 @@ def gate(
     cases : rows of a scene that are flown and compared
     limit_s : a scene that takes longer as plain Python gets no verdict, and is told; compiled, at
         least `workers.COMPILED_LIMIT_S`
+    kinds : later kinds (`sepmc.trust.gate.scenes.LATE`) that every scene has, beside what it draws
 
     Returns
     -------
     verdicts : `sepmc.trust.gate.compare.Verdict` as dicts, in the order of seeds
     """
+    kinds = list(kinds)
+    for kind in kinds:
+        if kind not in LATE:
+            raise InputError(f"--kind: {kind!r} is no kind of random scenes; {nearest(kind, LATE)}")
+    usual: Job = {"cases": cases, "kinds": kinds}
     jobs: list[Job] = [
-        {"seed": number, "cases": cases, "doors": number % _DOORS == 0}
+        {**usual, "seed": number, "doors": number % _DOORS == 0}
         for number in range(seed, seed + count)
     ]
     jobs += [
-        {"seed": n, "cases": cases, "compiled": True, "name": f"seed {n}, compiled"}
+        {**usual, "seed": n, "compiled": True, "name": f"seed {n}, compiled"}
         for n in range(seed, seed + min(compiled, count))
     ]
     found: list[Found] = []

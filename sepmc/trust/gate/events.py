@@ -2,6 +2,7 @@
 of, of a random scene."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from sepmc.scene.kinds import KINDS, is_part
 from sepmc.scene.messages import SceneError
@@ -140,6 +141,37 @@ def _is_read(tree: Tree) -> bool:
     except SceneError:
         return False
     return True
+
+
+def add_options(draft: Draft, until: Callable[[dict[str, str], float, float], Tree]) -> None:
+    """Releases that may be left out, and such as hardly ever come, one of them at least (``until``
+    as above)."""
+    dice, tree = draft.dice, draft.tree
+    if "optional" not in draft.late:
+        return
+    if not tree.get("release"):
+        add_releases(replace(draft, late=draft.late | {"release"}), until)
+    for release in tree.get("release", []):
+        if dice.chance(0.5):
+            release["optional"] = dice.chance(0.8)
+        if dice.chance(0.4):
+            far = _far(draft, release["joint"])
+            both = {dice.weighted({"all": 0.7, "any": 0.3}): [release["when"], far]}
+            release["when"] = far if dice.chance(0.6) else both
+
+
+def _far(draft: Draft, joint: str) -> Tree:
+    """A condition that a flight so short does not meet, or hardly ever."""
+    dice, body = draft.dice, draft.dice.pick(draft.bodies)
+    return dice.pick(
+        [
+            {"joint": joint, "stroke_m": rounded(1e3 * dice.between(1.0, 3.0))},
+            {"joint": joint, "angle_deg": dice.between(120.0, 179.0)},
+            {"joint": joint, "force_N": rounded(1e9 * dice.between(1.0, 3.0))},
+            {"body": body, "altitude_m": rounded(1e6 * dice.between(1.0, 3.0))},
+            {"body": body, "vertical_speed_m_s": rounded(1e5 * dice.about(3.0))},
+        ]
+    )
 
 
 def _add_event(draft: Draft, when: Tree) -> None:

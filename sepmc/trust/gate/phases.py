@@ -6,7 +6,13 @@ from functools import partial
 
 from sepmc.trust.gate.dice import rounded
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
-from sepmc.trust.gate.events import add_events, add_ignitions, add_releases, ending
+from sepmc.trust.gate.events import (
+    add_events,
+    add_ignitions,
+    add_options,
+    add_releases,
+    ending,
+)
 from sepmc.trust.gate.joints import chain, rows, toward
 
 _ENDS = {
@@ -63,6 +69,11 @@ def add_instants(draft: Draft) -> None:
 def add_triggers(draft: Draft) -> None:
     """Motors that light at an instant of the flight, in a scene that is complete but for these."""
     add_ignitions(draft, partial(_until, draft))
+
+
+def add_allowances(draft: Draft) -> None:
+    """Releases that may not come, in a scene that is complete but for these."""
+    add_options(draft, partial(_until, draft))
 
 
 def _until(draft: Draft, held: dict[str, str], span: float, past: float) -> Tree:

@@ -13,7 +13,7 @@ loads              0 to 3 motors, springs and constant loads with any of their o
 dispersions        0 to 16, over any number of the scene, by any law, in any unit
 names              in 35 of 100 scenes such as a program that writes programs may trip over
 special structure  in 1 of 4 scenes, see `SPECIAL`
-later kinds        in 3 of 10 scenes, each of `LATE` as often as it says
+later kinds        in 3 of 10 scenes, each of `LATE` as often as it says; or named ones in all
 =================  =================================================================================
 """
 
@@ -33,7 +33,7 @@ from sepmc.trust.gate.joints import add_joints
 from sepmc.trust.gate.loads import add_loads
 from sepmc.trust.gate.names import Names
 from sepmc.trust.gate.outlines import add_clearances
-from sepmc.trust.gate.phases import add_instants, add_phases, add_triggers
+from sepmc.trust.gate.phases import add_allowances, add_instants, add_phases, add_triggers
 from sepmc.trust.gate.tables import add_aero_tables, add_increments, add_profiles
 
 SPECIAL = {
@@ -59,6 +59,7 @@ LATE = {
     "event": 0.25,  # instants that are told of, ends of springs among them
     "ignition": 0.25,  # motors that light at an event or release, or as a joint becomes free
     "direction": 0.25,  # in which conditions must be crossed, and vertical speeds
+    "optional": 0.15,  # releases that may be left out, and such as do not come
 }
 _LATE_SHARE = 0.3
 _TRANSVERSE = 0.15  # of the scenes tell transverse rates
@@ -81,13 +82,15 @@ _ORDER = (
 )
 
 
-def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
+def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = ()) -> Tree:
     """The tree of the campaign of a seed; the same for ever, as long as this generator is.
 
-    ``late`` names the kinds of `LATE` it may have, where the seed is not to draw them.
+    ``late`` names the kinds of `LATE` it may have, where the seed is not to draw them; ``kinds``
+    those that it has besides, wherever it has what they belong to.
     """
     dice = Dice(seed)
     chosen = _late(Dice(seed, 1)) if late is None else frozenset(late)
+    chosen |= frozenset(kinds)
     draft = Draft(dice, Names(dice), dice.weighted(SPECIAL), dice.between(0.1, 0.6), chosen)
     draft.tree = {"body": {}, "run": {"end_time_s": draft.span}}
     add_environment(draft)
@@ -115,6 +118,8 @@ def scene(seed: int, late: Iterable[str] | None = None) -> Tree:
     add_triggers(draft)
     draft.dice = draft.names.dice = Dice(seed, 5)
     add_directions(draft)
+    draft.dice = draft.names.dice = Dice(seed, 6)
+    add_allowances(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)

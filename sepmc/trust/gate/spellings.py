@@ -151,7 +151,7 @@ def turned(tree: Tree, dice: Dice) -> Tree:
             if release["joint"] == name
         }
         if kinds <= _TURNED and name not in one_way:
-            joint["bodies"].reverse()
+            joint["bodies"] = joint["bodies"][::-1]  # a spring may hold the same list
             if "apart" in joint:
                 joint["apart"] = -joint["apart"]
             if "second_point_m" in joint:

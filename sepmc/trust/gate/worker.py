@@ -25,7 +25,7 @@ from sepmc.trust.gate.shrink import shrink
 def work(job: dict[str, Any]) -> dict[str, Any]:
     """The verdict on one job.
 
-    ``seed`` or ``tree`` with ``name`` : the scene
+    ``seed`` (with ``kinds``: see `scene`) or ``tree`` with ``name`` : the scene
     ``cases`` : rows that are flown
     ``compiled`` : whether its kernel flies compiled, and not as plain Python
     ``doors`` : whether to go through the other doors too
@@ -33,7 +33,7 @@ def work(job: dict[str, Any]) -> dict[str, Any]:
     ``limit_s`` : a copy of the process that takes longer is ended
     """
     begun = time.perf_counter()
-    tree = scene(job["seed"]) if "seed" in job else job["tree"]
+    tree = scene(job["seed"], kinds=job.get("kinds", ())) if "seed" in job else job["tree"]
     name, cases = job.get("name") or f"seed {job['seed']}", job.get("cases", 3)
     with flown_plainly(not job.get("compiled"), cases):
         if job.get("shrink"):

@@ -75,14 +75,12 @@ class Motor:
         return lambda t: last * math.exp(-(t - self.end) / tail)
 
     def _profile(self, since: float) -> Callable[[float], float]:
-        """The line that the profile follows around a time since ignition: its first value before
-        its rows, zero after them."""
+        """The line that the profile follows around a time since ignition: zero before and after
+        its rows."""
         if not self.table["profile"]:
             return lambda _: 1.0
         times, fractions = self.table["profile"]["time"], self.table["profile"]["fraction"]
-        if since < times[0]:
-            return lambda _: fractions[0]
-        if since >= times[-1]:
+        if since < times[0] or since >= times[-1]:
             return lambda _: 0.0
         k = int(np.searchsorted(times, since, side="right")) - 1
         slope = (fractions[k + 1] - fractions[k]) / (times[k + 1] - times[k])

@@ -245,7 +245,7 @@ def motor_piece(motor: dict[str, Any], t: float) -> str:
         return "burn"
     rows = motor["profile"]["time"]
     since = t - ignition(motor)
-    return "burn" if since < rows[0] else str(max(k for k, row in enumerate(rows) if row <= since))
+    return "off" if since < rows[0] else str(max(k for k, row in enumerate(rows) if row <= since))
 
 
 def thrust(motor: dict[str, Any], piece: str, t: Any, fn: Any) -> Any:
@@ -268,8 +268,6 @@ def thrust(motor: dict[str, Any], piece: str, t: Any, fn: Any) -> Any:
     if not motor.get("profile"):
         return level
     times, fractions = motor["profile"]["time"], motor["profile"]["fraction"]
-    if piece == "burn":
-        return level * fractions[0]
     k = int(piece)
     if k == len(times) - 1:
         return level * 0.0
