@@ -64,18 +64,20 @@ def draw_figures(
     rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
     in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
     Returns their paths."""
+    from sepmc.analysis.constants import flat, is_constant
+
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table = summary.statistics() if table is None else table
     about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
     outcomes = telling_outcomes(loaded, table)
     shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
-    converged = outcomes[:shown]
+    converged = [name for name in outcomes if not is_constant(table, name)][:shown]
     if len(outcomes) > _DRAWN and not every:
         say(f"histograms of the first {_DRAWN} outcomes; sepmc plot {folder} --all: of all")
         outcomes = outcomes[:_DRAWN]
     histograms = partial(
         _draw_histograms,
-        {name: summary.histogram(name) for name in outcomes},
+        {name: flat(summary.histogram(name), table, name) for name in outcomes},
         into,
         units,
         loaded.reference,
@@ -209,15 +211,16 @@ def about_run(folder: Path) -> str:
 
 def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
     """Outcomes in the order in which a review asks for them: what is required, then what the
-    campaign compares with a reference, or, without one, what varies, by rank. Those that are yes or
-    no, which have no density, are left out."""
+    campaign compares with a reference, or, without one, what varies by more than its numerical
+    error, by rank. Those that are yes or no, which have no density, are left out."""
+    from sepmc.analysis.constants import is_constant
+
     there = [str(name) for name in table.index if not is_yes_or_no(str(name))]
     required = [item.metric for item in loaded.file.requirements if item.metric in there]
     if loaded.reference:
         others = [name for name in loaded.reference if name in there]
     else:
-        ends = zip(table["min"][there], table["max"][there], strict=True)
-        varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
+        varied = [name for name in there if table.at[name, "n"] and not is_constant(table, name)]
         events = tuple(f"{event.name}_" for event in loaded.scene.event)
         others = sorted(_different(varied, table), key=lambda name: _interest(name, events))
     return list(dict.fromkeys([*required, *others]))
@@ -243,11 +246,6 @@ _INTERESTING = (
     "peak_force_N",
     "jam_friction",
 )
-
-
-def _varies(low: float, high: float) -> bool:
-    """Whether an outcome differs between cases by more than round-off."""
-    return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
 
 
 def _interest(outcome: str, events: tuple[str, ...]) -> float:
