@@ -64,7 +64,7 @@ def draw_figures(
     rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
     in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
     Returns their paths."""
-    from sepmc.analysis.constants import flat, is_constant
+    from sepmc.analysis.constants import flat, is_constant, settled_value
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table = summary.statistics() if table is None else table
@@ -89,7 +89,8 @@ def draw_figures(
     )
     drawn = _begun(histograms, second)
     written = _draw_bands(folder, into, units, about, suffix)
-    written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
+    alike = {name: settled_value(table, name) for name in outcomes if is_constant(table, name)}
+    written += _share_figures(folder, loaded, verdicts, converged, into, suffix, alike)
     return written + drawn()
 
 
@@ -174,9 +175,11 @@ def _share_figures(
     converged: "Sequence[str]",
     into: Path,
     suffix: str,
+    alike: Mapping[str, float],
 ) -> list[Path]:
     """Draw what share of cases is beyond what is required, and how the means of some outcomes
-    converge, if there are rows to see it from; returns the paths."""
+    converge, if there are rows to see it from; ``alike``: constant outcomes, with their values.
+    Returns the paths."""
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -189,7 +192,8 @@ def _share_figures(
     cases, values = store.CaseColumns(folder), {}
     ok = ok_rows(cases)
     for name in dict.fromkeys([*required, *converged]):
-        values[name] = np.where(ok, column(cases, name), np.nan)
+        x = np.where(ok, column(cases, name), np.nan)
+        values[name] = np.where(np.isnan(x), x, alike[name]) if name in alike else x
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     written = []
     if required:

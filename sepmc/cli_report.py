@@ -269,10 +269,7 @@ def tell_comparison(
         if (draws[0] != draws[1] and name not in given)
         or laws_of[0].get(name) != laws_of[1].get(name)
     ]
-    sizes = {
-        name: float(sum(np.nan_to_num(each.at[name, "error_size"]) for each in tables))
-        for name in outcomes
-    }
+    sizes = {name: constants.comparable(tables[0], tables[1], name) for name in outcomes}
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn, sizes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling], screen_width()))

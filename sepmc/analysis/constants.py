@@ -99,6 +99,16 @@ def reach(table: pd.DataFrame, name: str) -> float:
     return 2.0 * float(table.at[name, "error_size"]) if is_constant(table, name) else 0.0
 
 
+def comparable(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
+    """How far an outcome of one run and of another may be apart by numerical error alone, in its
+    unit; 0 if that is not known, as of times and places of extremes that are not flat."""
+    alike = is_constant(one, name) and is_constant(two, name)
+    if _extreme(name) and not alike:
+        return 0.0
+    sizes = [float(table.at[name, "error_size"]) for table in (one, two)]
+    return sum(sizes) if np.isfinite(sizes).all() else 0.0
+
+
 def known_value(value: float, error: float) -> float:
     """A value to the digits that its numerical error leaves; 0 if it leaves none."""
     if not np.isfinite(value) or abs(value) <= error:
@@ -107,16 +117,18 @@ def known_value(value: float, error: float) -> float:
     return float(f"{value:.{int(np.clip(np.floor(digits), 1, _DIGITS))}g}")
 
 
+def settled_value(table: pd.DataFrame, name: str) -> float:
+    """The one value of a constant outcome, see `known_value`."""
+    return known_value(float(table.at[name, "mean"]), float(table.at[name, "error_size"]))
+
+
 def settled(table: pd.DataFrame) -> pd.DataFrame:
     """Statistics for a reader: those of a constant outcome are its one value, without a sigma."""
     if "constant" not in table:
         return table
     found = table.copy()
     rows = found["constant"].to_numpy(dtype=bool)
-    values = [
-        known_value(mean, error)
-        for mean, error in zip(found["mean"][rows], found["error_size"][rows], strict=True)
-    ]
+    values = [settled_value(table, str(name)) for name in found.index[rows]]
     for name in found:
         if name in ("mean", "min", "max") or str(name)[:2] in ("p0", "p1", "p5", "p9"):
             found.loc[rows, name] = np.where(np.isnan(found[name][rows]), np.nan, values)
@@ -144,12 +156,12 @@ def told_value(table: pd.DataFrame, name: str, units: Mapping[str, str] | None =
     if _extreme(name) and error > _PLACED * abs(mean):
         return f"not known, as its extreme is flat ({within})"
     alike = f"all {n:.0f} values are the same" if table.at[name, "sigma"] == 0.0 else within
-    return f"constant {known_value(mean, error):.{_DIGITS}g}{unit} ({alike})"
+    return f"constant {settled_value(table, name):.{_DIGITS}g}{unit} ({alike})"
 
 
 def flat(found: "Histogram | None", table: pd.DataFrame, name: str) -> "Histogram | None":
     """The histogram of an outcome; if that is constant, of its one value, without bins."""
     if found is None or not is_constant(table, name):
         return found
-    value, none = known_value(found.mean, reach(table, name) / 2.0), np.empty(0)
+    value, none = settled_value(table, name), np.empty(0)
     return found._replace(mean=value, sigma=0.0, low=value, high=value, edges=none, counts=none)

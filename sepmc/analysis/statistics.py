@@ -445,7 +445,7 @@ def summary_text(
     for lines in (share_lines(stats), constants.lines(stats, units)):
         parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_shares(stats)]
-    varied = stats[[not constants.is_constant(stats, str(name)) for name in stats.index]]
+    varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if len(varied):
         parts.append(_layout(list(varied.index), groups(varied, units), width))
     if varied["n"].between(1, _TAIL_CASES - 1).any():

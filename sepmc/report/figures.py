@@ -466,7 +466,7 @@ def _histogram(
         ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
         f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}"
-        if spread
+        if spread or found.n == 1
         else f"n {found.n:,}, constant {rounded(mean, 0.0)} {unit}"
     ).rstrip()
     far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
