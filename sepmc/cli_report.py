@@ -281,7 +281,12 @@ def tell_comparison(
     values = {}
     for name in telling:
         both = [column(cases, name)[ok_rows(cases)] for cases in rows]
-        one, two = (x[np.isfinite(x)] for x in both)
+        one, two = (
+            np.full(len(x), constants.settled_value(t, name))
+            if constants.is_constant(t, name)
+            else x
+            for t, x in zip(tables, (x[np.isfinite(x)] for x in both), strict=True)
+        )
         if len(one) and len(two):
             values[name] = one, two
     if values:

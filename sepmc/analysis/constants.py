@@ -65,21 +65,22 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
     errors : mapping of outcome to (share, scale)
         See `error_size`.
     """
-    names, low, high = map(str, table.index), table["min"].to_numpy(), table["max"].to_numpy()
-    largest = np.maximum(np.abs(low), np.abs(high))
-    sizes = {
-        name: 0.0
-        if is_yes_or_no(name)
-        else error_size(*errors.get(name, (np.nan, 0.0)), value) + 0.0 * value
-        for name, value in zip(names, largest, strict=True)
-    }
-    size = np.array(list(sizes.values()))
-    with np.errstate(invalid="ignore"):  # an infinity has no distance from itself
-        within = high - low <= 2.0 * size
-    near = dict(zip(sizes, within, strict=True))
-    flat = np.array([near.get(_extreme(name) or name, True) for name in sizes], dtype=bool)
-    alike = (low == high) | (within & flat)
+    names, low, high = list(map(str, table.index)), table["min"], table["max"]
+    largest = np.fmax(low.abs(), high.abs()).to_numpy()
+    size = np.array([_size(name, errors, x) for name, x in zip(names, largest, strict=True)])
+    with np.errstate(invalid="ignore"):  # infinities have no distance from each other
+        near = (high - low).to_numpy() <= 2.0 * size
+    of_name = dict(zip(names, near, strict=True))
+    flat = np.array([of_name.get(_extreme(name) or name, True) for name in names], dtype=bool)
+    alike = (low == high).to_numpy() | (near & flat)
     return table.assign(error_size=size, constant=(table["n"].to_numpy() > 1) & alike)
+
+
+def _size(name: str, errors: Mapping[str, tuple[float, float]], largest: float) -> float:
+    """The numerical error of an outcome, none of what is yes or no; NaN if no case has it."""
+    if is_yes_or_no(name):
+        return 0.0
+    return error_size(*errors.get(name, (np.nan, 0.0)), largest) if np.isfinite(largest) else np.nan
 
 
 def _extreme(name: str) -> str | None:
