@@ -64,18 +64,20 @@ def draw_figures(
     rank, side by side and, if asked for, each ``alone``, into the run folder; those of a ``page``,
     in one style for it, into that folder instead. A ``second`` process draws histograms meanwhile.
     Returns their paths."""
+    from sepmc.analysis.constants import flat, is_constant, settled_value
+
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table = summary.statistics() if table is None else table
     about, into, suffix = about_run(folder), page or folder, ".svg" if page else suffix
     outcomes = telling_outcomes(loaded, table)
     shown = 0 if not converging else _ON_A_PAGE if page else _CONVERGING
-    converged = outcomes[:shown]
+    converged = [name for name in outcomes if not is_constant(table, name)][:shown]
     if len(outcomes) > _DRAWN and not every:
         say(f"histograms of the first {_DRAWN} outcomes; sepmc plot {folder} --all: of all")
         outcomes = outcomes[:_DRAWN]
     histograms = partial(
         _draw_histograms,
-        {name: summary.histogram(name) for name in outcomes},
+        {name: flat(summary.histogram(name), table, name) for name in outcomes},
         into,
         units,
         loaded.reference,
@@ -87,7 +89,8 @@ def draw_figures(
     )
     drawn = _begun(histograms, second)
     written = _draw_bands(folder, into, units, about, suffix)
-    written += _share_figures(folder, loaded, verdicts, converged, into, suffix)
+    alike = {name: settled_value(table, name) for name in outcomes if is_constant(table, name)}
+    written += _share_figures(folder, loaded, verdicts, converged, into, suffix, alike)
     return written + drawn()
 
 
@@ -172,9 +175,11 @@ def _share_figures(
     converged: "Sequence[str]",
     into: Path,
     suffix: str,
+    alike: Mapping[str, float],
 ) -> list[Path]:
     """Draw what share of cases is beyond what is required, and how the means of some outcomes
-    converge, if there are rows to see it from; returns the paths."""
+    converge, if there are rows to see it from; ``alike``: constant outcomes, with their values.
+    Returns the paths."""
     import numpy as np
 
     from sepmc.analysis.statistics import column, ok_rows
@@ -187,7 +192,8 @@ def _share_figures(
     cases, values = store.CaseColumns(folder), {}
     ok = ok_rows(cases)
     for name in dict.fromkeys([*required, *converged]):
-        values[name] = np.where(ok, column(cases, name), np.nan)
+        x = np.where(ok, column(cases, name), np.nan)
+        values[name] = np.where(np.isnan(x), x, alike[name]) if name in alike else x
     units, about = {c.name: c.unit for c in loaded.outcome_columns}, about_run(folder)
     written = []
     if required:
@@ -209,15 +215,16 @@ def about_run(folder: Path) -> str:
 
 def telling_outcomes(loaded: "Campaign", table: "pd.DataFrame") -> list[str]:
     """Outcomes in the order in which a review asks for them: what is required, then what the
-    campaign compares with a reference, or, without one, what varies, by rank. Those that are yes or
-    no, which have no density, are left out."""
+    campaign compares with a reference, or, without one, what varies by more than its numerical
+    error, by rank. Those that are yes or no, which have no density, are left out."""
+    from sepmc.analysis.constants import is_constant
+
     there = [str(name) for name in table.index if not is_yes_or_no(str(name))]
     required = [item.metric for item in loaded.file.requirements if item.metric in there]
     if loaded.reference:
         others = [name for name in loaded.reference if name in there]
     else:
-        ends = zip(table["min"][there], table["max"][there], strict=True)
-        varied = [name for name, (low, high) in zip(there, ends, strict=True) if _varies(low, high)]
+        varied = [name for name in there if table.at[name, "n"] and not is_constant(table, name)]
         events = tuple(f"{event.name}_" for event in loaded.scene.event)
         others = sorted(_different(varied, table), key=lambda name: _interest(name, events))
     return list(dict.fromkeys([*required, *others]))
@@ -243,11 +250,6 @@ _INTERESTING = (
     "peak_force_N",
     "jam_friction",
 )
-
-
-def _varies(low: float, high: float) -> bool:
-    """Whether an outcome differs between cases by more than round-off."""
-    return high - low > 1e-9 * max(1e-3, abs(low), abs(high))
 
 
 def _interest(outcome: str, events: tuple[str, ...]) -> float:

@@ -21,6 +21,7 @@ from sepmc.cli_output import (
     manifest_with_rows,
     plain_errors,
     speaker,
+    statistics_of,
     summary_of,
     tell_given,
     tell_results,
@@ -150,7 +151,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     written = draw(folder, loaded, store.read_told(folder))
                 else:
                     summary, accuracy = summary_of(folder, loaded), told.get("accuracy") or {}
-                    table = summary.statistics(loaded.reference)
+                    table = statistics_of(loaded, summary, accuracy)
                     verdicts = verdicts_of(loaded, summary, accuracy, table, summary.audit())
                     written = draw(
                         folder, loaded, summary, table, verdicts=verdicts, converging=True

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sepmc.analysis.requirements import Verdict
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.stream import Stream
+    from sepmc.analysis.told import Told
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
@@ -254,17 +255,17 @@ def tell_results(
     audit failed or the accuracy asked was not met, 1 if it is to ``check`` requirements and one is
     not passed, or else 0."""
     from sepmc.analysis import requirements
+    from sepmc.analysis.constants import flat
     from sepmc.analysis.statistics import audit_text, summary_text
     from sepmc.analysis.told import bins_of
     from sepmc.campaign import record, store
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
-    table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
     accuracy = record.read_manifest(folder).get("accuracy") or {}
-    errors, chosen = errors_told(accuracy), _matching(table, shown)
-    if errors:
-        table["error"] = [errors.get(str(name), math.nan) for name in table.index]
+    table, counts = statistics_of(loaded, summary, accuracy), summary.counts
+    audited = summary.audit()
+    chosen = _matching(table, shown)
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     of = [verdict.to_dict() for verdict in verdicts]
     told = store.statistics_as_json(table, counts, units, audited, summary.failed, of)
@@ -295,7 +296,7 @@ def tell_results(
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
     if record.read_manifest(folder).get("stats_only"):  # no rows to count them of again
-        bins = bins_of({str(name): summary.histogram(str(name)) for name in table.index})
+        bins = bins_of({n: flat(summary.histogram(n), table, n) for n in map(str, table.index)})
         written.append(store.write_histograms(folder, bins))
     if plots:
         written += draw_figures(
@@ -356,7 +357,7 @@ def tell_given(
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()
     ok = int(ok_rows(cases)[held].sum())
     accuracy = record.read_manifest(folder).get("accuracy") or {}
-    table, audited = summary.statistics(), summary.audit()
+    table, audited = statistics_of(loaded, summary, accuracy, beside=False), summary.audit()
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     if as_json:
         told: dict[str, Any] = {"given": list(given)}
@@ -400,6 +401,20 @@ def _matching(table: "pd.DataFrame", shown: str | None) -> "pd.DataFrame":
 def _error(number: float | None) -> str:
     """An error of the manifest as text."""
     return f"{_number(number):.1e}"
+
+
+def statistics_of(
+    loaded: "Campaign",
+    summary: "Rows | Stream | Told",
+    accuracy: dict[str, Any],
+    beside: bool = True,
+) -> "pd.DataFrame":
+    """Statistics of a run, ``beside`` the reference if it has one, with the numerical errors that
+    its manifest tells, and which outcomes are constant."""
+    from sepmc.campaign.accuracy import with_errors
+
+    table = summary.statistics(loaded.reference if beside else None)
+    return with_errors(loaded, errors_told(accuracy), table)
 
 
 def verdicts_of(

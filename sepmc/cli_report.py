@@ -12,7 +12,7 @@ import click
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import causes, compare, drivers, laws
+from sepmc.analysis import causes, compare, constants, drivers, laws
 from sepmc.analysis.requirements import FAIL
 from sepmc.analysis.rows import Rows
 from sepmc.analysis.statistics import (
@@ -34,6 +34,7 @@ from sepmc.cli_output import (
     accuracy_text,
     folded,
     screen_width,
+    statistics_of,
     summary_of,
     verdicts_of,
 )
@@ -99,7 +100,12 @@ def find_drivers(
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
             found[name] = drivers.drivers(
-                rows, list(keys), name, loaded.design, correlated=loaded.correlated
+                rows,
+                list(keys),
+                name,
+                loaded.design,
+                correlated=loaded.correlated,
+                within=constants.reach(table, name),
             )
         except ValueError as error:
             click.echo(f"warning: {error}", err=True)
@@ -123,6 +129,11 @@ def find_drivers(
     return Driven(found, apart, violated, keys, loaded.design)
 
 
+def _statistics(folder: Path, loaded: Campaign, summary: Rows | Stream) -> pd.DataFrame:
+    """`statistics_of` a run by the manifest of its folder."""
+    return statistics_of(loaded, summary, record.read_manifest(folder).get("accuracy") or {})
+
+
 def _check_known(loaded: Campaign, named: tuple[str, ...]) -> None:
     """Raise if a campaign has no such outcome."""
     known = [column.name for column in loaded.outcome_columns]
@@ -135,12 +146,13 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
     """Which laws the outcomes ``named``, or those that matter most, follow: to the screen, and of
     all outcomes that are numbers to ``laws.csv``."""
     _check_known(loaded, named)
-    table = summary_of(folder, loaded).statistics()
+    table = _statistics(folder, loaded, summary_of(folder, loaded))
     every = [str(name) for name in table.index if not is_yes_or_no(str(name))]
     for name in named:
         if name not in every:
             raise folders.StoreError(f"{name}: is yes or no, so it has no law")
-    found = laws.laws(store.CaseColumns(folder), every)
+    alike = [name for name in every if constants.is_constant(table, name)]
+    found = laws.laws(store.CaseColumns(folder), every, alike)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
@@ -154,7 +166,7 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     """The same to the screen, to ``drivers.csv`` and ``causes.csv``, and as a figure; what
     ``drivers.csv`` has of outcomes that are not ``named`` stays."""
     summary = summary_of(folder, loaded)
-    driven = find_drivers(folder, loaded, summary, summary.statistics(), named)
+    driven = find_drivers(folder, loaded, summary, _statistics(folder, loaded, summary), named)
     for text in [text for texts in driven.texts(screen_width()) for text in texts]:
         folded(text)
     written = [folder / "causes.csv"]
@@ -227,7 +239,7 @@ def tell_comparison(
         )
     rows = [store.CaseColumns(folder) for folder in places]
     summaries = [summary_of(folder, run) for folder, run in zip(places, runs, strict=True)]
-    tables = [summary.statistics() for summary in summaries]
+    tables = [_statistics(*each) for each in zip(places, runs, summaries, strict=True)]
     told_of = [record.read_manifest(folder).get("accuracy") or {} for folder in places]
     changed = compare.differences(runs[0].file.tree, runs[1].file.tree) or ["nothing"]
     click.echo("what differs in the files\n" + "\n".join("  " + line for line in changed))
@@ -257,7 +269,8 @@ def tell_comparison(
         if (draws[0] != draws[1] and name not in given)
         or laws_of[0].get(name) != laws_of[1].get(name)
     ]
-    table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn)
+    sizes = {name: constants.comparable(tables[0], tables[1], name) for name in outcomes}
+    table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn, sizes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling], screen_width()))
     if out is None:
@@ -268,7 +281,12 @@ def tell_comparison(
     values = {}
     for name in telling:
         both = [column(cases, name)[ok_rows(cases)] for cases in rows]
-        one, two = (x[np.isfinite(x)] for x in both)
+        one, two = (
+            np.full(len(x), constants.settled_value(t, name))
+            if constants.is_constant(t, name)
+            else x
+            for t, x in zip(tables, (x[np.isfinite(x)] for x in both), strict=True)
+        )
         if len(one) and len(two):
             values[name] = one, two
     if values:
@@ -319,7 +337,7 @@ def _draw_run(folder: Path, into: Path) -> tuple[list[Path], list[Path]]:
     """Draw the vehicle, and the outcomes, of a run into a folder; returns the paths of both."""
     loaded = load_campaign(str(folder), (), warn=False)
     summary = summary_of(folder, loaded)
-    table, manifest = summary.statistics(), record.read_manifest(folder)
+    table, manifest = _statistics(folder, loaded, summary), record.read_manifest(folder)
     accuracy = manifest.get("accuracy") or {}
     vehicle = drawing(loaded.scene, loaded.file.dispersions, loaded.name, into / "vehicle.svg")
     outcomes = draw_figures(
@@ -341,8 +359,8 @@ def _found(
     """What the report of a run tells, with its worst cases flown again and drawn into a folder, and
     what drives its outcomes."""
     summary, manifest = summary_of(folder, loaded), record.read_manifest(folder)
-    table, audited = summary.statistics(loaded.reference), summary.audit()
     accuracy: dict[str, Any] = manifest.get("accuracy") or {}
+    table, audited = statistics_of(loaded, summary, accuracy), summary.audit()
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     driven = find_drivers(folder, loaded, summary, table)
     texts = driven.texts(WIDTH)

@@ -36,6 +36,7 @@ def tell_single(
     is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
     from sepmc import schema
     from sepmc.campaign import folders, record
+    from sepmc.campaign.accuracy import without_noise
     from sepmc.engine.door import check_every
     from sepmc.places import is_local
 
@@ -57,7 +58,8 @@ def tell_single(
     flown = history.attrs
     status = schema.Status[flown["status"].upper().replace("-", "_")]
     say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
-    for name, value in [*case.inputs.items(), *flown["outcomes"].items()]:
+    outcomes = without_noise(loaded, flown["outcomes"], flown["errors"])
+    for name, value in [*case.inputs.items(), *outcomes.items()]:
         say(f"  {name:44s} {value:.9g}")
     if number is not None and number not in loaded.numbers:
         say(f"case {number} is not among those of the file ({loaded.numbers}); it is drawn alike")

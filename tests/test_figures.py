@@ -206,9 +206,9 @@ def test_degenerate_outcome(tmp_path, drawn, values):
     assert [one.get_xdata()[0] for one in line(ax, "all cases")] == [values[0]]
     assert not ax.patches
     title = {
-        26.4: "mean 26.40, sigma 0",
-        0.0: "mean 0, sigma 0",
-        1e3: "mean 1000, sigma 0",
+        26.4: "constant 26.40",
+        0.0: "constant 0",
+        1e3: "constant 1000",
         3.0: "mean 3.000, sigma -",
     }
     assert ax.get_title() == f"n {len(values)}, {title[values[0]]} mm"

@@ -66,7 +66,8 @@ def test_given_an_input(tmp_path):
     some = rows[rows["in_initial_alpha_deg"] > 5.0]
     assert 5 < len(some) < 55
     expected = statistics(some, result.outcomes)
-    pd.testing.assert_frame_equal(result.statistics("initial.alpha_deg>5"), expected)
+    told = result.statistics("initial.alpha_deg>5")
+    pd.testing.assert_frame_equal(told[list(expected)], expected)
     before = sorted(folder.iterdir())
     words = ["stats", str(folder), "--given", "initial.alpha_deg>5", "--columns", "upper_pitch*"]
     found = CliRunner().invoke(main, words)

@@ -92,6 +92,7 @@ def compare(
     inputs: Sequence[str],
     outcomes: Sequence[str],
     changed: Collection[str] = (),
+    error_sizes: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
     """Differences of the outcomes of two case tables, the second minus the first.
 
@@ -101,6 +102,8 @@ def compare(
         ``case``, ``status``, inputs, outcomes.
     inputs, outcomes : names that both have
     changed : inputs that were drawn anew; see `paired_rows`
+    error_sizes : mapping of outcome to how far a value of the one run and one of the other may be
+        apart by numerical error alone, in its unit, optional
 
     Returns
     -------
@@ -108,7 +111,9 @@ def compare(
         ``mean_one``, ``mean_two``, ``sigma_one``, ``sigma_two``; ``difference`` of the means with
         its 95 % interval ``low``, ``high`` (Student's t, exact for normal outcomes; of an outcome
         that is yes or no see `sepmc.analysis.proportions`), and from how many ``pairs`` of cases;
-        0 pairs: from independent samples.
+        0 pairs: from independent samples. ``below_error``: whether no pair, or, without pairs, no
+        case of the one from any of the other, differs by more than its numerical error: the
+        difference is then 0.
     """
     in_one, in_two = paired_rows(one, two, inputs, changed)
     rows = []
@@ -120,6 +125,14 @@ def compare(
         pairs = int(both.sum()) if both.sum() > 1 else 0
         by = _of_shares if is_yes_or_no(name) else _of_means
         difference, low, high = by(*((before[both], after[both], True) if pairs else (a, b, False)))
+        error = (error_sizes or {}).get(name, 0.0)
+        if pairs:
+            farthest = float(np.abs(after[both] - before[both]).max())
+        else:
+            farthest = float(np.ptp(np.concatenate([a, b]))) if len(a) and len(b) else np.inf
+        below = 0.0 < farthest <= error
+        if below:
+            difference, low, high = 0.0, 0.0, 0.0
         rows.append(
             {
                 "mean_one": a.mean() if len(a) else np.nan,
@@ -130,6 +143,7 @@ def compare(
                 "low": low,
                 "high": high,
                 "pairs": pairs,
+                "below_error": below,
             }
         )
     return pd.DataFrame(rows, index=pd.Index(list(outcomes), name="outcome"))
@@ -178,7 +192,9 @@ def text(table: pd.DataFrame, width: int = WIDTH) -> str:
                 rounded(row["mean_one"], row["sigma_one"]),
                 rounded(row["mean_two"], row["sigma_two"]),
                 rounded(row["difference"], scale),
-                f"{rounded(row['low'], scale)} to {rounded(row['high'], scale)}",
+                "below numerical error"
+                if row["below_error"]
+                else f"{rounded(row['low'], scale)} to {rounded(row['high'], scale)}",
                 rounded(row["sigma_one"], row["sigma_one"]),
                 rounded(row["sigma_two"], row["sigma_two"]),
                 str(int(row["pairs"])) if row["pairs"] else "none",

@@ -50,6 +50,7 @@ def drivers(
     sampler: str = "random",
     indices: bool = True,
     correlated: Sequence[Sequence[str]] = (),
+    within: float = 0.0,
 ) -> pd.DataFrame:
     """How much each input drives an outcome.
 
@@ -64,6 +65,8 @@ def drivers(
         ``saltelli`` give total indices
     indices : whether to compute indices, which take longest
     correlated : inputs that are known to vary together, group by group
+    within : how far values may be apart by numerical error, if it is known that none are further
+        (`sepmc.analysis.constants.reach`)
 
     Returns
     -------
@@ -82,7 +85,7 @@ def drivers(
     Raises
     ------
     ValueError
-        If the outcome does not vary, or too few cases have it.
+        If the outcome does not vary by more than its numerical error, or too few cases have it.
     """
     y = column(cases, outcome)
     there = ok_rows(cases) & np.isfinite(y)
@@ -90,7 +93,13 @@ def drivers(
         raise ValueError(f"{outcome}: fewer than {_FEWEST} cases have it")
     x = np.array([column(cases, name) for name in inputs]).reshape(len(inputs), len(y))
     varied = [i for i, row in enumerate(x[:, there]) if row.min() < row.max()]
-    if not varied or y[there].min() == y[there].max():
+    span = float(np.ptp(y[there]))
+    if 0.0 < span <= within:
+        raise ValueError(
+            f"{outcome}: is constant, as its values differ by {span:.1g} and their numerical error "
+            f"is {0.5 * within:.1g}; so nothing drives it"
+        )
+    if not varied or span == 0.0:
         raise ValueError(f"{outcome}: does not vary, or no input does")
     names = [inputs[i] for i in varied]
     table = pd.DataFrame(np.nan, index=pd.Index(names, name="input"), columns=list(COLUMNS))

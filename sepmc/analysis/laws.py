@@ -7,7 +7,7 @@ same cases (Stephens in D'Agostino and Stephens, Goodness-of-Fit Techniques, Dek
 4.7, 4.17 and 4.22); held to simulation in the tests.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,7 +74,12 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def laws(cases: Mapping[str, Any], outcomes: Sequence[str]) -> pd.DataFrame:
+CONSTANT = "constant"  # in place of a law
+
+
+def laws(
+    cases: Mapping[str, Any], outcomes: Sequence[str], constant: Collection[str] = ()
+) -> pd.DataFrame:
     """Shape of each outcome over the cases whose status is ``ok``, and the law nearest to it.
 
     Parameters
@@ -83,6 +88,9 @@ def laws(cases: Mapping[str, Any], outcomes: Sequence[str]) -> pd.DataFrame:
         ``status`` and the outcomes.
     outcomes : sequence of str
         Columns to describe.
+    constant : collection of str
+        Those whose values differ by no more than their numerical error
+        (`sepmc.analysis.constants`); their law is `CONSTANT`, without numbers.
 
     Returns
     -------
@@ -95,7 +103,12 @@ def laws(cases: Mapping[str, Any], outcomes: Sequence[str]) -> pd.DataFrame:
         than `FEWEST` values, or most of them equal to others, has no law.
     """
     ok = ok_rows(cases)
-    rows = [_law(column(cases, name)[ok]) for name in outcomes]
+    rows = [
+        {"n": int(np.isfinite(column(cases, name)[ok]).sum()), "law": CONSTANT}
+        if name in constant
+        else _law(column(cases, name)[ok])
+        for name in outcomes
+    ]
     return pd.DataFrame(rows, index=pd.Index(outcomes, name="outcome"), columns=list(COLUMNS))
 
 
@@ -155,6 +168,9 @@ def text(
     for (name, row), (_, at) in zip(found.iterrows(), beside.iterrows(), strict=True):
         law = str(row["law"])
         cells = [str(name), units.get(str(name), "")]
+        if law == CONSTANT:
+            rows.append([*cells, *3 * ["-"], CONSTANT, *5 * ["-"]])
+            continue
         if not law:
             between = [part for end in ENDS for part in ("-", _interval(at, end))]
             rows.append([*cells, *5 * ["-"], *between])

@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.constants import known_value
 from sepmc.analysis.occurrences import Occurrence, Rare, seldom
 from sepmc.analysis.proportions import CONFIDENCE, interval
 from sepmc.analysis.statistics import PERCENTILES, student
@@ -89,11 +90,19 @@ class Until:
                 f"{rarest.cases:,} cases; {cases:,} are asked for: give more --cases, or no --until"
             )
 
-    def look(self, summary: _Summary, looks: int, found: Sequence[Occurrence]) -> Look:
+    def look(
+        self, summary: _Summary, looks: int, found: Sequence[Occurrence], within: float = 0.0
+    ) -> Look:
         """What the cases of a ``summary`` show, if there are at most so many ``looks`` at growing
-        numbers of them, and rare values occurred as ``found``."""
+        numbers of them, and rare values occurred as ``found``. Values of a constant outcome lie
+        ``within`` so much of each other (`sepmc.analysis.constants.reach`): its intervals are those
+        of its numerical error."""
         value, low, high = self.known(summary, 1.0 - (1.0 - CONFIDENCE) / looks)
-        lack = self._lack(summary, found) if self.is_moment else ""
+        if within > 0.0:
+            error = 0.5 * within
+            value = 0.0 if self.statistic == "sigma" else known_value(value, error)
+            low, high = value - error, value + error
+        lack = self._lack(summary, found, within) if self.is_moment else ""
         return Look(value, low, high, not lack and self.is_met(value, low, high), lack)
 
     def known(
@@ -129,7 +138,7 @@ class Until:
             f"it{missed}"
         )
 
-    def _lack(self, summary: _Summary, found: Sequence[Occurrence]) -> str:
+    def _lack(self, summary: _Summary, found: Sequence[Occurrence], within: float) -> str:
         """What cases lack to state a mean or a sigma; empty if nothing."""
         if few := seldom(found):
             one = few[-1]  # the least probable
@@ -141,7 +150,7 @@ class Until:
         n, sigma, error = round(row["n"]), row["sigma"], row["sigma_se"]
         if n < _FEWEST:
             return f"{n} cases have {self.metric}, and {_FEWEST} should"
-        if error > _SIGMA_KNOWN * sigma:
+        if error > _SIGMA_KNOWN * sigma and not within:
             return (
                 f"few cases far from the others decide its sigma, whose standard error is "
                 f"{100.0 * error / sigma:.0f} % of it and should be {100.0 * _SIGMA_KNOWN:.0f} %"

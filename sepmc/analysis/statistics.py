@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis import constants
 from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
 from sepmc.analysis.state import Arrays, scalars, set_scalars
 from sepmc.schema import is_yes_or_no
@@ -419,13 +420,14 @@ def summary_text(
     source: str = "paper",
     width: int = WIDTH,
 ) -> str:
-    """Write the tables an engineer reads in a terminal, folded where they would be wider than
-    ``width`` characters; a blank line stands between groups of outcomes.
+    """Write the tables an engineer reads in a terminal, folded to ``width`` characters; a blank
+    line stands between groups of outcomes.
 
     Parameters
     ----------
     stats : DataFrame
-        From `statistics`; with ``ref_*`` columns a table beside the reference follows.
+        From `statistics`; with ``ref_*`` columns a table beside the reference follows. Constant
+        outcomes (`sepmc.analysis.constants`) have a line each, before the table.
     counts : mapping of status to number of cases
         From `status_counts`.
     units : mapping of outcome to unit, optional
@@ -436,21 +438,23 @@ def summary_text(
     Returns
     -------
     str
-        Plain text; every figure of a row has the decimals that show its sigma to three digits,
-        standard errors to two.
+        Every figure of a row has the decimals that show its sigma to three digits, standard errors
+        to two.
     """
     parts = [_counts_line(counts, width)]
-    if shares := share_lines(stats):
-        parts.append("\n".join(f"  {line}" for line in shares))
+    for lines in (share_lines(stats), constants.lines(stats, units)):
+        parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_shares(stats)]
-    if len(stats):
-        parts.append(_layout(list(stats.index), groups(stats, units), width))
-    if stats["n"].between(1, _TAIL_CASES - 1).any():
+    varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
+    if len(varied):
+        parts.append(_layout(list(varied.index), groups(varied, units), width))
+    if varied["n"].between(1, _TAIL_CASES - 1).any():
         said = (
             f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
             "the two outermost values."
         )
         parts.append(fill(said, width))
+    stats = constants.settled(stats)
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
         if "ref_mean" in stats
@@ -496,6 +500,7 @@ def groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
     """The main table of `statistics` in text: columns as (heading, {column: cells})."""
+    stats = constants.settled(stats)
 
     def column(name: str) -> list[str]:
         return [
@@ -508,6 +513,8 @@ def groups(
     def case(name: str) -> list[str]:
         return ["-" if pd.isna(value) else str(int(value)) for value in stats[name]]
 
+    alike = stats["constant"] if "constant" in stats else np.zeros(len(stats), dtype=bool)
+    sigma = np.where(alike, "constant", column("sigma")).tolist()
     first = {"unit": [units.get(name, "") for name in stats.index]} if units else {}
     percent = {f"{value:g} %": column(name) for name, value in PERCENTILES.items()}
     # two groups, so that wide numbers can be folded between them
@@ -515,7 +522,7 @@ def groups(
     return [
         ("", first | {"n": [str(n) for n in stats["n"]]}),
         ("", {"mean": column("mean"), "s.e.": error("mean_se")}),
-        ("", {"sigma": column("sigma"), "s.e.": error("sigma_se")}),
+        ("", {"sigma": sigma, "s.e.": error("sigma_se")}),
         ("", {"min": column("min"), "case": case("case_min")}),
         ("", {"max": column("max"), "case": case("case_max")}),
         ("percentiles", dict(lower)),

@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.constants import error_size, with_constants
 from sepmc.campaign.definition import Definition
 from sepmc.scene.model import Scene
 from sepmc.schema import Column
@@ -141,6 +142,36 @@ def with_scales(
     return {
         column.name: (told.get(column.name, np.nan), float(scale))
         for column, scale in zip(columns, found, strict=True)
+    }
+
+
+def with_errors(
+    campaign: Definition, told: Mapping[str, float], table: pd.DataFrame
+) -> pd.DataFrame:
+    """Statistics of the outcomes of a campaign with the ``error`` that is told of each, if any is,
+    what that is in its unit, and whether it is constant: see
+    `sepmc.analysis.constants.with_constants`."""
+    if told:
+        table = table.assign(error=[told.get(str(name), np.nan) for name in table.index])
+    return with_constants(table, with_scales(campaign, told, table))
+
+
+def without_noise(
+    campaign: Definition, outcomes: Mapping[str, float], told: Mapping[str, float]
+) -> dict[str, float]:
+    """What one case gave, by column: 0 where an outcome is no larger than its numerical error, of
+    which ``told`` is what `errors` measures."""
+    columns = campaign.outcome_columns
+    units = [column.unit for column in columns]
+    own = scene_scales(campaign.scene, units) * np.array([column.scale for column in columns])
+    scale = scales(np.array([[outcomes[column.name] for column in columns]]), units, own)
+    sizes = {
+        column.name: error_size(told.get(column.name, np.nan), float(size), outcomes[column.name])
+        for column, size in zip(columns, scale, strict=True)
+    }
+    return {
+        name: 0.0 if abs(value) <= sizes.get(name, 0.0) else value
+        for name, value in outcomes.items()
     }
 
 

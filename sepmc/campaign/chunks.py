@@ -15,12 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
+from sepmc.analysis.constants import reach
 from sepmc.analysis.occurrences import Occurrence, not_shown, occurrences
 from sepmc.analysis.precision import Until
 from sepmc.analysis.sketch import ROOM
 from sepmc.analysis.stream import GRAIN
 from sepmc.campaign import folders, ledger, record, store
-from sepmc.campaign.accuracy import Achieved
+from sepmc.campaign.accuracy import Achieved, with_errors
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight, Say
 from sepmc.campaign.forecast import forecast
@@ -406,7 +407,9 @@ class Chunks:
         """Whether the cases so far are enough to know a statistic, which is looked at so many times
         at most; these are then all that are wanted."""
         summary = self.kept().summary
-        look = until.look(summary, looks, self.occurred)
+        table = with_errors(self.campaign, self.accuracy.errors, summary.statistics())
+        within = reach(table, until.metric) if until.metric in table.index else 0.0
+        look = until.look(summary, looks, self.occurred, within)
         self._known = until.sentence(look, self.flown, self.draws.numbers.count)
         self._stopped = [] if look.enough else [self._known]
         if look.enough:

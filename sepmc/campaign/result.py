@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import causes, drivers, laws, requirements
+from sepmc.analysis import causes, constants, drivers, laws, requirements
 from sepmc.analysis.given import names_of, where
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
-from sepmc.campaign.accuracy import Achieved, with_scales
+from sepmc.campaign.accuracy import Achieved, with_errors, with_scales
 from sepmc.campaign.definition import Case
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
@@ -63,7 +63,8 @@ class Result:
         from html import escape  # noqa: PLC0415
 
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        return f"<p>{escape(repr(self))}</p>{self.statistics()[columns].to_html()}"
+        table = constants.settled(self.statistics())[columns]
+        return f"<p>{escape(repr(self))}</p>{table.to_html()}"
 
     @property
     def table(self) -> dict[str, np.ndarray]:
@@ -89,38 +90,48 @@ class Result:
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *given: str) -> pd.DataFrame:
-        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`: of all cases, or
-        of those for which all terms ``given`` hold, such as ``"joint.bolt.fails=1"``."""
+        """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
+        numerical ``error``, that in its unit, and whether it is ``constant``
+        (`sepmc.analysis.constants`): of all cases, or of those for which all terms ``given`` hold,
+        such as ``"joint.bolt.fails=1"``."""
         if given:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
             held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
-            return statistics(kept, outcomes)
+            return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
-        if self.accuracy:
-            table["error"] = [self.accuracy.errors.get(str(name), np.nan) for name in table.index]
-        return table
+        return with_errors(self.campaign, self._errors, table)
+
+    @property
+    def _errors(self) -> Mapping[str, float]:
+        return self.accuracy.errors if self.accuracy else {}
 
     def requirements(self) -> pd.DataFrame:
         """Verdicts on what the campaign requires, a row each; see
         `sepmc.analysis.requirements.Verdict`."""
-        told = self.accuracy.errors if self.accuracy else {}
-        errors = with_scales(self.campaign, told, self.kept.summary.statistics())
+        errors = with_scales(self.campaign, self._errors, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
         return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
 
     def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary."""
+        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary by
+        more than its numerical error."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
-        return drivers.drivers(self._rows(), self._inputs, outcome, design, indices, correlated)
+        within = constants.reach(self.statistics(), outcome)
+        return drivers.drivers(
+            self._rows(), self._inputs, outcome, design, indices, correlated, within
+        )
 
     def laws(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
         `sepmc.analysis.laws.laws`."""
-        return laws.laws(self._rows(), [n for n in self.outcomes if not is_yes_or_no(n)])
+        table = self.statistics()
+        numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
+        alike = [name for name in numbers if constants.is_constant(table, name)]
+        return laws.laws(self._rows(), numbers, alike)
 
     def causes(self, name: str) -> list[causes.Cause]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have

@@ -465,8 +465,10 @@ def _histogram(
     for bound in near:
         ax.axvline(bound, color=BOUND, linestyle="-", linewidth=2.2, label=REQUIRED)
     title = (
-        f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}".rstrip()
-    )
+        f"n {found.n:,}, mean {rounded(mean, sigma)}, sigma {rounded(sigma, sigma)} {unit}"
+        if spread or found.n == 1
+        else f"n {found.n:,}, constant {rounded(mean, 0.0)} {unit}"
+    ).rstrip()
     far = ", ".join(f"{bound:g}" for bound in required if bound not in near)
     # drawn, it would leave a line of the histogram
     ax.set_title(title + (f"\nrequired bound {far} is far outside" if far else ""), fontsize=9)

@@ -74,7 +74,9 @@ def beyond_figure(
             )  # fmt: skip
         missing = int(np.isnan(shown).sum())
         told = f"; {missing:,} cases without outcome count as beyond" if missing else ""
-        ax.set_title(f"{v.name}: {v.verdict}{told}", fontsize=10)
+        known = shown[~np.isnan(shown)]
+        alike = "; constant" if len(known) > 1 and np.ptp(known) == 0.0 else ""
+        ax.set_title(f"{v.name}: {v.verdict}{alike}{told}", fontsize=10)
         ax.set_xlabel(label)
         ax.set_ylabel(f"share of cases {'above' if upper else 'below'}")
     for ax in axes[len(drawn) :]:
@@ -94,11 +96,15 @@ def _beyond(ax: Axes, values: np.ndarray, upper: bool) -> None:
     high = np.where(k < n, betaincinv(k + 1, np.maximum(n - k, 1), 1 - _RISK / 2), 1.0)
     step: Literal["post", "pre"] = "post" if upper else "pre"
     floor = 0.3 / n  # where no case is beyond, a logarithm has no place
-    ax.fill_between(
-        where, np.maximum(low, floor), high, step=step, color="#a9cdea", linewidth=0,
-        label="95 % at each value",
-    )  # fmt: skip
-    ax.step(where, np.where(k > 0, k / n, np.nan), where=step, color=BLUE, lw=1.6, label="cases")
+    if x[0] == x[-1]:  # one value has no curve
+        ax.axvline(x[0], color=BLUE, linewidth=4, label="all cases, which are alike")
+    else:
+        ax.fill_between(
+            where, np.maximum(low, floor), high, step=step, color="#a9cdea", linewidth=0,
+            label="95 % at each value",
+        )  # fmt: skip
+        shares = np.where(k > 0, k / n, np.nan)
+        ax.step(where, shares, where=step, color=BLUE, lw=1.6, label="cases")
     ax.set_yscale("log")
     ax.set_ylim(floor, 1.3)
 
