@@ -86,6 +86,16 @@ class Numbers:
                 left.append((first + skipped, end))
         return Numbers(tuple(left))
 
+    def before(self, count: int) -> "Numbers":
+        """The first so many of them."""
+        kept = []
+        for first, end in self.ranges:
+            taken = min(count, end - first)
+            count -= taken
+            if taken:
+                kept.append((first, first + taken))
+        return Numbers(tuple(kept))
+
     def leave_out(self, done: np.ndarray) -> bool:
         """Whether some of the sorted numbers ``done`` (n,) are not among these."""
         held = sum(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from sepmc.analysis import causes, drivers, laws, requirements
 from sepmc.analysis.given import names_of, where
+from sepmc.analysis.rows import by_case
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
@@ -73,12 +74,16 @@ class Result:
     def to_pandas(self) -> pd.DataFrame:
         """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
 
+        The index is the case number too, so that ``result.case(table[name].idxmin())`` is the case
+        with the smallest value. It has no name: pandas would not know whether ``"case"`` means the
+        index or the column.
+
         Raises
         ------
         ValueError
             If only statistics were kept, ``stats_only=True``.
         """
-        return pd.DataFrame(self.table)
+        return by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
         """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
@@ -141,12 +146,21 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number = whole("case", number, 0, CASES - 1)
-        if number not in self.numbers:
-            raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
+        number, flown = whole("case", number, 0, CASES - 1), self._flown
+        if number not in flown:
+            raise InputError(f"case = {number}: must be one of those flown, {flown}")
         found = self.campaign.case(number, self.seed, self.total)
         run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
+
+    @property
+    def _flown(self) -> Numbers:
+        """Numbers of the cases that were flown: fewer than asked for if too many of them failed."""
+        if not self.stopped:
+            return self.numbers
+        if self.kept.rows is not None:
+            return Numbers.of(np.asarray(self.kept.rows["case"]))
+        return self.numbers.before(sum(self.status_counts.values()))  # counted in their order
 
     @property
     def outcomes(self) -> list[str]:
