@@ -10,18 +10,18 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import causes, drivers, laws, requirements
-from sepmc.analysis.given import names_of, where
+from sepmc.analysis.given import in_words, names_of, where
 from sepmc.analysis.rows import by_case
-from sepmc.analysis.statistics import statistics
+from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_scales
 from sepmc.campaign.definition import Case
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.sinks import Kept
-from sepmc.engine.door import whole
+from sepmc.engine.door import text, whole
 from sepmc.scene.limits import CASES
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -98,7 +98,14 @@ class Result:
         of those for which all terms ``given`` hold, such as ``"joint.bolt.fails=1"``."""
         if given:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
+            for term in given:
+                text("given", term, "joint.bolt.fails=1")
             held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            if not held.any():
+                warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
+            elif not ok_rows(rows)[held].any():
+                none = "none of them came to its end as asked, so there are no statistics"
+                warn(f"{in_words(given)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
             return statistics(kept, outcomes)
         table = self.kept.summary.statistics(self.campaign.reference)
