@@ -7,7 +7,7 @@ or the accuracy asked was not met, 130 interrupted.
 
 import click
 
-from sepmc import __version__, cli_checks, cli_folders, cli_runs, garbage
+from sepmc import __version__, cli_checks, cli_folders, cli_runs, garbage, wording
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -26,6 +26,7 @@ def main() -> None:
     asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
     garbage.put_off()
+    click.get_current_context().with_resource(wording.on_command_line())
 
 
 for _command in (

@@ -12,6 +12,8 @@ import dask
 from distributed import CancelledError, Client, KilledWorker, LocalCluster, get_worker, wait
 from distributed.comm import CommClosedError
 
+from sepmc.wording import switch
+
 _AHEAD = 3  # ranges for each worker that are handed out ahead of the oldest one that is not done
 _PATIENCE_S = 60.0  # for a scheduler that is gone to come back
 _SILENT = "60 s"  # so long a worker of this machine may say nothing, and is then given up
@@ -100,7 +102,7 @@ class DaskCrew:
             elif time.monotonic() - seen > _PATIENCE_S:
                 raise ClusterError(
                     f"{self.address or 'this machine'}: all workers are gone for {_PATIENCE_S:g} "
-                    "s; what is flown is kept, and --resume goes on from there"
+                    f"s; what is flown is kept, and {switch('resume')} goes on from there"
                 )
 
     def _result(self, future: Any, cases: tuple[int, int], lost: dict[int, int], each: int) -> Any:
@@ -116,7 +118,7 @@ class DaskCrew:
         if lost[each] > _TIMES:
             raise ClusterError(
                 f"cases {cases[0]} to {cases[1] - 1} ended every worker that flew them (out of "
-                "memory?); what is flown is kept, and --resume goes on from there"
+                f"memory?); what is flown is kept, and {switch('resume')} goes on from there"
             )
         return None
 
@@ -137,7 +139,7 @@ class DaskCrew:
                 return
         raise ClusterError(
             f"{self.address}: the scheduler, or all workers, are gone for {_PATIENCE_S:g} s; "
-            "what is flown is kept, and --resume goes on from there"
+            f"what is flown is kept, and {switch('resume')} goes on from there"
         ) from error
 
 

@@ -1,6 +1,7 @@
 """Folders and files by name: of this machine, or of object storage (``s3://bucket/run``) by fsspec,
 through a path that has the methods of `pathlib.Path`."""
 
+import os
 from io import BytesIO
 from pathlib import Path, PurePath
 from typing import Any, cast
@@ -17,10 +18,14 @@ class PlaceError(ValueError):
 
 
 def place(name: str | Path) -> Path:
-    """The path of a name. Raises PlaceError if what reaches such a place is not installed, or does
-    not reach it."""
-    if not isinstance(name, str):
+    """The path of a name. Raises PlaceError if it is none, or if what reaches such a place is not
+    installed, or does not reach it."""
+    if hasattr(name, "is_dir"):  # a path, of object storage too
         return name
+    if isinstance(name, os.PathLike):
+        name = os.fspath(name)
+    if not isinstance(name, str):
+        raise PlaceError(f"path = {name!r:.60}: must be text or a path")
     if "://" not in name:
         return Path(name)
     try:

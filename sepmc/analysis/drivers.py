@@ -269,7 +269,7 @@ def remarks(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
     elif together < _EXPLAINED and table["total"].isna().all():
         lines.append(
             f"first-order indices add up to {together:.2f}: what is left is due to inputs "
-            "together, or to chance; --sampler saltelli flies cases that tell total indices"
+            "together, or to chance; run.sampler saltelli flies cases that tell total indices"
         )
     return lines
 

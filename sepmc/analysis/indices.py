@@ -30,7 +30,7 @@ class Valid(NamedTuple):
 
 PATTERNED = (
     "first-order indices are not given: {what} is patterned, and an input without effect can "
-    "take on the effect of two others together; use --sampler random, lhs or saltelli"
+    "take on the effect of two others together; use run.sampler random, lhs or saltelli"
 )
 # Coverage of 95 % intervals: python tests/measure_sensitivity.py
 ESTIMATORS: Mapping[str, Valid] = {

@@ -16,6 +16,7 @@ import numpy as np
 
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
+from sepmc.wording import option
 
 # Times that a value is to be drawn before a mean or a sigma is believed: with fewer, intervals of a
 # mean that the value decides hold the true one too seldom (tests/measure_until.py).
@@ -183,5 +184,5 @@ def not_shown(found: Sequence[Occurrence]) -> list[str]:
     more = f", and {left} more values as seldom" if left > 0 else ""
     return [
         f"{said}{more}: statistics and intervals hardly show what that does; fly more cases, or "
-        "sepmc campaign --rare for a requirement"
+        f"seek a requirement by {option('rare')}"
     ]

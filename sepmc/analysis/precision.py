@@ -21,6 +21,7 @@ from sepmc.analysis.proportions import CONFIDENCE, interval
 from sepmc.analysis.statistics import PERCENTILES, student
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
+from sepmc.wording import option
 
 _MEANT = "METRIC:TOLERANCE, as separation_speed_m_s:0.01, or upper_pitch_deg.p99:0.1, or :1%"
 # Cases after which is looked first; for a mean or a sigma enough that what 0.2 % of all cases do is
@@ -87,7 +88,8 @@ class Until:
             raise InputError(
                 f"until: the {self.name} is not known before {rarest.name} (probability "
                 f"{rarest.probability:.3g}) occurred {rarest.enough} times, in about "
-                f"{rarest.cases:,} cases; {cases:,} are asked for: give more --cases, or no --until"
+                f"{rarest.cases:,} cases; {cases:,} are asked for: give more "
+                f"{option('cases')}, or no {option('until')}"
             )
 
     def look(

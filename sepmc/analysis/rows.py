@@ -29,6 +29,13 @@ from sepmc.schema import Status
 EXACT = 500_000
 
 
+def by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
+    """A table of cases, a row each, whose index is their number."""
+    table = pd.DataFrame(columns)
+    table.index = pd.Index(table["case"].to_numpy())
+    return table
+
+
 class Rows:
     """Statistics, audit and histograms of a case table; one column is looked at at a time.
 

@@ -2,7 +2,6 @@
 alone."""
 
 import time
-import warnings
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from pathlib import Path
@@ -29,12 +28,12 @@ from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.work import Crew
-from sepmc.engine.door import check_every, check_threads, using_threads, whole
+from sepmc.engine.door import check_every, check_threads, text, using_threads, whole
 from sepmc.places import place
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, RunWarning
+from sepmc.scene.messages import InputError, RunWarning, warn
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
@@ -95,7 +94,7 @@ class Campaign(Definition):
         460.0}``."""
         tree, folder, name = self.file.tree, self.file.folder, self.name
         read = parse_campaign(tree, name, settings, name, folder, read_input_table)
-        return Campaign(read, self.settings | as_text(settings))
+        return Campaign(read, self.settings | as_text(settings or {}))
 
     def simulate(
         self,
@@ -366,6 +365,9 @@ class Campaign(Definition):
         """Rules by which rows are kept. Raises InputError with what is allowed."""
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
+        text("keep", keep, "failed,worst:20")
+        if columns is not None:
+            text("keep_columns", columns, "in_*,separation_*")
         return read_keep(keep, columns, single, self.file.requirements, self.columns)
 
     def rare(
@@ -401,7 +403,7 @@ class Campaign(Definition):
             If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
-        target(self, requirement)
+        target(self, text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
@@ -410,13 +412,14 @@ class Campaign(Definition):
         _warn(found.notes, announce)
         return found
 
-    def until(self, text: str, numbers: Numbers, resume: bool) -> Until:
+    def until(self, asked: str, numbers: Numbers, resume: bool) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
-        found = read_until(text, [column.name for column in self.outcome_columns])
+        text("until", asked, "separation_speed_m_s:0.01")
+        found = read_until(asked, [column.name for column in self.outcome_columns])
         if resume or not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"
             what = "resume" if resume else what if numbers.are_first else "cases that are named"
-            raise InputError(f"until = {text}: excludes {what}")
+            raise InputError(f"until = {asked}: excludes {what}")
         found.check(self.rare_values, numbers.count)
         return found
 
@@ -436,4 +439,4 @@ def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bo
 def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:
     """Give notes as warnings, where nothing is announced to anyone."""
     for note in notes if announce is None else ():
-        warnings.warn(note, RunWarning, stacklevel=3)
+        warn(note, RunWarning)

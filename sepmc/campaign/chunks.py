@@ -33,6 +33,7 @@ from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, KeptRow
 from sepmc.campaign.tally import Tally, accuracy, accuracy_told
 from sepmc.campaign.work import Crew, Flown, Job, fly_range
 from sepmc.schema import Status
+from sepmc.wording import switch
 
 _FIRST = 256  # cases flown first, to see how long they take
 # a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
@@ -318,7 +319,9 @@ class Chunks:
                 if self.rows:
                     self.rows.chosen.restore(held)
         except (ValueError, ArithmeticError, StopIteration) as error:
-            raise folders.StoreError(f"{self.folder}: {error}; fly it with --overwrite") from None
+            raise folders.StoreError(
+                f"{self.folder}: {error}; fly it with {switch('overwrite')}"
+            ) from None
 
     def finish(self) -> None:
         """Let go of rows that are not to be kept, now that all are known."""

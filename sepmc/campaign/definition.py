@@ -225,9 +225,14 @@ class Definition:
     ) -> np.ndarray:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
         says that they are drawn, or as its plan gives them, in the units of its keys. Raises
-        InputError if the plan does not hold one of them."""
+        InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
+        many there are."""
+        sampling = self.drawn_as(total)
+        first = whole("first", first, 0, CASES - 1)
+        last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
+        count = whole("count", count, 0, max(last - first, 0))
         laws, inputs = self.file.dispersions, self.file.input_table
-        table = cases.draw(laws, self._seed(seed), first, count, self.drawn_as(total))
+        table = cases.draw(laws, self._seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
@@ -266,7 +271,7 @@ class Definition:
     def drawn_as(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
-        size = run.cases if total is None else total
+        size = run.cases if total is None else whole("total", total, 1, CASES)
         sampling = cases.Sampling(run.sampler, size, self.file.copulas)
         if fault := cases.size_fault(sampling, len(self.file.dispersions)):
             raise InputError(f"cases = {size}: {fault}")

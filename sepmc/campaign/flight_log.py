@@ -17,6 +17,7 @@ from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
 from sepmc.places import is_local
 from sepmc.schema import Column
+from sepmc.wording import another_place
 
 _SAVE_S = 10.0  # from one writing to the next
 _SAVE_NUMBERS = 8_000_000  # so many that wait (64 MB) are written before that
@@ -65,8 +66,7 @@ class FlightLog:
         margin, rows = self._batches.pop(0)
         if not np.array_equal(rows[:, : self.inputs], drawn, equal_nan=True):
             raise StoreError(
-                f"{self.folder}: its flights are not those of this estimate; use --overwrite or "
-                "another --out"
+                f"{self.folder}: its flights are not those of this estimate; {another_place()}"
             )
         self.count += len(rows)
         self.resumed += len(rows)
@@ -145,7 +145,7 @@ def interrupted(folder: Path, asked: dict[str, Any]) -> list[dict[str, Any]]:
     if not folders.is_run(folder):
         return []
     manifest = record.read_manifest(folder)
-    ways = "use --overwrite or another --out"
+    ways = another_place()
     if "rare" not in manifest:
         raise StoreError(f"{folder}: holds no estimate of a rare event, so none is resumed; {ways}")
     if manifest.get("complete", True):

@@ -16,6 +16,7 @@ from uuid import uuid4
 from sepmc.campaign import ledger, own_files
 from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
+from sepmc.wording import option, switch
 
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
 # rows and histories of all cases; of a run that lets cases go, rows of some, and what is counted
@@ -109,25 +110,27 @@ def check_folder(
         If it exists and neither ``overwrite`` nor ``resume`` is given, or is no run folder.
     """
     if folder.exists() and not folder.is_dir():
-        raise StoreError(f"{folder}: is a file; give --out a folder")
+        raise StoreError(f"{folder}: is a file; give {option('out')} a folder")
     if folder.is_dir() and any(not _is_left(path) for path in folder.iterdir()):
         own_files.check(folder)
         if not is_run(folder):
             raise StoreError(
                 f"{folder}: holds other files and no {MANIFEST}, so it is not a run; choose "
-                "another --out"
+                f"another {option('out')}"
             )
         if not (overwrite or resume):
             ways = (
-                "add --resume to fly its missing cases, --overwrite to replace it,"
+                f"add {switch('resume')} to fly its missing cases, {switch('overwrite')} to "
+                "replace it,"
                 if resumable and any((folder / kind).is_dir() for kind in (CASES, COUNTED))
-                else "add --overwrite to replace it"
+                else f"add {switch('overwrite')} to replace it"
             )
-            raise StoreError(f"{folder}: exists; {ways} or choose another --out")
+            raise StoreError(f"{folder}: exists; {ways} or choose another {option('out')}")
     for name in () if overwrite else OURS:
         if (folder / name).exists() and not (folder / name).is_dir():
             raise StoreError(
-                f"{folder / name}: is a file where a run keeps a folder; choose another --out"
+                f"{folder / name}: is a file where a run keeps a folder; choose another "
+                f"{option('out')}"
             )
 
 
@@ -163,7 +166,8 @@ def _held(folder: Path) -> Iterator[None]:
     except BlockingIOError:
         os.close(lock)
         raise StoreError(
-            f"{folder}: another process writes into it; wait for it, or choose another --out"
+            f"{folder}: another process writes into it; wait for it, or choose another "
+            f"{option('out')}"
         ) from None
     except OSError:  # some shared folders cannot be
         pass

@@ -9,6 +9,7 @@ from sepmc.campaign.flight import history_rows
 from sepmc.campaign.keep import Keep
 from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
+from sepmc.wording import option, setting, switch
 
 _ROOM = 2**26  # bytes of histories and rows that one part may take in memory
 _AT_ONCE = 3  # parts in memory: one flies, one waits, one is written
@@ -47,13 +48,13 @@ class Forecast:
         free, (least, most) = shutil.disk_usage(_there(folder)).free, self.disk
         if least <= free:
             return
-        ways = "--stats-only keeps no rows"
+        ways = f"{switch('stats_only')} keeps no rows"
         if _HISTORIES * self.history > 0.1 * least / self.cases:
             part = self.history / (self.row + self.history)
-            ways += f", --set run.history_step_s=0 no histories ({100 * part:.0f} % of it)"
+            ways += f", {setting('run.history_step_s', 0)} no histories ({100 * part:.0f} % of it)"
         raise StoreError(
             f"{folder}: {self.cases} cases take {size_text(least)} to {size_text(most)}, and "
-            f"{size_text(free)} are free there; {ways}, or choose another --out"
+            f"{size_text(free)} are free there; {ways}, or choose another {option('out')}"
         )
 
     def sentence(self, seconds: float, on_disk: bool) -> str:

@@ -18,6 +18,7 @@ from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
 from sepmc.scene.messages import InputError
 from sepmc.scene.read import read_campaign
+from sepmc.wording import another_place, option, switch
 
 _TOLD = 8  # differences between two campaigns
 
@@ -32,13 +33,20 @@ def as_it_began(folder: Path, stats_only: bool, keep: Keep | None) -> tuple[bool
     if (stats_only or keep) and (counts, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
             f"{folder}: was flown {_manner(counts, text)}, and is to go on "
-            f"{_manner(True, keep.text if keep else '')}; leave that out, or choose another --out"
+            f"{_manner(True, keep.text if keep else '')}; leave that out, or choose another "
+            f"{option('out')}"
         )
     return counts, Keep.of_text(text) if text else None
 
 
 def _manner(counts: bool, keep: str) -> str:
-    return f"keeping {keep}" if keep else "with --stats-only" if counts else "keeping all rows"
+    return (
+        f"keeping {keep}"
+        if keep
+        else f"with {switch('stats_only')}"
+        if counts
+        else "keeping all rows"
+    )
 
 
 def earlier(
@@ -72,25 +80,25 @@ def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str,
     """Raise StoreError if a folder holds another run."""
     if "rare" in manifest:
         raise folders.StoreError(
-            f"{folder}: holds {folders.RARE}, so there are no cases to go on from; use "
-            "--overwrite or another --out"
+            f"{folder}: holds {folders.RARE}, so there are no cases to go on from; "
+            f"{another_place()}"
         )
     if manifest.get("digest") not in (None, campaign.digest):
         raise folders.StoreError(
-            f"{folder}: was flown with another campaign, so its cases cannot be continued; use "
-            f"--overwrite or another --out. {_differences(campaign, folder)}"
+            f"{folder}: was flown with another campaign, so its cases cannot be continued; "
+            f"{another_place()}. {_differences(campaign, folder)}"
         )
     if manifest.get("seed") not in (None, draws.seed):
         raise folders.StoreError(
             f"{folder}: was flown with another seed ({manifest.get('seed')}, not {draws.seed}), so "
-            "its cases cannot be continued; use --overwrite or another --out"
+            f"its cases cannot be continued; {another_place()}"
         )
     sampler, held = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
     if sampler in OF_ITS_SIZE and held not in (None, draws.total):
         what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
         raise folders.StoreError(
-            f"{folder}: is {what} of {held} cases, which cannot be continued to {draws.total}; use "
-            "--overwrite or another --out"
+            f"{folder}: is {what} of {held} cases, which cannot be continued to {draws.total}; "
+            f"{another_place()}"
         )
 
 
@@ -121,13 +129,11 @@ def _rows(
     if other := set(own).symmetric_difference(store.CaseColumns(folder)):
         raise folders.StoreError(
             f"{folder}: was flown by another version of sepmc, whose rows differ in "
-            f"{', '.join(sorted(other))}, so its cases cannot be continued; use --overwrite or "
-            "another --out"
+            f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
     if draws.numbers.leave_out(done):
         raise folders.StoreError(
-            f"{folder}: holds cases up to {done[-1]}; --cases {said(draws.numbers)} would leave "
-            "some out"
+            f"{folder}: holds cases up to {done[-1]}; {_cases(draws.numbers)} would leave some out"
         )
     if dropped and announce:
         announce(
@@ -151,8 +157,8 @@ def _counted(
     if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
         named = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
-            f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; --cases "
-            f"{said(draws.numbers)} would leave some out"
+            f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; "
+            f"{_cases(draws.numbers)} would leave some out"
         )
     later = draws.numbers.after(one.first).ranges
     kept = store.drop_kept(folder, later[0][0] if later else None)
@@ -163,6 +169,10 @@ def _counted(
         return Earlier(), draws.numbers
     tally = read_tally(about.get(b"tally", b""))
     return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
+
+
+def _cases(numbers: Numbers) -> str:
+    return option("cases", said(numbers))
 
 
 def said(numbers: Numbers) -> str:

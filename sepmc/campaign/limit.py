@@ -19,6 +19,7 @@ from sepmc.engine.door import Block
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Column, Status, is_yes_or_no
+from sepmc.wording import setting
 
 LABELS = [status.label for status in Status]
 _AT_ONCE = 4096  # cases that one call flies: it cannot be interrupted
@@ -198,8 +199,8 @@ class Seldom:
         return (
             f"{key} = {self.value:g} has a probability of {self.probability:.2g}, and of such "
             f"cases {100.0 * self.share:.0f} % violate or have no outcome: that adds {adds:.1e}, "
-            "which the levels have not found; seek them by themselves, with --set "
-            f"'dispersion.{key}={{constant={self.value:g}}}'"
+            "which the levels have not found; seek them by themselves, with "
+            f"{setting(f'dispersion.{key}.constant', f'{self.value:g}')}"
         )
 
 

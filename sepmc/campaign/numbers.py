@@ -1,6 +1,6 @@
 """Which cases of a campaign are flown: ``10000`` of them, or those named, ``25:50,73``."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,6 +86,16 @@ class Numbers:
                 left.append((first + skipped, end))
         return Numbers(tuple(left))
 
+    def before(self, count: int) -> "Numbers":
+        """The first so many of them."""
+        kept = []
+        for first, end in self.ranges:
+            taken = min(count, end - first)
+            count -= taken
+            if taken:
+                kept.append((first, first + taken))
+        return Numbers(tuple(kept))
+
     def leave_out(self, done: np.ndarray) -> bool:
         """Whether some of the sorted numbers ``done`` (n,) are not among these."""
         held = sum(
@@ -123,12 +133,13 @@ def named(text: str) -> Numbers:
 
 def read(asked: Any, name: str = "cases") -> int | Numbers:
     """How many cases are asked for, or which: a whole number, text as the command line takes it, or
-    the numbers themselves. Raises InputError with what is allowed."""
+    the numbers themselves in any order, of a set too. Raises InputError with what is allowed."""
     if isinstance(asked, Numbers):
         return asked
     if isinstance(asked, str):
         return _of_text(asked.strip(), name)
-    if np.ndim(asked) == 1 or isinstance(asked, range):
+    several = isinstance(asked, Iterable) and not isinstance(asked, bytes | Mapping)
+    if several and getattr(asked, "ndim", 1):
         found = Numbers.of(whole(name, number, 0, CASES - 1) for number in asked)
         if not found.count:
             raise InputError(f"{name} = []: {_ASKED}")

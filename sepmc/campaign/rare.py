@@ -18,6 +18,7 @@ from sepmc import schema
 from sepmc.analysis import rare
 from sepmc.analysis.rare import Estimate, Level
 from sepmc.analysis.requirements import share_text
+from sepmc.analysis.rows import by_case
 from sepmc.campaign import cases, folders, record, store
 from sepmc.campaign.chunks import implausible_note
 from sepmc.campaign.definition import Definition
@@ -81,8 +82,8 @@ class Rare:
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """The cases of the last level, one a row."""
-        return pd.DataFrame(self.rows)
+        """The cases of the last level, one a row, by their number."""
+        return by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``rare.json`` holds."""

@@ -18,6 +18,7 @@ from sepmc.campaign import folders, ledger, manifests, own_files, store
 from sepmc.campaign.own_files import StoreError
 from sepmc.places import is_local
 from sepmc.scene.limits import CAMPAIGN_BYTES, MANIFEST_BYTES
+from sepmc.wording import flying_again
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any], campaign: str) -> None:
@@ -138,8 +139,8 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
 def put_back(folder: Path) -> str:
     """What to do if the campaign of a run is not what was flown."""
     return (
-        f"put {folders.CAMPAIGN} back as it was, or go on by the file that it was made from: sepmc "
-        f"campaign FILE --out {folder} --resume"
+        f"put {folders.CAMPAIGN} back as it was, or go on by the file that it was made from: "
+        f"{flying_again(folder, 'FILE')}"
     )
 
 
@@ -149,7 +150,7 @@ def _files_lost(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     if manifest.get("complete", True) and ledger.digest(files) != manifest["files_sha256"]:
         said = f"was changed: it tells of {len(files)} files, and there were {manifest['files']}"
         said = said if folders.has_ledger(folder) else "is gone"
-        how = f". To fly again what is not sure: sepmc campaign {folder} --out {folder} --resume"
+        how = f". To fly again what is not sure: {flying_again(folder)}"
         yield Finding(f"{folder / ledger.LEDGER}: {said}{how if can_go_on(manifest) else ''}")
 
 

@@ -10,17 +10,18 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import causes, constants, drivers, laws, requirements
-from sepmc.analysis.given import names_of, where
-from sepmc.analysis.statistics import statistics
+from sepmc.analysis.given import in_words, names_of, where
+from sepmc.analysis.rows import by_case
+from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign import store
 from sepmc.campaign.accuracy import Achieved, with_errors, with_scales
 from sepmc.campaign.definition import Case
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.sinks import Kept
-from sepmc.engine.door import whole
+from sepmc.engine.door import text, whole
 from sepmc.scene.limits import CASES
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status, is_yes_or_no
 
@@ -74,12 +75,16 @@ class Result:
     def to_pandas(self) -> pd.DataFrame:
         """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
 
+        The index is the case number too, so that ``result.case(table[name].idxmin())`` is the case
+        with the smallest value. It has no name: pandas would not know whether ``"case"`` means the
+        index or the column.
+
         Raises
         ------
         ValueError
             If only statistics were kept, ``stats_only=True``.
         """
-        return pd.DataFrame(self.table)
+        return by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
         """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
@@ -96,7 +101,14 @@ class Result:
         such as ``"joint.bolt.fails=1"``."""
         if given:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
+            for term in given:
+                text("given", term, "joint.bolt.fails=1")
             held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            if not held.any():
+                warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
+            elif not ok_rows(rows)[held].any():
+                none = "none of them came to its end as asked, so there are no statistics"
+                warn(f"{in_words(given)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
             return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
@@ -152,12 +164,21 @@ class Result:
     def case(self, number: int) -> Case:
         """Case ``number`` as it was flown here, fully resolved in SI. Raises ValueError if there is
         no such case."""
-        number = whole("case", number, 0, CASES - 1)
-        if number not in self.numbers:
-            raise InputError(f"case = {number}: must be one of those flown, {self.numbers}")
+        number, flown = whole("case", number, 0, CASES - 1), self._flown
+        if number not in flown:
+            raise InputError(f"case = {number}: must be one of those flown, {flown}")
         found = self.campaign.case(number, self.seed, self.total)
         run = msgspec.structs.replace(found.scene.run, cases=self.total, seed=self.seed)
         return replace(found, scene=msgspec.structs.replace(found.scene, run=run))
+
+    @property
+    def _flown(self) -> Numbers:
+        """Numbers of the cases that were flown: fewer than asked for if too many of them failed."""
+        if not self.stopped:
+            return self.numbers
+        if self.kept.rows is not None:
+            return Numbers.of(np.asarray(self.kept.rows["case"]))
+        return self.numbers.before(sum(self.status_counts.values()))  # counted in their order
 
     @property
     def outcomes(self) -> list[str]:

@@ -23,6 +23,7 @@ from sepmc.scene.input_table import CASE, InputTable
 from sepmc.scene.messages import printable
 from sepmc.scene.read import CampaignFile
 from sepmc.schema import Column
+from sepmc.wording import another_place, flying_again, switch
 
 
 def table(
@@ -193,8 +194,8 @@ def _path(folder: Path, one: ledger.Entry) -> Path:
     its cases and what to do."""
     if problem := fault_of(folder, one):
         raise StoreError(
-            f"{folder / one.file}: {problem}; it held {one.numbers}. To fly these again: sepmc "
-            f"campaign {folder} --out {folder} --resume"
+            f"{folder / one.file}: {problem}; it held {one.numbers}. To fly these again: "
+            f"{flying_again(folder)}"
         )
     return folder / one.file
 
@@ -328,7 +329,7 @@ def tallies(folder: Path) -> Iterator[str]:
         if b"tally" not in said:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
-                "be continued; use --overwrite or another --out"
+                f"be continued; {another_place()}"
             )
         yield said[b"tally"].decode(errors="replace")
 
@@ -482,8 +483,7 @@ def read_told(folder: Path) -> Told:
         problem = fault_of(folder, held[name]) if name in held else "is not there"
         if problem:
             raise StoreError(
-                f"{folder / name}: {problem}; to write it again: sepmc campaign {folder} --out "
-                f"{folder} --resume"
+                f"{folder / name}: {problem}; to write it again: {flying_again(folder)}"
             )
         frames.append(pd.read_csv(source(folder / name), index_col=index))
     table, bins = frames
@@ -555,7 +555,7 @@ def read_history(folder: Path) -> pd.DataFrame | None:
         content = ledger.whole(folder, one)
     except ValueError as error:
         raise StoreError(
-            f"{folder / folders.HISTORY}: {error}; fly it again with --overwrite"
+            f"{folder / folders.HISTORY}: {error}; fly it again with {switch('overwrite')}"
         ) from None
     frame = read_table(folder / folders.HISTORY, content=content).to_pandas(ignore_metadata=True)
     if not {"time_s", "phase"} <= set(frame):

@@ -123,13 +123,13 @@ def _ready(job: Job) -> tuple[Definition, Flight]:
             written = ledger.checksum(text.read_bytes())
         except OSError as error:
             raise OutOfStepError(
-                f"{text}: a worker on {platform.node()} cannot read it: {error.strerror}; --out "
-                "must be a folder that all workers see under this path"
+                f"{text}: a worker on {platform.node()} cannot read it: {error.strerror}; "
+                "it must be in a folder that all workers see under this path"
             ) from None
         if written != job.campaign:
             raise OutOfStepError(
-                f"{text}: a worker on {platform.node()} sees another campaign there; --out must be "
-                "a folder that all workers share"
+                f"{text}: a worker on {platform.node()} sees another campaign there; it must "
+                "be in a folder that all workers share"
             )
         campaign = Definition(read_campaign(text, reader=read_input_table))
         history = campaign.has_histories and job.apart is None

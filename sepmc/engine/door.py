@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sepmc.engine.hosts import loading
 from sepmc.engine.written import Kernel
 from sepmc.kernel.plan import Plan
 from sepmc.scene.checks import MOST_ROWS
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, shorten
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -229,9 +230,18 @@ def whole(name: str, value: Any, least: float, most: float | None = None) -> int
     return number
 
 
+def text(name: str, value: Any, example: str) -> str:
+    """A text; raises InputError (a ValueError) with the name, the value and an example."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} = {shorten(value)}: must be text, as {example!r}")
+    return value
+
+
 def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
     """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
     most = 10 * MOST_ROWS
+    if isinstance(step_s, bool) or not isinstance(step_s, Real):
+        raise InputError(f"{name} = {shorten(step_s)}: must be a number of seconds")
     if not (step_s > 0.0 and scene.run.end_time / step_s <= most):
         raise InputError(
             f"{name} = {step_s}: must be > 0, and >= {scene.run.end_time / most:g} so that there "

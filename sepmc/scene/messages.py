@@ -2,6 +2,8 @@
 
 import difflib
 import re
+import sys
+import warnings
 
 
 class InputError(ValueError):
@@ -23,6 +25,18 @@ class SceneWarning(UserWarning):
 
 class RunWarning(UserWarning):
     """A note on a run that deserves a look, for who flies it from Python and listens to nothing."""
+
+
+_PACKAGE = __name__.partition(".")[0]
+
+
+def warn(text: str, kind: type[Warning]) -> None:
+    """Give a warning that points at the line of the user which led to it: the innermost one outside
+    this package."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == _PACKAGE:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, kind, stacklevel=level)
 
 
 _LISTED = 24  # words that a message lists

@@ -3,7 +3,6 @@
 import copy
 import re
 import tomllib
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +28,7 @@ from sepmc.scene.messages import (
     nearest,
     printable,
     shorten,
+    warn,
 )
 from sepmc.scene.model import (
     SALTELLI,
@@ -41,11 +41,13 @@ from sepmc.scene.model import (
     Scene,
 )
 from sepmc.scene.parameters import UnknownPath, find, replace, value
+from sepmc.scene.setting_checks import NAMES, check_settings, parts
 from sepmc.scene.shape_checks import check_shapes
 from sepmc.scene.swings import check_swings
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import Status, is_yes_or_no, outcome_columns
+from sepmc.wording import setting
 
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _OWN_TABLES = ("name", "title", "dispersion", "correlation", "requirement", "reference")
@@ -87,6 +89,9 @@ def shipped_campaigns() -> dict[str, Path]:
 def find_file(file: str | Path) -> Path:
     """The path of a campaign: a file, a run folder's ``campaign.toml``, or the bare name of a
     shipped campaign."""
+    if isinstance(file, dict):
+        said = "must be the name of a file or run folder; what is in a file is changed by settings"
+        raise SceneError([f"campaign = {shorten(file)}: {said}"])
     try:
         path = place(file)
     except PlaceError as error:
@@ -164,8 +169,9 @@ def _check_plan_place(tree: dict[str, Any], path: Path) -> None:
     except (OSError, ValueError, RuntimeError):  # a loop of links, a name no file can have
         is_beside = False
     if not is_beside:
-        said = "must lie beside the campaign, or in a folder there; --plan takes any"
-        raise SceneError([f"{path.name}: run.plan = {shorten(plan)}: {said}"])
+        said = "must lie beside the campaign, or in a folder there"
+        any_other = f"{setting('run.plan', 'PATH')} takes any"
+        raise SceneError([f"{path.name}: run.plan = {shorten(plan)}: {said}; {any_other}"])
 
 
 def parse_campaign(
@@ -202,8 +208,10 @@ def _parse(
     check_tree(tree, problems)
     problems.raise_if_any(source)
     tree = copy.deepcopy(tree)
+    check_settings(settings, problems)
+    problems.raise_if_any(source)
     for key, given in settings.items():
-        _put(tree, _parts(key), _builtin(given), problems, key)
+        _put(tree, parts(key), _builtin(given), problems, key)
     if settings:
         check_tree(tree, problems)
         problems.raise_if_any(source)
@@ -379,11 +387,8 @@ def _warn_inertia_range(scene: Scene, dispersions: tuple[Dispersion, ...], sourc
                 inertia_fault(inertia_tensor(replace(scene, corner).body[name])) if corner else None
             )
             if fault:
-                warnings.warn(
-                    f"{source}: dispersion of body.{name}.inertia can give a case that {fault}",
-                    SceneWarning,
-                    stacklevel=4,
-                )
+                said = f"dispersion of body.{name}.inertia can give a case that {fault}"
+                warn(f"{source}: {said}", SceneWarning)
                 break
 
 
@@ -431,30 +436,15 @@ def _has_ends(law: Law) -> bool:
     )
 
 
-def _parts(key: str) -> list[str]:
-    """Keys of a TOML path: of [dispersion] the path of a parameter is one, and what its law says
-    may follow."""
-    table, _, rest = key.partition(".")
-    if table != "dispersion" or not rest:
-        return key.split(".")
-    parameter, _, last = rest.rpartition(".")
-    return [table, parameter, last] if parameter and last in _LAWS else [table, rest]
-
-
-_LAWS = frozenset(key for field in fields_of(Law).values() for key in field.keys)
-# tables whose keys are names, in which nothing is a unit
-_NAMES = ("body", "joint", "joints", "kind", "outcome")
-
-
 def _put(
-    node: Any, parts: list[str], value: Any, problems: Problems, key: str, table: str = ""
+    node: Any, keys: list[str], value: Any, problems: Problems, key: str, table: str = ""
 ) -> None:
     """Put a value at a TOML path, replacing the same parameter if it was given in another unit.
 
     ``table``: what ``node`` is called. Bodies and joints have names of their own, so that one can
         be changed but not made.
     """
-    head, rest = parts[0], parts[1:]
+    head, rest = keys[0], keys[1:]
     if isinstance(node, list):
         tables = {
             name: item
@@ -474,7 +464,7 @@ def _put(
     if not isinstance(node, dict):
         problems.add(key, "the path ends before " + repr(head))
         return
-    stem, unit = (head, "") if table in _NAMES else split_unit(head)
+    stem, unit = (head, "") if table in NAMES else split_unit(head)
     other = next(
         (k for k in node if k != head and unit and split_unit(k)[1] and split_unit(k)[0] == stem),
         None,
