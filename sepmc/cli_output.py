@@ -261,13 +261,14 @@ def tell_results(
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
     table, counts, audited = summary.statistics(loaded.reference), summary.counts, summary.audit()
-    accuracy = record.read_manifest(folder).get("accuracy") or {}
+    manifest = record.read_manifest(folder)
+    accuracy, rarely = manifest.get("accuracy") or {}, manifest.get("rarely_drawn", ())
     errors, chosen = errors_told(accuracy), _matching(table, shown)
     if errors:
         table["error"] = [errors.get(str(name), math.nan) for name in table.index]
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     of = [verdict.to_dict() for verdict in verdicts]
-    told = store.statistics_as_json(table, counts, units, audited, summary.failed, of)
+    told = store.statistics_as_json(table, counts, units, audited, summary.failed, of, rarely)
     store.write_statistics(folder, table, units, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     width = screen_width()
@@ -294,7 +295,7 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
-    if record.read_manifest(folder).get("stats_only"):  # no rows to count them of again
+    if manifest.get("stats_only"):  # no rows to count them of again
         bins = bins_of({str(name): summary.histogram(str(name)) for name in table.index})
         written.append(store.write_histograms(folder, bins))
     if plots:
