@@ -212,7 +212,7 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
       random, a plan  of neighbours, or of groups          -      by the G-test
       lhs             the same, holds at least 95 %        -      by the G-test
       sobol           none: its points are patterned       -      none
-      saltelli        of the design, at least 95 %         yes    none
+      saltelli        of the design                        yes    none
 
     Indices have no intervals where few cases, far from the others, decide the outcome's variance;
     inputs that vary together are named, as their indices do not add up.

@@ -322,6 +322,9 @@ def test_groups_of_a_saltelli_design():
     for first, of_a, of_b, last in u:
         assert (of_a == [last[0], first[1]]).all()
         assert (of_b == [first[0], last[1]]).all()
+    # any part of it can be drawn alone
+    part = probabilities(["a", "b"], 3, 5, 6, Sampling("saltelli", 16)).T
+    assert (part == u.reshape(16, 2)[5:11]).all()
     assert size_fault(Sampling("saltelli", 16), 2) == ""
     assert "groups of 5 cases: give a multiple, best 80 or 160" in size_fault(
         Sampling("saltelli", 99), 3
@@ -382,7 +385,7 @@ def test_a_saltelli_campaign(tmp_path):
     with pytest.raises(InputError, match="groups of 4 cases: give a multiple, best 8 or 16"):
         campaign.run(cases=15)
     with flown_plainly():
-        result = campaign.run(cases=64, out=tmp_path / "run")
+        result = campaign.run(cases=256, out=tmp_path / "run")
     assert any("repeat each other" in note for note in result.notes)
     table = result.drivers("upper_pitch_deg")
     assert table.index[0] == "in_initial_pitch_deg"

@@ -202,8 +202,7 @@ def _by_saltelli(
     _put(table, "first", *first[:, varied])
     _put(table, "total", *total[:, varied])
     left = groups.left_out
-    some = f"; {left} groups that are not whole are left out" if left else ""
-    return ESTIMATORS[SALTELLI].said + some
+    return f"indices are of whole groups of cases: {left} groups are left out" if left else ""
 
 
 def _put(table: pd.DataFrame, name: str, index: np.ndarray, half: np.ndarray) -> None:
