@@ -169,7 +169,10 @@ def coverage(sampler, problem, repeats, cases):
         names = [f"x{k}" for k in range(4)]
         rows = dict(zip(names, x, strict=True)) | {"y": outcome(x), "case": np.arange(cases)}
         rows["status"] = np.full(cases, "ok")
-        table = drivers(rows, names, "y", sampler).sort_index()
+        try:
+            table = drivers(rows, names, "y", sampler).sort_index()
+        except ValueError:  # the outcome does not vary
+            continue
         for k, (name, true) in enumerate(zip(("first", "total"), known, strict=True)):
             if true is not None and table[f"{name}_low"].notna().all():
                 low, high = table[f"{name}_low"] - NEAR, table[f"{name}_high"] + NEAR

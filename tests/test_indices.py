@@ -133,6 +133,14 @@ def test_indices_of_few_cases_have_no_interval():
     assert "what surely shifts its mean first" in told
 
 
+def test_a_design_whose_independent_cases_are_alike():
+    """The only failure is in a case that repeats others but for one input."""
+    n = 6 * 64
+    u = probabilities(["a", "b", "c", "d"], 1, 0, n, Sampling("saltelli", n))
+    with pytest.raises(ValueError, match="does not vary in cases that do not repeat"):
+        table_of(u, np.where(np.arange(n) == 8, 1.0, 0.0), "saltelli")
+
+
 def test_a_latin_hypercube_says_that_its_intervals_are_wide():
     u = probabilities(["a", "b", "c"], 1, 0, 640, Sampling("lhs", 640))
     assert "at least 95 %" in table_of(u, 2.0 * u[0] + u[1], "lhs").attrs["said"]

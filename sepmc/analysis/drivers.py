@@ -101,6 +101,8 @@ def drivers(
     if sampler == SALTELLI:
         apart = independent(cases, len(inputs), sampler)
         known, outcomes = x[varied][:, there & apart], y[there & apart]
+        if not len(outcomes) or outcomes.min() == outcomes.max():
+            raise ValueError(f"{outcome}: does not vary in cases that do not repeat each other")
     _by_rank(table, known, outcomes)
     # whether an input has so few values that cases with the same are groups
     few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])

@@ -1,6 +1,7 @@
 """The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies;
 the manifest says how far the run got."""
 
+import copy
 import os
 import time
 from collections import Counter
@@ -408,11 +409,13 @@ class Chunks:
         """Whether cases up to ``end`` are enough to know a statistic, which is looked at so many
         times at most; these are then all that are wanted. Cases beyond, which a resumed run may
         hold, were flown as those before them were not enough."""
-        kept = self.kept()
+        summary = self.kept().summary
         held = self.earlier.held + self.held
         if held > end:
             return False
-        look = until.look(kept.summary, looks, self.occurred)
+        if self.orders.stats_only:  # to be asked would end its grain of cases here
+            summary = copy.deepcopy(summary)
+        look = until.look(summary, looks, self.occurred)
         self._known = until.sentence(look, held, self.draws.numbers.count)
         self._stopped = [] if look.enough else [self._known]
         if look.enough:
