@@ -187,7 +187,8 @@ def _share_figures(
     from sepmc.report.share_figures import beyond_figure, convergence_figure
 
     required = [v.metric for v in verdicts if v.worst is not None and not is_yes_or_no(v.metric)]
-    if record.read_manifest(folder).get("stats_only") or not (required or converged):
+    manifest = record.read_manifest(folder)
+    if manifest.get("stats_only") or not (required or converged):
         return []
     cases, values = store.CaseColumns(folder), {}
     ok = ok_rows(cases)
@@ -201,7 +202,9 @@ def _share_figures(
         written.append(beyond_figure(of, verdicts, into, units, about, suffix))
     known = {name: values[name][np.isfinite(values[name])] for name in converged}
     if shown := {name: x for name, x in known.items() if len(x) > 1}:
-        written.append(convergence_figure(shown, into, units, about, suffix))
+        rarely = manifest.get("rarely_drawn", ())
+        said = "\n".join([about, *rarely])
+        written.append(convergence_figure(shown, into, units, said, suffix))
     return written
 
 

@@ -209,6 +209,16 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
     stays), causes.csv, drivers.png and scatter.png into RUN.
 
     \b
+    Sampler of RUN    first-order index, 95 % interval     total  what sets cases apart
+      random, a plan  of neighbours, or of groups          -      by the G-test
+      lhs             the same, holds at least 95 %        -      by the G-test
+      sobol           none: its points are patterned       -      none
+      saltelli        of the design                        yes    none
+
+    Indices have no intervals where few cases, far from the others, decide the outcome's variance;
+    inputs that vary together are named, as their indices do not add up.
+
+    \b
     Example:
       sepmc drivers runs/windy upper_pitch_deg separation_speed_m_s
     """

@@ -262,13 +262,14 @@ def tell_results(
     from sepmc.schema import Status
 
     units = {c.name: c.unit for c in loaded.outcome_columns}
-    accuracy = record.read_manifest(folder).get("accuracy") or {}
+    manifest = record.read_manifest(folder)
+    accuracy, rarely = manifest.get("accuracy") or {}, manifest.get("rarely_drawn", ())
     table, counts = statistics_of(loaded, summary, accuracy), summary.counts
     audited = summary.audit()
     chosen = _matching(table, shown)
     verdicts = verdicts_of(loaded, summary, accuracy, table, audited)
     of = [verdict.to_dict() for verdict in verdicts]
-    told = store.statistics_as_json(table, counts, units, audited, summary.failed, of)
+    told = store.statistics_as_json(table, counts, units, audited, summary.failed, of, rarely)
     store.write_statistics(folder, table, units, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     width = screen_width()
@@ -295,7 +296,7 @@ def tell_results(
     if verdicts:
         say(requirements.text(verdicts, units, width))
     written = [folder / "statistics.csv", folder / "statistics.json"]
-    if record.read_manifest(folder).get("stats_only"):  # no rows to count them of again
+    if manifest.get("stats_only"):  # no rows to count them of again
         bins = bins_of({n: flat(summary.histogram(n), table, n) for n in map(str, table.index)})
         written.append(store.write_histograms(folder, bins))
     if plots:

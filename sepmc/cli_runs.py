@@ -91,8 +91,11 @@ if TYPE_CHECKING:
 @click.option(
     "--until",
     metavar="METRIC:TOLERANCE",
-    help="Fly no more cases than it takes to know the mean of METRIC so well (95 %): "
-    "separation_speed_m_s:0.01, upper_pitch_deg.p99:1%, or the share of a status.",
+    help="Fly no more cases than it takes for both ends of the 95 % interval of METRIC to be that "
+    "near: of a mean (separation_speed_m_s:0.01), .sigma, a percentile (upper_pitch_deg.p99:1%), "
+    "or the share of a status (never-released:0.001). Looks when cases have doubled; a mean or a "
+    "sigma waits until every value that FILE gives a probability was drawn ten times. With "
+    "--resume goes on as if it had not stopped; excludes --workers, lhs and saltelli.",
 )
 @click.option(
     "--max-failures",
@@ -171,7 +174,7 @@ def campaign(
 
             folders.check_folder(folder, overwrite, resume)
             if until:
-                loaded.until(until, numbers, resume)
+                loaded.until(until, numbers)
                 click.echo(f"stops as soon as {until} is known, of at most:")
             tell_plan(loaded, cases, seed, folder, stats_only or bool(keep), click.echo)
             return

@@ -2,7 +2,8 @@
 ``python tests/measure_sensitivity.py [REPEATS [CASES]]``.
 
 A line for each sampler and function; first-order indices of each input, and total ones of a
-Saltelli design. An interval holds an index of exactly 0 or 1 if it is within 0.002 of it.
+Saltelli design. An interval holds an index of exactly 0 or 1 if it is within 0.002 of it. Intervals
+may be refused: in which share of repeats stands behind the line.
 """
 
 import sys
@@ -49,6 +50,45 @@ def gaussian(u):
     return np.array([z[0], 0.6 * z[0] + 0.8 * z[1], z[2], z[3]])
 
 
+def ishigami_again(u):
+    """Ishigami's function, a = 5, b = 0.3."""
+    x = np.pi * (2.0 * u - 1.0)
+    return np.sin(x[0]) + 5.0 * np.sin(x[1]) ** 2 + 0.3 * x[2] ** 4 * np.sin(x[0])
+
+
+def normal(u):
+    """Independent normal inputs."""
+    return ndtri(u)
+
+
+def failing(share):
+    """Normal inputs, the second of which is 1 in such a share of cases, else 0."""
+
+    def inputs(u):
+        return np.array([ndtri(u[0]), (u[1] < share).astype(float), ndtri(u[2]), ndtri(u[3])])
+
+    return inputs
+
+
+_A = np.array([0.5, 2.0, 2.0, 20.0])
+_G = 1.0 / (3.0 * (1.0 + _A) ** 2)
+_G_ALL = np.prod(1.0 + _G)
+
+
+def g_function(u):
+    """Sobol's function, a = 0.5, 2, 2, 20."""
+    return np.prod((np.abs(4.0 * u - 2.0) + _A[:, None]) / (1.0 + _A[:, None]), axis=0)
+
+
+def lognormal(sigma):
+    """An outcome exp(sigma (0.8 z0 + 0.6 z1)), its first-order and total indices."""
+    part, both = np.array([0.64, 0.36, 0.0, 0.0]) * sigma**2, np.expm1(sigma**2)
+    total = np.exp(sigma**2 - part) * np.expm1(part) / both
+    return normal, lambda x: np.exp(sigma * (0.8 * x[0] + 0.6 * x[1])), np.expm1(part) / both, total
+
+
+_I1, _I2, _I13 = 0.5 * (1.0 + 0.06 * np.pi**4) ** 2, 25.0 / 8.0, 8.0 * 0.09 * np.pi**8 / 225.0
+_I = _I1 + _I2 + _I13
 _R = 0.36 / 12.0
 _P = _R / ((1.0 + _R) ** 3 - 1.0)
 _PT = _R * (1.0 + _R) ** 2 / ((1.0 + _R) ** 3 - 1.0)
@@ -72,6 +112,41 @@ PROBLEMS = {
         gaussian, lambda x: x[0] + x[1] + x[2],
         [2.56 / 4.2, 2.56 / 4.2, 1.0 / 4.2, 0.0], None,
     ),
+    # on these no estimator was tuned
+    "g-function": (
+        same, g_function, _G / (_G_ALL - 1.0), _G * _G_ALL / (1.0 + _G) / (_G_ALL - 1.0),
+    ),
+    "ishigami 2": (
+        same, ishigami_again,
+        [_I1 / _I, _I2 / _I, 0.0, 0.0], [(_I1 + _I13) / _I, _I2 / _I, _I13 / _I, 0.0],
+    ),
+    "step": (
+        same, lambda x: (x[0] > 0.7) + x[1],
+        [*shares(0.21, 1.0 / 12.0), 0.0, 0.0], [*shares(0.21, 1.0 / 12.0), 0.0, 0.0],
+    ),
+    "interaction": (
+        same, lambda x: (x[0] - 0.5) * (x[1] - 0.5), [0.0, 0.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0],
+    ),
+    "flag": (
+        same, lambda x: ((x[0] > 0.8) & (x[1] > 0.5)).astype(float),
+        [4.0 / 9.0, 1.0 / 9.0, 0.0, 0.0], [8.0 / 9.0, 5.0 / 9.0, 0.0, 0.0],
+    ),
+    "rare flag": (  # of 1 % of cases
+        same, lambda x: ((x[0] > 0.98) & (x[1] > 0.5)).astype(float),
+        [0.25 * 0.0196 / 0.0099, 0.0004 * 0.25 / 0.0099, 0.0, 0.0],
+        [0.5 * 0.0196 / 0.0099, 0.02 * 0.25 / 0.0099, 0.0, 0.0],
+    ),
+    "failure": (
+        failing(0.05), lambda x: x[0] + 5.0 * x[1],
+        [*shares(1.0, 25.0 * 0.0475), 0.0, 0.0], [*shares(1.0, 25.0 * 0.0475), 0.0, 0.0],
+    ),
+    "rare failure": (
+        failing(0.01), lambda x: x[0] + 20.0 * x[1],
+        [*shares(1.0, 400.0 * 0.0099), 0.0, 0.0], [*shares(1.0, 400.0 * 0.0099), 0.0, 0.0],
+    ),
+    "lognormal 0.5": lognormal(0.5),
+    "lognormal 1": lognormal(1.0),
+    "lognormal 1.5": lognormal(1.5),
 }  # fmt: skip
 SAMPLERS = ("random", "lhs", "sobol", "saltelli", "plan")
 
@@ -84,7 +159,8 @@ def drawn(sampler, seed, cases):
 
 
 def coverage(sampler, problem, repeats, cases):
-    """How often (4,) intervals hold the first-order and the total indices; NaN if none is given."""
+    """How often (4,) intervals that are given hold the first-order and the total indices, NaN if
+    none is given; and in which share of repeats they are given."""
     inputs, outcome, *known = PROBLEMS[problem]
     cases -= cases % 6 if sampler == "saltelli" else 0
     held = np.full((2, repeats, 4), np.nan)
@@ -93,12 +169,17 @@ def coverage(sampler, problem, repeats, cases):
         names = [f"x{k}" for k in range(4)]
         rows = dict(zip(names, x, strict=True)) | {"y": outcome(x), "case": np.arange(cases)}
         rows["status"] = np.full(cases, "ok")
-        table = drivers(rows, names, "y", sampler).sort_index()
+        try:
+            table = drivers(rows, names, "y", sampler).sort_index()
+        except ValueError:  # the outcome does not vary
+            continue
         for k, (name, true) in enumerate(zip(("first", "total"), known, strict=True)):
-            if true is not None and table[name].notna().all():
+            if true is not None and table[f"{name}_low"].notna().all():
                 low, high = table[f"{name}_low"] - NEAR, table[f"{name}_high"] + NEAR
                 held[k, seed] = (low <= true) & (true <= high)
-    return held.mean(axis=1)
+    given = ~np.isnan(held[0]).any(axis=1)
+    mean = held[:, given].mean(axis=1) if given.any() else np.full((2, 4), np.nan)
+    return mean, float(given.mean())
 
 
 def main():
@@ -112,10 +193,11 @@ def main():
         for problem in PROBLEMS:
             if sampler == "saltelli" and problem == "correlated":  # refused as the file is read
                 continue
-            first, total = coverage(sampler, problem, repeats, cases)
+            (first, total), given = coverage(sampler, problem, repeats, cases)
             told = "refused" if np.isnan(first).all() else np.array2string(first, precision=3)
             more = "" if np.isnan(total).all() else f" total {np.array2string(total, precision=3)}"
-            print(f"{sampler:9s} {problem:11s} first {told}{more}", flush=True)
+            often = f"; given in {100 * given:.0f} %" if 0.0 < given < 1.0 else ""
+            print(f"{sampler:9s} {problem:13s} first {told}{more}{often}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
 """Sensitivity estimators and the cases that they are valid for."""
 
 import numpy as np
+import pytest
+from scipy.special import ndtri
+from scipy.stats import binom
 
 from sepmc.analysis.drivers import drivers, text
 from sepmc.campaign.cases import Sampling, probabilities
@@ -51,3 +54,93 @@ def test_a_saltelli_design_goes_by_its_case_numbers():
     assert "2 groups are left out" in table.attrs["said"]
     y[::7] = np.nan
     assert table_of(u, y, "saltelli")["total"].isna().all()
+
+
+def covered(inputs, outcome, known, sampler, repeats, cases):
+    """How often intervals of first-order indices hold the known ones within 0.002, of all that are
+    given; and how many are."""
+    held = []
+    for seed in range(repeats):
+        x = inputs(probabilities(["a", "b", "c"], seed, 0, cases, Sampling(sampler, cases)))
+        table = table_of(x, outcome(x), sampler)
+        low, high = table["first_low"] - 0.002, table["first_high"] + 0.002
+        held += ((low <= known) & (known <= high))[low.notna()].tolist()
+    return np.sum(held), len(held)
+
+
+def fewest(count, share=0.95, chance=1e-3):
+    """Of so many intervals, those that hold the truth with less than such a chance are fewer."""
+    return binom.ppf(chance, count, share)
+
+
+LINEAR = 3.0**-2 * np.array([4.0, 4.0, 1.0])
+COVERED = {
+    "sum": (lambda u: u, lambda x: 2.0 * x[0] + 2.0 * x[1] + x[2], LINEAR, "random"),
+    "lhs": (lambda u: u, lambda x: 2.0 * x[0] + 2.0 * x[1] + x[2], LINEAR, "lhs"),
+    "saltelli": (lambda u: u, lambda x: 2.0 * x[0] + 2.0 * x[1] + x[2], LINEAR, "saltelli"),
+    "step": (
+        lambda u: u, lambda x: (x[0] > 0.7) + x[1],
+        np.array([0.21, 1.0 / 12.0, 0.0]) / (0.21 + 1.0 / 12.0), "random",
+    ),
+    "interaction": (lambda u: u, lambda x: (x[0] - 0.5) * (x[1] - 0.5), np.zeros(3), "random"),
+    "flag": (
+        lambda u: u, lambda x: ((x[0] > 0.8) & (x[1] > 0.5)).astype(float),
+        np.array([4.0, 1.0, 0.0]) / 9.0, "random",
+    ),
+    "interaction of a design": (
+        lambda u: u, lambda x: (x[0] - 0.5) * (x[1] - 0.5), np.zeros(3), "saltelli",
+    ),
+    "failure": (
+        lambda u: np.array([ndtri(u[0]), u[1] < 0.05, u[2]]), lambda x: x[0] + 5.0 * x[1],
+        np.array([1.0, 25.0 * 0.0475, 0.0]) / (1.0 + 25.0 * 0.0475), "random",
+    ),
+    "rare failure": (
+        lambda u: np.array([ndtri(u[0]), u[1] < 0.02, u[2]]), lambda x: x[0] + 20.0 * x[1],
+        np.array([1.0, 400.0 * 0.0196, 0.0]) / (1.0 + 400.0 * 0.0196), "random",
+    ),
+    # excess kurtosis of 110 and more: most intervals are refused, the others may hold it
+    "tail": (
+        ndtri, lambda x: np.exp(0.8 * x[0] + 0.6 * x[1]),
+        np.expm1([0.64, 0.36, 0.0]) / np.expm1(1.0), "random",
+    ),
+    "far tail": (
+        ndtri, lambda x: np.exp(1.5 * (0.8 * x[0] + 0.6 * x[1])),
+        np.expm1([1.44, 0.81, 0.0]) / np.expm1(2.25), "random",
+    ),
+    "rare flag": (
+        lambda u: u, lambda x: ((x[0] > 0.98) & (x[1] > 0.5)).astype(float),
+        np.array([0.0049, 0.0001, 0.0]) / 0.0099, "random",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COVERED)
+def test_intervals_that_are_given_hold_the_index(name):
+    """As often as a binomial law of 95 % lets them, but for a chance of 0.1 %."""
+    held, count = covered(*COVERED[name], repeats=60, cases=500)
+    assert held >= fewest(count)
+    assert count or name in ("tail", "far tail", "rare flag")
+
+
+def test_indices_of_few_cases_have_no_interval():
+    x = np.random.default_rng(2).normal(size=(3, 1000))
+    table = table_of(x, np.exp(2.0 * x[0]))
+    assert table["first"].notna().all()
+    assert table[["first_low", "first_high"]].isna().all(axis=None)
+    told = " ".join(text(table, "y", {}).split())
+    assert "without intervals: few of 1000 cases" in told
+    assert "+-" not in told
+    assert "what surely shifts its mean first" in told
+
+
+def test_a_design_whose_independent_cases_are_alike():
+    """The only failure is in a case that repeats others but for one input."""
+    n = 6 * 64
+    u = probabilities(["a", "b", "c", "d"], 1, 0, n, Sampling("saltelli", n))
+    with pytest.raises(ValueError, match="does not vary in cases that do not repeat"):
+        table_of(u, np.where(np.arange(n) == 8, 1.0, 0.0), "saltelli")
+
+
+def test_a_latin_hypercube_says_that_its_intervals_are_wide():
+    u = probabilities(["a", "b", "c"], 1, 0, 640, Sampling("lhs", 640))
+    assert "at least 95 %" in table_of(u, 2.0 * u[0] + u[1], "lhs").attrs["said"]

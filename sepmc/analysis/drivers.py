@@ -22,6 +22,7 @@ from sepmc.analysis.indices import (
     ESTIMATORS,
     PATTERNED,
     PLAN,
+    by_few_cases,
     groups_of,
     independent,
     of_groups,
@@ -41,6 +42,7 @@ COLUMNS = (
     "rank", "rank_low", "rank_high", "partial", "mean_low", "mean_high", "shift", "first",
     "first_low", "first_high", "total", "total_low", "total_high",
 )  # fmt: skip
+_ENDS = ["first_low", "first_high", "total_low", "total_high"]
 
 
 def drivers(
@@ -78,9 +80,10 @@ def drivers(
         (Welch, Biometrika 34, 1947); all of these of the independent cases of a Saltelli design
         alone; ``first`` with a 95 % interval (see `sepmc.analysis.indices`), NaN if no estimator is
         valid for the cases; ``total`` with a 95 % interval, NaN unless the sampler is
-        ``saltelli``. ``attrs["mean"]`` is the outcome's mean, ``attrs["cases"]`` how many cases
-        have it, and how many are ok; ``attrs["correlated"]`` inputs that vary together,
-        ``attrs["said"]`` what limits the indices, a sentence or none.
+        ``saltelli``; intervals are NaN where few cases decide the variance. ``attrs["mean"]`` is
+        the outcome's mean, ``attrs["cases"]`` how many cases have it, and how many are ok;
+        ``attrs["correlated"]`` inputs that vary together, ``attrs["said"]`` what limits the
+        indices, a sentence or none.
 
     Raises
     ------
@@ -107,6 +110,8 @@ def drivers(
     if sampler == SALTELLI:
         apart = independent(cases, len(inputs), sampler)
         known, outcomes = x[varied][:, there & apart], y[there & apart]
+        if not len(outcomes) or outcomes.min() == outcomes.max():
+            raise ValueError(f"{outcome}: does not vary in cases that do not repeat each other")
     _by_rank(table, known, outcomes)
     # whether an input has so few values that cases with the same are groups
     few = np.array([len(np.unique(row)) * _MANY <= len(row) for row in known])
@@ -122,6 +127,9 @@ def drivers(
         said = PATTERNED.format(what="run.plan" if sampler == PLAN else "what the cases give")
     elif indices and valid.first == BY_ROWS:
         _by_rows(table, known, outcomes, few)
+    if table["first"].notna().any() and (unsure := by_few_cases(known[few], outcomes)):
+        table[_ENDS] = np.nan
+        said = unsure
     table.attrs["said"] = said if indices else ""
     of_pairs = {names[k] for pair in pairs for k in pair} if sampler != SALTELLI else set()
     together = of_pairs | {name for group in correlated for name in group}
@@ -144,7 +152,7 @@ def foremost(table: pd.DataFrame, most: int) -> pd.DataFrame:
 
 def order_text(table: pd.DataFrame, most: int) -> str:
     """In what order `foremost` has inputs."""
-    given = table["first"].notna().any()
+    given = table["first_low"].notna().any()
     first = "the surest first-order index first" if given else "what surely shifts its mean first"
     return first + ("" if len(table) <= most else ", then what else shifts its mean most")
 
@@ -275,7 +283,8 @@ def remarks(table: pd.DataFrame, keys: Mapping[str, str]) -> list[str]:
 
 
 def _with_half(row: pd.Series, name: str) -> str:
-    """An index and half its interval; nothing if it is not known."""
+    """An index and half its interval, if that is known; nothing if neither is."""
     if np.isnan(row[name]):
         return ""
-    return f"{row[name]:.3f} +- {row[f'{name}_high'] - row[name]:.3f}"
+    half = row[f"{name}_high"] - row[name]
+    return f"{row[name]:.3f}" + ("" if np.isnan(half) else f" +- {half:.3f}")

@@ -55,12 +55,13 @@ class Look(NamedTuple):
 class Until:
     """How far the ends of the 95 % interval of a statistic may be from it: of the ``statistic``
     (mean, sigma, share or a percentile) of a ``metric``, an outcome or a status, in its unit, or as
-    a share of the statistic's size if ``relative``."""
+    a share of the statistic's size if ``relative``; ``text`` is what `read_until` reads."""
 
     metric: str
     statistic: str
     tolerance: float
     relative: bool
+    text: str
 
     @property
     def name(self) -> str:
@@ -186,4 +187,4 @@ def read_until(text: str, outcomes: Collection[str]) -> Until:
     statistic = (statistic if dot else known[0]).replace(".", "_")
     if statistic not in known:
         raise InputError(f"until = {text}: no such statistic as {statistic!r}; {', '.join(known)}")
-    return Until(metric, statistic, tolerance, relative)
+    return Until(metric, statistic, tolerance, relative, text)

@@ -251,19 +251,21 @@ class Campaign(Definition):
         -----
         Interrupted (Ctrl-C) with ``out`` given, all finished chunks are in the folder and
         ``resume=True`` goes on from there, keeping cases as the run began: of one that counts them,
-        what is counted is written every ten seconds.
+        what is counted is written every ten seconds. With the same ``until`` it stops at the same
+        case, and with a narrower one it goes on from what is known; without one, an interrupted
+        run stops as it would have.
         """
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
         if max_failures is not None:
             whole("max_failures", max_failures, 0)
-        stop = None if until is None else self.until(until, numbers, resume)
         kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept = going_on.as_it_began(place(out), stats_only, kept)
+            stats_only, kept, until = going_on.as_it_began(place(out), stats_only, kept, until)
+        stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
         orders = Orders(
             threads,
@@ -331,14 +333,14 @@ class Campaign(Definition):
 
                 if crew:
                     chunks.fly_by(crew, wanted, tell)
-                parts = [wanted]
+                parts = [numbers]
                 if stop:
-                    parts = list(wanted.growing(stop.first(self.rare_values)))
-                for some in [] if crew else parts:
-                    for first, end in some.pieces(chunks.size):
+                    parts = list(numbers.growing(stop.first(self.rare_values)))
+                for part in [] if crew else parts:
+                    for first, end in wanted.within(part).pieces(chunks.size):
                         if not chunks.too_many_failed:
                             chunks.fly(first, end, tell)
-                    if stop and chunks.is_known(stop, len(parts)):
+                    if stop and chunks.is_known(stop, part.end, len(parts)):
                         break
                 chunks.finish()
         finally:
@@ -412,13 +414,13 @@ class Campaign(Definition):
         _warn(found.notes, announce)
         return found
 
-    def until(self, asked: str, numbers: Numbers, resume: bool) -> Until:
+    def until(self, asked: str, numbers: Numbers) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         text("until", asked, "separation_speed_m_s:0.01")
         found = read_until(asked, [column.name for column in self.outcome_columns])
-        if resume or not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
+        if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"
-            what = "resume" if resume else what if numbers.are_first else "cases that are named"
+            what = what if numbers.are_first else "cases that are named"
             raise InputError(f"until = {asked}: excludes {what}")
         found.check(self.rare_values, numbers.count)
         return found

@@ -5,8 +5,9 @@ without unit. Case i uses number i of each stream: one more parameter, or more c
 other draw, and any case can be drawn alone. A Latin hypercube puts case i into the stratum that a
 permutation of the cases gives it; a Sobol sequence gives every parameter a dimension, in the order
 of the file; a Saltelli design is made of groups of cases, a Sobol point each and what it becomes
-when one parameter after the other is taken from a second point. What seeks rare events draws normal
-scores from generators that the seed and their purpose key.
+when one parameter after the other is taken from a second point, of eight sequences that are
+scrambled each for itself: how their results differ tells the error of an index.
+What seeks rare events draws normal scores from generators that the seed and their purpose key.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from sepmc.scene import parameters
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.limits import DESIGN_NUMBERS
-from sepmc.scene.model import SALTELLI, Scene
+from sepmc.scene.model import REPLICATES, SALTELLI, Scene
 
 _RARE = 1e-6  # of the probability of a law: less is beyond its ends
 _PER_BLOCK = 4  # Philox 4x64 gives four numbers per counter value
@@ -93,21 +94,22 @@ def _sobol(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
         return points.random(count).T + 2.0 ** -(_BITS + 1)
 
 
-@lru_cache(maxsize=1)
-def _saltelli(dimensions: int, seed: int, cases: int) -> np.ndarray:
-    """A Saltelli design (dimensions, cases)."""
-    from SALib.sample import sobol  # noqa: PLC0415  (1 s that other samplers do not need)
-
-    about = {
-        "num_vars": dimensions,
-        "names": [str(k) for k in range(dimensions)],
-        "bounds": [[0.0, 1.0]] * dimensions,
-    }
-    groups = cases // (dimensions + 2)
-    with warnings.catch_warnings():  # of groups that are no power of two
-        warnings.simplefilter("ignore", UserWarning)
-        u = sobol.sample(about, groups, calc_second_order=False, seed=seed)
-    return np.clip(u.T, 2.0 ** -(_BITS + 1), _TOP)
+def _saltelli(dimensions: int, seed: int, first: int, count: int) -> np.ndarray:
+    """Cases ``first`` to ``first + count`` of a Saltelli design (dimensions, count): group g holds
+    both halves of point g // `REPLICATES` of scrambled Sobol sequence g % `REPLICATES`."""
+    size = dimensions + 2
+    begin, end = first // size, -(-(first + count) // size)
+    points = np.empty((2 * dimensions, end - begin))
+    for replicate in range(min(REPLICATES, end - begin)):
+        group = begin + replicate  # the first of it here
+        its = points[:, replicate::REPLICATES]
+        key = _key(seed, f"saltelli {group % REPLICATES}:")
+        its[:] = _sobol(len(points), key, group // REPLICATES, its.shape[1])
+    member = np.arange(begin * size, end * size) % size
+    one, two = np.repeat(points, size, axis=1).reshape(2, dimensions, -1)
+    of_second = (member == np.arange(1, size - 1)[:, None]) | (member == size - 1)
+    u = np.where(of_second, two, one)[:, first - begin * size :][:, :count]
+    return np.clip(u, 2.0 ** -(_BITS + 1), _TOP)
 
 
 def size_fault(sampling: Sampling, dimensions: int) -> str:
@@ -142,7 +144,7 @@ def probabilities(
     if sampling.sampler == "sobol" and paths:
         u = _sobol(len(paths), seed, first, count)
     elif sampling.sampler == SALTELLI and paths:
-        u = _saltelli(len(paths), seed, sampling.cases)[:, first : first + count].copy()
+        u = _saltelli(len(paths), seed, first, count)
     else:
         u = np.empty((len(paths), count))
         for row, path in zip(u, paths, strict=True):

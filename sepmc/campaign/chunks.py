@@ -1,6 +1,7 @@
 """The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies;
 the manifest says how far the run got."""
 
+import copy
 import os
 import time
 from collections import Counter
@@ -296,10 +297,10 @@ class Chunks:
             self.save()
 
     def save(self) -> None:
-        """Write what is counted so far, if cases are let go: where an interrupted run goes on from.
-        A number of cases that depends on it cannot be resumed."""
-        sink, until = self.sink, self.orders.until
-        if self.folder is None or until or not (isinstance(sink, InStatistics) and self._sound):
+        """Write what is counted so far, if cases are let go: where an interrupted run goes on
+        from."""
+        sink = self.sink
+        if self.folder is None or not (isinstance(sink, InStatistics) and self._sound):
             return
         about = sink.about(self.draws, self.tally)
         if self.rows:
@@ -350,7 +351,9 @@ class Chunks:
             "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
+            "rarely_drawn": not_shown(self.occurred),
             "least_at_the_end": self.tally.least_at_the_end,
+            **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
             **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.sessions, self._session()],
         }
@@ -406,18 +409,24 @@ class Chunks:
         ]
         return found + [note for note in self.flight.notes if note not in found]
 
-    def is_known(self, until: Until, looks: int) -> bool:
-        """Whether the cases so far are enough to know a statistic, which is looked at so many times
-        at most; these are then all that are wanted."""
+    def is_known(self, until: Until, end: int, looks: int) -> bool:
+        """Whether cases up to ``end`` are enough to know a statistic, which is looked at so many
+        times at most; these are then all that are wanted. Cases beyond, which a resumed run may
+        hold, were flown as those before them were not enough."""
         summary = self.kept().summary
+        held = self.earlier.held + self.held
+        if held > end:
+            return False
+        if self.orders.stats_only:  # to be asked would end its grain of cases here
+            summary = copy.deepcopy(summary)
         table = with_errors(self.campaign, self.accuracy.errors, summary.statistics())
         within = reach(table, until.metric) if until.metric in table.index else 0.0
         look = until.look(summary, looks, self.occurred, within)
-        self._known = until.sentence(look, self.flown, self.draws.numbers.count)
+        self._known = until.sentence(look, held, self.draws.numbers.count)
         self._stopped = [] if look.enough else [self._known]
         if look.enough:
-            self.wanted = self.flown
-            self.draws = Draws(self.draws.seed, Numbers.first(self.flown), self.flown)
+            self.wanted = self.held
+            self.draws = Draws(self.draws.seed, Numbers.first(held), held)
             if self.orders.announce:
                 self.orders.announce(self._known)
         return look.enough

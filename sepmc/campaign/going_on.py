@@ -23,12 +23,15 @@ from sepmc.wording import another_place, option, switch
 _TOLD = 8  # differences between two campaigns
 
 
-def as_it_began(folder: Path, stats_only: bool, keep: Keep | None) -> tuple[bool, Keep | None]:
-    """Whether a run that is resumed counts its cases and lets them go, and which it keeps: as it
-    began. Raises StoreError if something else is asked for."""
+def as_it_began(
+    folder: Path, stats_only: bool, keep: Keep | None, until: str | None
+) -> tuple[bool, Keep | None, str | None]:
+    """Whether a run that is resumed counts its cases and lets them go, which it keeps, and until
+    what it flies if it was interrupted: as it began. Raises StoreError if other rows are asked
+    for."""
     manifest = record.made_by(folder) if folders.is_run(folder) else {}
     if "digest" not in manifest or "rare" in manifest:
-        return stats_only, keep
+        return stats_only, keep, until
     counts, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
     if (stats_only or keep) and (counts, text) != (True, keep.text if keep else ""):
         raise folders.StoreError(
@@ -36,7 +39,9 @@ def as_it_began(folder: Path, stats_only: bool, keep: Keep | None) -> tuple[bool
             f"{_manner(True, keep.text if keep else '')}; leave that out, or choose another "
             f"{option('out')}"
         )
-    return counts, Keep.of_text(text) if text else None
+    if until is None and not manifest.get("complete"):
+        until = manifest.get("stopping_rule")
+    return counts, Keep.of_text(text) if text else None, until
 
 
 def _manner(counts: bool, keep: str) -> str:

@@ -76,6 +76,9 @@ class _Manifest(Struct):
     implausible_inertias: _Count = 0
     accuracy: _Accuracy | None = None
     notes: list[str] = []
+    stopping_rule: str = ""
+    until: str = ""
+    rarely_drawn: list[str] = []
     least_at_the_end: dict[str, int] = {}
     sessions: list[_Session] = []
     case: _Count | None = None

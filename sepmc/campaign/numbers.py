@@ -96,6 +96,15 @@ class Numbers:
                 kept.append((first, first + taken))
         return Numbers(tuple(kept))
 
+    def within(self, other: "Numbers") -> "Numbers":
+        """Those that are also among ``other``."""
+        pairs = [
+            (max(first, its_first), min(end, its_end))
+            for first, end in self.ranges
+            for its_first, its_end in other.ranges
+        ]
+        return Numbers(tuple(pair for pair in pairs if pair[0] < pair[1]))
+
     def leave_out(self, done: np.ndarray) -> bool:
         """Whether some of the sorted numbers ``done`` (n,) are not among these."""
         held = sum(
@@ -105,11 +114,7 @@ class Numbers:
 
     def common(self, other: "Numbers") -> int:
         """How many of them are also among ``other``."""
-        return sum(
-            max(0, min(end, its_end) - max(first, its_first))
-            for first, end in self.ranges
-            for its_first, its_end in other.ranges
-        )
+        return self.within(other).count
 
     def growing(self, first: int) -> "Iterator[Numbers]":
         """The first so many, of which none is left out, then as many again, and so on."""

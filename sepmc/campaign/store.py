@@ -497,9 +497,11 @@ def statistics_as_json(
     audit: pd.DataFrame,
     failed: dict[str, list[int]] | None = None,
     verdicts: Sequence[dict[str, Any]] = (),
+    rarely_drawn: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What ``statistics.json`` holds; ``of`` maps each outcome to its unit, ``failed`` names first
-    cases by status, ``verdicts`` are those on requirements. What is not a number is null."""
+    cases by status, ``verdicts`` are those on requirements, ``rarely_drawn`` names values of inputs
+    that statistics hardly show. What is not a number is null."""
     rows, audited = (
         {
             str(name): {k: (None if pd.isna(v) else v) for k, v in row.items()}
@@ -511,6 +513,7 @@ def statistics_as_json(
         "cases": counts,
         "failed_cases": failed or {},
         "requirements": list(verdicts),
+        "rarely_drawn": list(rarely_drawn),
         "outcomes": rows,
         "audit": audited,
     }

@@ -122,7 +122,8 @@ def convergence_figure(
     Parameters
     ----------
     values : mapping of outcome to its values (n,) in the ok cases, in the order in which these came
-    folder, units, about : as for `beyond_figure`
+    folder, units : as for `beyond_figure`
+    about : the campaign, for the title, and on lines of their own what cases hardly show
     """
     figure, axes = sheet(len(values), 2, (5.2, 2.5))
     for row, (outcome, x) in enumerate(values.items()):

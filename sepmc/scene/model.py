@@ -351,6 +351,7 @@ class Initial(_Table, frozen=True, kw_only=True):
 
 
 SALTELLI = "saltelli"
+REPLICATES = 8  # sequences of a Saltelli design, each scrambled for itself
 
 
 class Run(_Table, frozen=True, kw_only=True):
