@@ -67,20 +67,69 @@ def test_a_motor_whose_event_does_not_come_does_not_light(pair):
     assert flown["separation_speed_m_s"] == pytest.approx(0.0, abs=1e-12)
 
 
+_BURNING = _motor(burn_s=0.1)
+_ROUND = "waits for a burn-out, its own or that of another motor, that itself waits"
+_CUE, _VARIED = {"event": "cue"}, {"uniform": [0.0, 0.1]}
+
+
+def _lit(**scene):
+    return {"motor": [_BURNING | {"ignition": _CUE}], **scene}
+
+
+def _waits(**ignition):
+    return {"motor": [_BURNING | {"ignition": ignition}]}
+
+
 @pytest.mark.parametrize(
-    ("ignition", "said"),
+    ("settings", "said"),
     [
-        ({"event": "cus"}, "did you mean 'cue'"),
-        ({"event": "cue", "joint": "pins"}, "ignition"),
-        ({"delay_s": 0.1}, "ignition"),
-        ({"joint": "pinz"}, "did you mean 'pins'"),
+        (_waits(event="cus"), "ignition.event = 'cus': no such event; did you mean 'cue'?"),
+        (_waits(release="cut"), "ignition.release = 'cut': no such release; known here: nothing"),
+        (_waits(joint="pinz"), "ignition.joint = 'pinz': no such joint; did you mean 'pins'?"),
+        (_waits(event="cue", delay_s=-0.1), "ignition.delay_s = -0.1: must be >= 0"),
+        (_waits(event="cue", delay_s=math.inf), "ignition.delay_s = inf: must be finite"),
+        (_waits(event="cue", delay=0.1), "ignition.delay: the unit is missing; allowed: delay_s"),
+        (_waits(event="cue", joint="pins"), "ignition: give one of event, release, joint, not"),
+        (_waits(), "ignition: give one of event, release, joint"),
+        (_waits(event=3), "ignition.event = 3: must be text, got a whole number"),
+        (_waits(event=["cue"]), "ignition.event = ['cue']: must be text, got a list"),
+        ({"motor": [_BURNING | {"ignition": 0.3}]}, "ignition = 0.3: the unit is missing"),
+        ({"motor": [_BURNING | {"ignition": _CUE, "ignition_s": 0.3}]}, "ignition_s: given twice"),
+        (_lit(event=[{"name": "cue", "when": {"burn_out": "retro"}}]), f"ignition: never comes: "
+         f"it {_ROUND}"),
+        ({"event": [{"name": name, "when": {"burn_out": other}} for name, other in
+                    (("cue", "kick"), ("reply", "retro"))],
+          "motor": [_BURNING | {"ignition": _CUE},
+                    _BURNING | {"name": "kick", "ignition": {"event": "reply"}}]}, _ROUND),
+        (_lit(phase=[{"name": "locked", "joints": {"pins": "fixed"},
+                      "until": {"burn_out": "retro"}}, {"name": "free"}])
+         | _waits(joint="pins"), _ROUND),
+        (_waits(joint="pins") | {"phase": [{"name": "free"}]}, "is free from the start"),
+        (_waits(joint="pins") | {"phase": [{"name": "a", "joints": {"pins": "fixed"}}]},
+         "is never free: no phase or [[release]] frees it"),
+        (_lit(dispersion={"motor.retro.ignition_s": _VARIED}),
+         "ignition_s: 'ignition_s' is not set in this scene, which has 'ignition' instead"),
+        ({"motor": [_BURNING], "dispersion": {"motor.retro.ignition.delay_s": _VARIED}},
+         "'ignition' is not set in this scene, which has 'ignition_s' instead"),
+        (_lit(dispersion={"motor.retro.ignition.event": _VARIED}), "is not a number"),
+        (_lit(dispersion={"motor.retro.ignition.delay_s": {"uniform": [-0.1, 0.1]}}),
+         "the law reaches -0.1, but the value must be >= 0"),
     ],
-)
-def test_an_ignition_that_is_none_is_refused(pair, ignition, said):
-    """Unknown names, several instants or none are refused, with the motor's place."""
-    with pytest.raises(SceneError, match=r"motor\.retro\.ignition") as refused:
-        pair({**_FREED, "motor": [_motor(ignition=ignition)]})
-    assert said in str(refused.value)
+)  # fmt: skip
+def test_an_ignition_that_cannot_be(pair, settings, said):
+    """What a motor waits for is refused with its place, its value and what is allowed."""
+    with pytest.raises(SceneError) as refused:
+        pair(_FREED | settings)
+    line = next(line for line in str(refused.value).splitlines() if said in line)
+    assert "motor.retro.ignition" in line
+
+
+def test_an_event_called_as_an_ignition_is_told(pair):
+    """Both have a time, of one name."""
+    events = [{"name": "retro_ignition", "when": {"time_s": 0.1}}]
+    waits = {"ignition": {"event": "retro_ignition"}}
+    with pytest.raises(SceneError, match=r"event\.retro_ignition .* two outcomes called retro_ig"):
+        pair(_FREED | {"event": events, "motor": [_BURNING | waits]})
 
 
 def test_a_compiled_campaign_lights_as_a_single_run_does(pair):

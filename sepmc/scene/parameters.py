@@ -69,6 +69,9 @@ def _field(node: msgspec.Struct, part: str) -> tuple[str, str, float, Field]:
     }
     if part not in accepted:
         stem = split_unit(part)[0]
+        if part in keys_of(fields):  # of what may be a number or a table, it is the other
+            other = next(key for key, (field, _) in accepted.items() if field.name == stem)
+            raise UnknownPath(f"{part!r} is not set in this scene, which has {other!r} instead")
         if stem in fields and fields[stem].units:
             raise UnknownPath(
                 f"{part!r} has a wrong or missing unit; allowed: " + ", ".join(fields[stem].keys)
