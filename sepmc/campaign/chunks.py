@@ -31,6 +31,7 @@ from sepmc.campaign.piece import Draws, Piece, fly_piece
 from sepmc.campaign.remarks import failed, mixed, sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
 from sepmc.campaign.tally import Tally, accuracy, accuracy_told
+from sepmc.campaign.waits import missing_notes
 from sepmc.campaign.work import Crew, Flown, Job, fly_range
 from sepmc.schema import Status
 
@@ -348,6 +349,7 @@ class Chunks:
             "accuracy": self._accuracy(),
             "notes": self.notes,
             "least_at_the_end": self.tally.least_at_the_end,
+            "missing": self.tally.missing,
             **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.sessions, self._session()],
         }
@@ -398,6 +400,11 @@ class Chunks:
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),
             *still_near(self.tally.least_at_the_end),
+            *missing_notes(
+                self.campaign,
+                self.tally.missing,
+                self.earlier.held + self.held - self.tally.failures,
+            ),
             *self._stopped,
             *failed(self.tally.failures, self.earlier.held + self.held, self.orders.max_failures),
         ]

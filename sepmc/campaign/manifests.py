@@ -77,6 +77,7 @@ class _Manifest(Struct):
     accuracy: _Accuracy | None = None
     notes: list[str] = []
     least_at_the_end: dict[str, int] = {}
+    missing: dict[str, int] = {}
     sessions: list[_Session] = []
     case: _Count | None = None
     bodies: list[Name] = []
