@@ -126,6 +126,12 @@ def find_drivers(
             lack = "are not known to" if item.metric == VIOLATION else "have no such outcome"
             left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
+        if item.metric in table.index:
+            count, of = causes.of_missing(item.metric, rows, list(keys), loaded.design)
+            if count:
+                name = f"{item.name}, missing"
+                violated[name] = f"{item.name}, {count} ok cases without {item.metric}"
+                apart[name] = of
     return Driven(found, apart, violated, keys, loaded.design)
 
 

@@ -42,9 +42,9 @@ class Status(IntEnum):
 _SENTENCES = {
     Status.OK: "flown to the end",
     Status.NEVER_RELEASED: "a phase was still on, or a joint still held that should have let go, "
-    "at the end time: a release that was "
-    "drawn to fail, a run.end_time_s too short, or too little separation force; left out of the "
-    "statistics",
+    "at the end time: a [[release]] whose condition did not come (optional = true allows that), "
+    "one that was drawn to fail, a run.end_time_s too short, or too little separation force; left "
+    "out of the statistics",
     Status.INVALID_INPUT: "a mass is not positive, an inertia not positive definite or a number "
     "not what it may be: narrow the dispersion, or cut its normal law by truncate_sigma",
     Status.OUTSIDE_ATMOSPHERE: "a body left the heights where the atmosphere is defined (0 to 86 "
@@ -327,6 +327,11 @@ def release_columns(contents: Contents) -> dict[str, str]:
 def event_columns(contents: Contents) -> dict[str, str]:
     """Column of the time of each event, by the event's name."""
     return {event: f"{event}_time_s" for event in contents.events}
+
+
+def ignition_columns(contents: Contents) -> dict[str, str]:
+    """Column of the time at which each motor lights that waits for an instant, by its name."""
+    return {motor: f"{motor}_ignition_time_s" for motor in contents.ignitions}
 
 
 def _across(contents: Contents) -> Iterator[tuple[str, str, str, str]]:

@@ -18,7 +18,7 @@ import pandas as pd
 
 from sepmc.analysis.indices import PATTERNS
 from sepmc.analysis.requirements import violating
-from sepmc.analysis.statistics import WIDTH, column
+from sepmc.analysis.statistics import WIDTH, column, ok_rows
 from sepmc.scene.model import Requirement
 
 _PARTS = (2, 8)  # fewest and most parts of an input
@@ -106,6 +106,17 @@ def of_requirement(
         return []
     violates, known = violating(requirement, cases, others)
     return causes({name: column(cases, name)[known] for name in inputs}, inputs, violates[known])
+
+
+def of_missing(
+    metric: str, cases: Mapping[str, np.ndarray], inputs: Sequence[str], design: str = "random"
+) -> tuple[int, list[Cause]]:
+    """In how many cases that came to their end an outcome is missing, and what sets them apart."""
+    ok = ok_rows(cases)
+    lacks = np.isnan(column(cases, metric)[ok])
+    if design in PATTERNS or not lacks.any():
+        return int(lacks.sum()), []
+    return int(lacks.sum()), causes({n: column(cases, n)[ok] for n in inputs}, inputs, lacks)
 
 
 def _cut(

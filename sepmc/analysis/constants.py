@@ -65,14 +65,15 @@ def with_constants(table: pd.DataFrame, errors: Mapping[str, tuple[float, float]
     errors : mapping of outcome to (share, scale)
         See `error_size`.
     """
-    names, low, high = list(map(str, table.index)), table["min"], table["max"]
-    largest = np.fmax(low.abs(), high.abs()).to_numpy()
+    names = list(map(str, table.index))
+    low, high = (table[end].to_numpy(dtype=float) for end in ("min", "max"))
+    largest = np.fmax(np.abs(low), np.abs(high))
     size = np.array([_size(name, errors, x) for name, x in zip(names, largest, strict=True)])
     with np.errstate(invalid="ignore"):  # infinities have no distance from each other
-        near = (high - low).to_numpy() <= 2.0 * size
+        near = high - low <= 2.0 * size
     of_name = dict(zip(names, near, strict=True))
     flat = np.array([of_name.get(_extreme(name) or name, True) for name in names], dtype=bool)
-    alike = (low == high).to_numpy() | (near & flat)
+    alike = (low == high) | (near & flat)
     return table.assign(error_size=size, constant=(table["n"].to_numpy() > 1) & alike)
 
 
@@ -97,7 +98,7 @@ def is_constant(table: pd.DataFrame, name: str) -> bool:
 
 def reach(table: pd.DataFrame, name: str) -> float:
     """How far the values of a constant outcome may be apart, in its unit; 0 of any other."""
-    return 2.0 * float(table.at[name, "error_size"]) if is_constant(table, name) else 0.0
+    return 2.0 * float(table["error_size"][name]) if is_constant(table, name) else 0.0
 
 
 def comparable(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
@@ -106,7 +107,7 @@ def comparable(one: pd.DataFrame, two: pd.DataFrame, name: str) -> float:
     alike = is_constant(one, name) and is_constant(two, name)
     if _extreme(name) and not alike:
         return 0.0
-    sizes = [float(table.at[name, "error_size"]) for table in (one, two)]
+    sizes = [float(table["error_size"][name]) for table in (one, two)]
     return sum(sizes) if np.isfinite(sizes).all() else 0.0
 
 
@@ -120,7 +121,7 @@ def known_value(value: float, error: float) -> float:
 
 def settled_value(table: pd.DataFrame, name: str) -> float:
     """The one value of a constant outcome, see `known_value`."""
-    return known_value(float(table.at[name, "mean"]), float(table.at[name, "error_size"]))
+    return known_value(float(table["mean"][name]), float(table["error_size"][name]))
 
 
 def settled(table: pd.DataFrame) -> pd.DataFrame:
@@ -140,17 +141,16 @@ def settled(table: pd.DataFrame) -> pd.DataFrame:
 def lines(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> list[str]:
     """The constant outcomes of a table of `with_constants`, a line each, but for those that are yes
     or no."""
-    told = []
-    for name in map(str, table.index):
-        if not is_constant(table, name) or is_yes_or_no(name):
-            continue
-        told.append(f"{name}: {told_value(table, name, units)}")
-    return told
+    return [
+        f"{name}: {told_value(table, name, units)}"
+        for name in map(str, table.index)
+        if is_constant(table, name) and not is_yes_or_no(name)
+    ]
 
 
 def told_value(table: pd.DataFrame, name: str, units: Mapping[str, str] | None = None) -> str:
     """At what a constant outcome is constant, in words."""
-    mean, error, n = table.loc[name, ["mean", "error_size", "n"]].tolist()
+    mean, error, n = (float(table[key][name]) for key in ("mean", "error_size", "n"))
     unit = (units or {}).get(name, "")
     unit = "" if unit == "1" else f" {unit}"
     within = f"{n:.0f} values differ by no more than their numerical error, {error:.1g}{unit}"

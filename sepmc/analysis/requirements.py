@@ -228,7 +228,8 @@ class Verdict:
     ``verdict`` : pass; fail: shown not to hold, with the same confidence; not shown: neither; no
     verdict, and ``why``
     ``violations`` of ``cases``, ``allowed`` of them (-1: too few cases); ``missing``: those of them
-    that did not come to their end or have no such outcome, of which it is not known
+    that did not come to their end or have no such outcome, of which it is not known; ``lacking``:
+    those of them that came to their end
     ``more`` : further cases, none of which violates, that would show it; 0 if it passes
     ``share_low``, ``share_high`` : 95 % interval of the share that violates (Clopper-Pearson), from
     no and from all cases of which it is not known; ``share_at_least``, ``share_at_most``: each with
@@ -264,6 +265,7 @@ class Verdict:
     worst_case: int | None
     nearest: float | None
     error: float | None
+    lacking: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """All fields by name."""
@@ -294,7 +296,7 @@ def doubt(audit: pd.DataFrame, sampler: str) -> str:
     return ""
 
 
-def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdict:
+def judge(tally: Tally, errors: Errors, design: float, none: str = "", lacking: int = 0) -> Verdict:
     """The verdict on a requirement.
 
     Parameters
@@ -303,6 +305,7 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
     errors : of outcomes
     design : the `design_value`; NaN if there is none
     none : why there can be no verdict; see `doubt`
+    lacking : cases that came to their end without the outcome
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
     may = allowed(n, item.probability, item.confidence) if n else -1
@@ -338,6 +341,7 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "") -> Verdic
         worst_case if worst_case >= 0 else None,
         _known(tally.nearest),
         _known(parts[0][1]) if not tally.others else None,
+        lacking,
     )
 
 
@@ -463,13 +467,14 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
 
 def missing_text(v: Verdict) -> str:
     """Of how many cases that count as violations nothing is known, and why."""
+    ended = v.missing - v.lacking
     if v.metric == VIOLATION:
-        unknown = "did not come to their end, or lack an outcome"
+        unknown = {"did not come to their end, or lack an outcome": v.missing}
     elif v.at_least is v.at_most is None:
-        unknown = "ended in another way"
+        unknown = {"ended in another way": v.missing}
     else:
-        unknown = "have no such outcome"
-    return f"{v.missing} of them {unknown}"
+        unknown = {"have no such outcome": v.lacking, "did not come to their end": ended}
+    return ", ".join(f"{count} of them {why}" for why, count in unknown.items() if count)
 
 
 def _designed(v: Verdict, unit: str) -> str:

@@ -104,9 +104,14 @@ class Rows:
             lambda name: labels == name,
         )
         return [
-            judge(tally, errors, self._design(tally, values(tally.requirement.metric)), why)
+            judge(tally, errors, self._design(tally, x), why, self._lacking(x))
             for tally in every
+            for x in (values(tally.requirement.metric),)
         ]
+
+    def _lacking(self, values: np.ndarray | None) -> int:
+        """How many ok cases have no value; 0 if there are no values."""
+        return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
 
     def _design(self, tally: Tally, values: np.ndarray | None) -> float:
         if values is None:

@@ -298,7 +298,12 @@ class Stream:
     ) -> list[Verdict]:
         """As `sepmc.analysis.rows.Rows.verdicts`; design values are those of a `Sketch`."""
         why = doubt(audit, sampler)
-        return [judge(t, errors, self._design(t), why) for t in self.tallies]
+        return [judge(t, errors, self._design(t), why, self._lacking(t)) for t in self.tallies]
+
+    def _lacking(self, tally: Tally) -> int:
+        """How many ok cases do not have the outcome that a requirement is on."""
+        known = self.moments.get(tally.requirement.metric)
+        return 0 if known is None else int(self._counters.by_code[Status.OK]) - known.n
 
     def _design(self, tally: Tally) -> float:
         name = tally.requirement.metric

@@ -32,6 +32,7 @@ from sepmc.campaign.piece import Draws, Piece, fly_piece
 from sepmc.campaign.remarks import failed, mixed, sampled, still_near, unmet, unsettled
 from sepmc.campaign.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
 from sepmc.campaign.tally import Tally, accuracy, accuracy_told
+from sepmc.campaign.waits import missing_notes
 from sepmc.campaign.work import Crew, Flown, Job, fly_range
 from sepmc.schema import Status
 from sepmc.wording import switch
@@ -354,6 +355,7 @@ class Chunks:
             "rarely_drawn": not_shown(self.occurred),
             "least_at_the_end": self.tally.least_at_the_end,
             **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
+            "missing": self.tally.missing,
             **({"until": self._known} if self._known else {}),
             "sessions": [*self.earlier.sessions, self._session()],
         }
@@ -404,6 +406,11 @@ class Chunks:
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),
             *still_near(self.tally.least_at_the_end),
+            *missing_notes(
+                self.campaign,
+                self.tally.missing,
+                self.earlier.held + self.held - self.tally.failures,
+            ),
             *self._stopped,
             *failed(self.tally.failures, self.earlier.held + self.held, self.orders.max_failures),
         ]

@@ -126,6 +126,7 @@ class Flights:
         self.campaign, self.flight, self.aim = campaign, flight, aim
         self.tell, self.announce, self.log = tell, announce, log
         self.count, self.tally, self.statuses = 0, Tally(), Counter[str]()
+        self.lacking = 0  # ok cases that do not have the outcome
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
         self.audited = {
@@ -157,6 +158,7 @@ class Flights:
         numbers, ok = self.count + np.arange(len(drawn)), status == Status.OK
         for place, worst in self.audited.items():  # audit columns have SI units
             worst.add(results[ok, place], numbers[ok])
+        self.lacking += int(np.count_nonzero(ok & np.isnan(margin)))
         self.count += len(drawn)
         self.statuses.update(LABELS[int(code)] for code in status)
         self.tell(self.count, self.tally.failures)

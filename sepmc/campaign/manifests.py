@@ -80,6 +80,7 @@ class _Manifest(Struct):
     until: str = ""
     rarely_drawn: list[str] = []
     least_at_the_end: dict[str, int] = {}
+    missing: dict[str, int] = {}
     sessions: list[_Session] = []
     case: _Count | None = None
     bodies: list[Name] = []

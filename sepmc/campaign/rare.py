@@ -28,6 +28,7 @@ from sepmc.campaign.limit import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.remarks import still_near, unmet, unsettled
 from sepmc.campaign.tally import accuracy, accuracy_told
+from sepmc.campaign.waits import missing_notes
 from sepmc.engine.door import whole
 from sepmc.scene.limits import SEED
 from sepmc.schema import Column, Status
@@ -281,10 +282,14 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
     told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
     found = rare.remarks(known)
     found += [said for one in values if (said := one.missed(campaign, all_of))]
-    if missing := flights.count - flights.statuses[Status.OK.label]:
+    ended = flights.statuses[Status.OK.label]
+    if flights.lacking or ended < flights.count:
+        metric = aim.requirement.metric
+        of_ok = f" and {flights.lacking} others have no {metric}" if flights.lacking else ""
         unknown = float(all_of.unknown.mean())
         found.append(
-            f"{missing} of {flights.count} flown cases did not come to their end: it is not known "
+            f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
+            f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
             f"{share_text(unknown)}"
         )
@@ -303,6 +308,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
     found += [broken] if broken else []
     found += [*unmet(told, fixed), *unsettled(tally.unsettled, tally.finer)]
     found += still_near(tally.least_at_the_end)
+    found += missing_notes(campaign, tally.missing, flights.statuses[Status.OK.label])
     found += _near(flight, aim, told.errors.get(aim.column.name, np.nan), known)
     return found + [note for note in flight.notes if note not in found]
 

@@ -12,6 +12,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.overshoot import overshooting
+from sepmc.campaign.waits import missing_of_one
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import GROUND, SALTELLI, Scene
@@ -143,8 +144,8 @@ def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
 
 
 def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[str]:
-    """Sentences on outcomes of the nominal case, in their units: beyond what is required, or least
-    where it may become less."""
+    """Sentences on outcomes of the nominal case, in their units: beyond what is required, missing
+    as what they wait for does not come, or least where it may become less."""
     units = {c.name: c.unit for c in campaign.outcome_columns}
     for item in campaign.file.requirements:
         value = outcomes.get(item.metric)
@@ -159,6 +160,7 @@ def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[
                     f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
                     f"{item.metric} is {value:.5g} {unit}".rstrip()
                 )
+    yield from missing_of_one(campaign, outcomes, "the nominal case")
     for name in least_at_the_end(outcomes, campaign.scene.run.end_time):
         yield _may_become_less(name, "the nominal flight ends")
 

@@ -15,6 +15,7 @@ from sepmc.campaign.accuracy import Achieved
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Flight
 from sepmc.campaign.remarks import least_at_the_end
+from sepmc.campaign.waits import count_missing
 from sepmc.engine.door import Block
 from sepmc.scene.messages import InputError
 from sepmc.schema import Status
@@ -23,8 +24,9 @@ from sepmc.schema import Status
 class Tally(msgspec.Struct, frozen=True):
     """How many cases have another status than ok, an inertia that no solid body has, were flown
     again at ``finer`` steps or by a ``spare`` kernel, and of these were not settled; in how many
-    each clearance is least at the end; the largest error of every outcome, as far as cases tell it
-    one by one, and the largest ``guards``, which tell it of the others
+    each clearance is least at the end, and in how many ok ones something is ``missing`` that the
+    scene waits for (`sepmc.campaign.waits`); the largest error of every outcome, as far as cases
+    tell it one by one, and the largest ``guards``, which tell it of the others
     (`sepmc.campaign.estimate.Estimate.largest`); how often rare values ``occurred``
     (`sepmc.analysis.occurrences.count`)."""
 
@@ -34,6 +36,7 @@ class Tally(msgspec.Struct, frozen=True):
     spare: int = 0
     unsettled: int = 0
     least_at_the_end: Mapping[str, int] = {}
+    missing: Mapping[str, int] = {}
     errors: Mapping[str, float] = {}
     guards: tuple[float, ...] = ()
     occurred: tuple[int, ...] = ()
@@ -47,6 +50,7 @@ class Tally(msgspec.Struct, frozen=True):
             self.spare + other.spare,
             self.unsettled + other.unsettled,
             dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
+            dict(Counter(self.missing) + Counter(other.missing)),
             {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
             tuple(map(max, self.guards, other.guards)) or self.guards or other.guards,
             tuple(map(add, self.occurred, other.occurred)) or self.occurred or other.occurred,
@@ -78,6 +82,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         again.spare if again else 0,
         again.unsettled if again else 0,
         dict(least_at_the_end(outcomes, campaign.scene.run.end_time)),
+        count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.guards.tolist()) if again else (),
         occurrences.count(campaign.rare_values, drawn),

@@ -1,0 +1,241 @@
+"""What a scene waits for and some cases do not get: counted, told, and not passed over."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import sepmc
+from sepmc import cli
+from sepmc.analysis.requirements import missing_text
+from sepmc.campaign.record import read_manifest
+from sepmc.campaign.waits import awaited
+from sepmc.schema import Status
+from sepmc.trust.gate.plain import flown_plainly
+
+# A spring of dispersed force pushes a body off along a rail: in some cases it comes 20 mm far, and
+# the event, the cap's release and the motor, which all wait for that, come; in others not.
+SCENE = """
+name = "waiting"
+environment = { atmosphere = "none", gravity = "none" }
+[body.fore]
+mass_kg = 3.0
+inertia_kg_m2 = [3.0, 4.0, 5.0]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 2.0, 2.0]
+cg_m = [3.0, 0.0, 0.0]
+[body.cap]
+mass_kg = 1.0
+inertia_kg_m2 = [1.0, 1.0, 1.0]
+cg_m = [0.2, 0.0, 0.0]
+[joint.pins]
+bodies = ["aft", "fore"]
+point_m = [2.0, 0.0, 0.0]
+[joint.bolt]
+bodies = ["fore", "cap"]
+point_m = [0.5, 0.0, 0.0]
+[[spring]]
+name = "push"
+bodies = ["aft", "fore"]
+point_m = [2.0, 0.0, 0.0]
+axis = [1.0, 0.0, 0.0]
+force_N = 4.0
+[[event]]
+name = "far"
+when = { joint = "pins", stroke_mm = 20.0 }
+[[release]]
+name = "open"
+joint = "bolt"
+when = { joint = "pins", stroke_mm = 20.0 }
+optional = true
+[[motor]]
+name = "kick"
+body = "fore"
+thrust_N = 2.0
+station_m = 0.0
+ignition = { event = "far", delay_s = 0.01 }
+[[phase]]
+name = "slide"
+joints = { pins = "slider", bolt = "fixed" }
+[initial]
+altitude_m = 1000.0
+speed_m_s = 1.0
+[output]
+tip_off = ["bolt"]
+[[requirement]]
+name = "calm"
+metric = "far_fore_omega_z_deg_s"
+at_most = 1.0
+probability = 0.5
+confidence = 0.9
+[[requirement]]
+name = "steady"
+metric = "bolt_tip_off_cap_z_deg_s"
+at_most = 1.0
+probability = 0.5
+confidence = 0.9
+[dispersion]
+"spring.push.force_N" = { uniform = 4.0 }
+[run]
+cases = 40
+end_time_s = 0.1
+[solver]
+step_s = 0.025
+"""
+WAITED = ("event.far", "joint.bolt", "motor.kick")
+
+
+def call(*arguments):
+    return CliRunner().invoke(cli.main, [str(a) for a in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """The file of that scene."""
+    path = tmp_path_factory.mktemp("waiting") / "waiting.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(file):
+    """Its run, and what the command printed."""
+    with flown_plainly():
+        told = call("campaign", file, "--out", file.parent / "run", "--no-plots")
+    return file.parent / "run", told
+
+
+@pytest.fixture(scope="module")
+def expected(run):
+    """In how many ok cases each of these does not come, from the rows."""
+    rows = sepmc.campaign.store.read_cases(run[0])
+    ok = rows[rows["status"] == "ok"]
+    columns = {"event.far": "far", "joint.bolt": "bolt_release", "motor.kick": "kick_ignition"}
+    found = {name: int(ok[f"{start}_time_s"].isna().sum()) for name, start in columns.items()}
+    assert len(ok) == 40
+    assert 5 < found["event.far"] < 35
+    return found
+
+
+def test_what_is_waited_for(file):
+    """Events, motors and joints that something frees; not a joint that holds all along."""
+    columns = awaited(sepmc.load(file))
+    assert columns == {
+        "joint.bolt": "bolt_release_time_s",
+        "event.far": "far_time_s",
+        "motor.kick": "kick_ignition_time_s",
+    }
+    assert set(awaited(sepmc.load("table2.toml"))) == {"joint.sep"} or "joint" in str(
+        awaited(sepmc.load("table2.toml"))
+    )
+
+
+def test_they_are_counted_in_notes_and_manifest(run, expected):
+    """On the screen, in the manifest, and again by sepmc stats."""
+    folder, told = run
+    manifest = read_manifest(folder)
+    assert manifest["missing"] == expected
+    for output in (told.output, call("stats", folder).output):
+        assert f"event.far does not come in {expected['event.far']} of 40 ok cases" in output
+        assert f"motor.kick does not light in {expected['motor.kick']} of 40 ok" in output
+        assert (
+            f"joint.bolt does not become free (its release is optional) in "
+            f"{expected['joint.bolt']} of 40 ok cases" in output
+        )
+
+
+@pytest.mark.parametrize("how", [{"stats_only": True}, {"keep": "least:far_time_s:3"}, {}])
+def test_however_it_is_flown(file, expected, tmp_path, how):
+    """Statistics only, some rows kept, in memory: the same counts in the notes of the result."""
+    out = {} if not how else {"out": tmp_path / "run"}
+    with flown_plainly():
+        result = sepmc.load(file).run(**how, **out)
+    said = [note for note in result.notes if " ok cases: outcomes that wait for it" in note]
+    assert len(said) == 3
+    assert any(f"in {expected['event.far']} of 40" in note for note in said)
+
+
+def test_a_run_that_is_resumed_counts_all_of_them(file, expected, tmp_path):
+    """What was counted of cases that a folder holds stays counted."""
+    with flown_plainly():
+        part = sepmc.load(file).run(cases="0:16", out=tmp_path / "run")
+        assert sum("ok cases: outcomes that wait" in note for note in part.notes) == 3
+        call("campaign", file, "--out", tmp_path / "other", "--no-plots", "--cases", 20)
+        told = call(
+            "campaign", file, "--out", tmp_path / "other", "--no-plots", "--resume", "--cases", 40
+        )
+    assert told.exit_code in (0, 1), told.output
+    assert read_manifest(tmp_path / "other")["missing"] == expected
+
+
+def test_missing_does_not_pass(run, expected):
+    """Cases without the outcome count against a requirement, and are told by number."""
+    folder, told = run
+    verdicts = {
+        one["name"]: one
+        for one in json.loads((folder / "statistics.json").read_text())["requirements"]
+    }
+    for name, place in (("calm", "event.far"), ("steady", "joint.bolt")):
+        one = verdicts[name]
+        assert one["violations"] == one["missing"] == one["lacking"] == expected[place]
+        assert one["verdict"] != "pass"
+        assert f"{expected[place]} of them have no such outcome" in told.output
+    assert "did not come to their end" not in told.output
+
+
+def test_what_did_not_end_is_told_apart(pair):
+    """Cases that failed, and cases that ended without the outcome."""
+    from sepmc.analysis.rows import Rows
+    from sepmc.scene.model import Requirement
+
+    rows = {
+        "case": np.arange(6),
+        "status": np.array(["ok", "ok", "ok", "never-released", "ok", "ok"], dtype=object),
+        "x_mm": np.array([1.0, np.nan, np.nan, np.nan, 2.0, 3.0]),
+    }
+    item = Requirement(name="a", metric="x_mm", at_most=5.0, probability=0.5, confidence=0.9)
+    summary = Rows(rows, ["x_mm"], [], {}, [item])
+    (verdict,) = summary.verdicts({"x_mm": (0.0, 1.0)}, summary.audit())
+    assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
+    told = "2 of them have no such outcome, 1 of them did not come to their end"
+    assert missing_text(verdict) == told
+
+
+def test_what_sets_them_apart(run, expected):
+    """The causes of a missing outcome are looked for, among cases that came to their end."""
+    told = call("drivers", run[0], "--no-plots").output
+    count = expected["event.far"]
+    assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: what sets these" in told
+    assert "spring.push.force_N tells 100 %" in told.replace("\n", " ")
+
+
+def test_check_tells_it_of_the_nominal_case(file):
+    """`check` of a nominal that is too weak, and of one that is not."""
+    weak = call("check", file, "--set", "spring.push.force_N=1.0", "--set", "dispersion={}")
+    for said in (
+        "event.far does not come in the nominal case, which ends at 0.1 s",
+        "motor.kick does not light in the nominal case",
+        "joint.bolt does not become free (its release is optional) in the nominal case",
+    ):
+        assert said in weak.stderr
+    strong = call("check", file, "--set", "spring.push.force_N=30.0")
+    assert "nominal case, which ends" not in strong.stderr
+
+
+def test_a_release_that_must_come_says_what_may_be_done(file):
+    """Without `optional` the case is never-released, whose sentence names releases."""
+    sentence = Status.NEVER_RELEASED.sentence
+    assert "[[release]]" in sentence
+    assert "optional" in sentence
+    text = file.read_text().replace("optional = true\n", "")
+    (file.parent / "must.toml").write_text(text)
+    with flown_plainly():
+        told = call(
+            "campaign", file.parent / "must.toml", "--out", file.parent / "must", "--no-plots"
+        )
+    assert "never-released: a phase was still on" in told.output
+    # what comes in all cases that are left is not told of
+    assert "joint.bolt" not in read_manifest(file.parent / "must")["missing"]
