@@ -37,6 +37,7 @@ from numba.core.untyped_passes import (
 from numba.extending import lower_builtin, type_callable
 
 from sepmc.cache_folder import SETTING, cache_folder
+from sepmc.locks import locked
 
 # Fused multiply-adds only: no flag that lets the compiler assume there is no NaN, which must
 # survive to be reported.
@@ -107,13 +108,8 @@ CACHE_FOLDER = cache_folder(sources_digest())
 def one_at_a_time(what):
     """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it
     (numba #4807), and would each take as long."""
-    try:
-        import fcntl  # noqa: PLC0415  (not on every system)
-    except ImportError:
-        yield
-        return
-    with open(CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock"
+    with locked(path, os.O_WRONLY | os.O_CREAT):
         yield
 
 

@@ -28,7 +28,14 @@ from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
 from sepmc.campaign.single import fly_single, invalid
 from sepmc.campaign.work import Crew
-from sepmc.engine.door import check_every, check_threads, text, using_threads, whole
+from sepmc.engine.door import (
+    check_every,
+    check_threads,
+    note_of_threads,
+    text,
+    using_threads,
+    whole,
+)
 from sepmc.places import place
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
@@ -347,7 +354,8 @@ class Campaign(Definition):
             if folder:
                 chunks.save()
                 chunks.write_manifest(complete=chunks.held == chunks.wanted)
-        _warn(chunks.notes, announce)
+        notes = [*chunks.notes, *note_of_threads(orders.threads)]
+        _warn(notes, announce)
         return Result(
             self,
             chunks.kept(),
@@ -356,7 +364,7 @@ class Campaign(Definition):
             chunks.draws.numbers,
             chunks.draws.total,
             folder,
-            chunks.notes,
+            notes,
             flight,
             chunks.accuracy,
             resumed=earlier.held,
@@ -411,6 +419,7 @@ class Campaign(Definition):
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
         with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
+        found.notes.extend(note_of_threads(threads))
         _warn(found.notes, announce)
         return found
 

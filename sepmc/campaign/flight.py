@@ -3,6 +3,7 @@ its kernel cannot vouch for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -80,6 +81,10 @@ class Flight:
     spares: tuple[Spare, ...] = ()
     methods: np.ndarray | None = None
     care: int = USUAL
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy holds, in another process too: `packed`."""
+        return {**vars(self), "spares": ()}
 
     @property
     def packed(self) -> "Flight":

@@ -15,6 +15,7 @@ from uuid import uuid4
 
 from sepmc.campaign import ledger, own_files
 from sepmc.campaign.own_files import StoreError
+from sepmc.locks import locked
 from sepmc.places import is_local
 from sepmc.wording import option, switch
 
@@ -70,6 +71,8 @@ def next_folder(name: str, root: Path = Path("runs")) -> Path:
 
 
 _ours: set[Path] = set()  # folders that this process has open
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_ours.clear)  # a process made by fork has none open
 
 
 @contextlib.contextmanager
@@ -152,29 +155,19 @@ def is_run(folder: Path) -> bool:
 def _held(folder: Path) -> Iterator[None]:
     """Let no other process write into a folder meanwhile, where a folder can be locked. Raises
     StoreError if one does."""
-    try:
-        import fcntl  # noqa: PLC0415  (not on every system)
-    except ImportError:
-        yield
-        return
     if not is_local(folder):  # objects cannot be locked
         yield
         return
-    lock = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock = contextlib.ExitStack()
+        lock.enter_context(locked(folder, os.O_RDONLY, wait=False))
     except BlockingIOError:
-        os.close(lock)
         raise StoreError(
             f"{folder}: another process writes into it; wait for it, or choose another "
             f"{option('out')}"
         ) from None
-    except OSError:  # some shared folders cannot be
-        pass
-    try:
+    with lock:
         yield
-    finally:
-        os.close(lock)
 
 
 def make_writable(folder: Path) -> None:

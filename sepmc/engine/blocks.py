@@ -115,6 +115,8 @@ def fly(
             for first in range(0, draws.shape[1], kernel.plain.LANES):
                 kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
         return
+    if not kernel.address:
+        raise RuntimeError("a copy of a kernel cannot be flown: it has to be loaded again")
     for array in arrays:
         assert array.flags.c_contiguous
     sizes = np.array(

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
+from sepmc.engine.hosts import at_fork
 from sepmc.jit import compiling
 
 Progress = Callable[[int, int], None]  # done, total
@@ -51,11 +52,33 @@ class Compiler:
                 return False
             done()
 
+    def let_go(self) -> None:
+        """Close the pipes, and leave the process to that which started it: this one was made of it
+        by fork, and may have half a line to write."""
+        for pipe in (self.process.stdin, self.process.stdout):
+            assert pipe is not None
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nowhere, pipe.fileno())
+            os.close(nowhere)
+            pipe.close()
+        self.process.returncode = 0  # it is no child of this one
+
     def end(self) -> None:
         """Kill the process and close its pipes."""
         self.process.kill()
         with contextlib.suppress(OSError):
             self.process.communicate()  # closes its pipes
+
+
+def _begin_again() -> None:
+    """In a process made by fork: compilers, and who waits for them, are those of the other."""
+    global _compiling, _end
+    _compiling, _end = threading.Lock(), None
+    while _crew:
+        _crew.pop().let_go()
+
+
+at_fork(_begin_again)
 
 
 def compile_all(names: Sequence[str], progress: Progress = lambda done, total: None) -> bool:

@@ -271,6 +271,13 @@ def check_threads(threads: int | None) -> int | None:
     return found
 
 
+def note_of_threads(threads: int | None) -> list[str]:
+    """What deserves a look of the number of threads: `sepmc.engine.threads.note_of_fork`."""
+    from sepmc.engine import threads as own  # noqa: PLC0415
+
+    return own.note_of_fork(threads)
+
+
 def use_threads(threads: int | None) -> None:
     """Fly on this many threads from now on, or on all."""
     from sepmc.engine import threads as own  # noqa: PLC0415

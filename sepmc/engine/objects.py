@@ -8,6 +8,7 @@ compile more functions with it, and takes 10 ms to load one, thirty times as lon
 import hashlib
 import json
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,8 +24,8 @@ _linked: dict[str, tuple[int, binding.ExecutionEngine]] = {}  # addresses, and w
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file such that no other process ever sees a part of it."""
-    draft = path.with_suffix(f".{os.getpid()}")
+    """Write a file such that no other process or thread ever sees a part of it."""
+    draft = path.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
     try:
         draft.write_bytes(content)
         draft.replace(path)

@@ -4,6 +4,7 @@ thousand cases with it."""
 import hashlib
 import pickle
 
+from sepmc.engine.hosts import loading
 from sepmc.kernel.shape import Shape
 from sepmc.routines.layout import NO_HISTORY
 
@@ -24,9 +25,9 @@ def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
     kept = read_sealed(path)
     if kept is not None:
         return kept.decode()
-    # all formulas
-    from sepmc.kernel.emit import emit  # noqa: PLC0415
+    with loading:  # what is written, and the formulas that are imported for it
+        from sepmc.kernel.emit import emit  # noqa: PLC0415
 
-    text = emit(shape, method_name, history)
+        text = emit(shape, method_name, history)
     put_sealed(path, text.encode())
     return text

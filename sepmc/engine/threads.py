@@ -22,13 +22,13 @@ from sepmc.scene.messages import InputError
 _LAYERS = ("default", "omp", "tbb", "workqueue", "safe", "forksafe", "threadsafe")
 _ONE_AT_A_TIME = "workqueue"
 _turn = threading.Lock()
-_forked = False
+_forked = _noted = False
 
 
 def _begin_again() -> None:
     """In a process made by fork: another thread may have held the lock, and Numba's are gone."""
-    global _turn, _forked  # noqa: PLW0603
-    _turn = threading.Lock()
+    global _turn, _forked, _noted  # noqa: PLW0603
+    _turn, _noted = threading.Lock(), False
     _forked = _forked or parallel._is_initialized
 
 
@@ -45,6 +45,19 @@ def _threads_are_gone() -> bool:
 
 
 _forked = _threads_are_gone()
+
+
+def note_of_fork(asked: int | None) -> list[str]:
+    """A sentence, once in a process: it was made by fork, so it flies on one thread though more
+    were ``asked`` for, all if None."""
+    global _noted  # noqa: PLW0603
+    if _noted or not _forked or (asked or max_threads()) == 1:
+        return []
+    _noted = True
+    return [
+        "this process was made by fork, without the threads of compiled code, so it flies on one "
+        "thread; a process that is started by spawn or forkserver has them all"
+    ]
 
 
 def is_forked() -> bool:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -21,3 +22,7 @@ class Kernel:
     changes: int = 0
     methods: tuple[tuple[str, ...], ...] = ()
     plain: ModuleType | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy holds, in another process too: no address, and no code."""
+        return {**vars(self), "address": 0, "calls": np.zeros(0, dtype=np.int64), "plain": None}

@@ -1,8 +1,10 @@
 """What the model's fields are: their quantity, the TOML keys they accept, and how one value is
 converted and checked."""
 
+import copyreg
 import dataclasses
 import functools
+import inspect
 import math
 import re
 import types
@@ -14,6 +16,20 @@ import numpy as np
 
 from sepmc.scene.model import Quantity
 from sepmc.scene.units import UNITS
+
+
+def _constraint(given: dict[str, Any]) -> msgspec.Meta:
+    return msgspec.Meta(**given)
+
+
+def _reduced(meta: msgspec.Meta) -> tuple[Any, tuple[dict[str, Any]]]:
+    given = {name: getattr(meta, name) for name in _CONSTRAINTS}
+    return _constraint, ({name: value for name, value in given.items() if value is not None},)
+
+
+# msgspec's constraints cannot be copied or pickled, and so could no campaign.
+_CONSTRAINTS = tuple(inspect.signature(msgspec.Meta).parameters)
+copyreg.pickle(msgspec.Meta, _reduced)
 
 
 @dataclass(frozen=True)
