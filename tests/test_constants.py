@@ -201,9 +201,15 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     cases = {"case": np.arange(4096), "status": np.full(4096, "ok"), "y_mm": x}
     summary = Rows(cases, ["y_mm"], [], {})
     within = 2.0 * float(np.abs(x).max())
-    look = Until("y_mm", "mean", 1e-3, relative=False).look(summary, 4, [], within)
+    look = Until("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
+        summary, 4, [], within
+    )
     assert (look.value, look.enough, look.lack) == (0.0, True, "")
-    assert not Until("y_mm", "mean", 0.01, relative=True).look(summary, 4, [], within).enough
+    assert (
+        not Until("y_mm", "mean", 0.01, relative=True, text="y_mm:1%")
+        .look(summary, 4, [], within)
+        .enough
+    )
 
 
 def test_statistics_say_constant(run):

@@ -179,6 +179,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
         ["separation_speed_m_s"],
         tmp_path,
         ".png",
+        {},
     )
     assert any(title.startswith("Convergence of") and said in title for title in titles)
 
