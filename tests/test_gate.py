@@ -13,7 +13,7 @@ import pytest
 
 from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.scene.messages import SceneError
+from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
 from sepmc.trust.gate import compare, drive, workers
 from sepmc.trust.gate.dice import Dice
@@ -28,6 +28,9 @@ from sepmc.trust.independent import fly
 COMPILED = (10, 47)  # seeds of kernels that compile in seconds
 # Scenes that a slow machine flies in seconds each, between them of every kind: the fewest of many.
 SEEDS = (1006, 1014, 1016, 1026, 1030, 1051, 1101, 1395, 1398, 420003, 420009, 420021, 420038)
+# Quick scenes of named kinds: motors that wait, directions, releases that may not come.
+NAMED = ("release", "ignition", "optional", "direction")
+NAMED_SEEDS = (3000, 3051, 3061, 3085, 3088, 3137)
 THROUGH_DOORS = (1006, 1014, 1016)
 KEPT = sorted((Path(__file__).parent / "scenes").glob("*.toml"))
 
@@ -244,10 +247,45 @@ def test_random_scenes():
     """Random scenes fly as the independent flight does, interpreted; some through the other
     doors too. What a hundred scenes have, these have."""
     kinds = {seed: set(compare.features(scene(seed))) for seed in (*SEEDS, *range(1000, 1100))}
-    assert set().union(*(kinds[seed] for seed in SEEDS)) == set().union(*kinds.values())
+    flown = [kinds[seed] for seed in SEEDS]
+    flown += [set(compare.features(scene(seed, kinds=NAMED))) for seed in NAMED_SEEDS]
+    assert set().union(*flown) >= set().union(*kinds.values())
     jobs = [{"seed": seed, "cases": 1, "doors": seed in THROUGH_DOORS} for seed in SEEDS]
     found = list(judge_all(jobs))
     assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
+
+
+@pytest.mark.slow
+def test_random_scenes_of_named_kinds():
+    """Every scene has them, wherever it has what they belong to; some releases never come."""
+    trees = [scene(seed, kinds=NAMED) for seed in NAMED_SEEDS]
+    assert all("release" in tree for tree in trees)
+    assert {
+        "ignition at event",
+        "ignition at joint",
+        "ignition at release",
+        "release optional",
+        "until direction",
+        "until vertical_speed",
+    } <= set().union(*map(compare.features, trees))
+    found = list(judge_all([{"seed": s, "cases": 1, "kinds": NAMED} for s in NAMED_SEEDS]))
+    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
+    assert {"ok", "never-released"} == set().union(*(v["statuses"] for v in found))
+
+
+def test_a_kind_of_scenes_that_there_is_not():
+    with pytest.raises(InputError, match="'optionl' is no kind of random scenes; did you mean 'o"):
+        drive.gate(1, kinds=["optionl"])
+
+
+def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
+    """They may hold one list of bodies: one scene spelt otherwise flies the same."""
+    tree = copy.deepcopy(SMALL)
+    tree["spring"][0]["bodies"] = tree["joint"]["pins"]["bodies"]
+    tree["phase"][1]["until"] = {"time_s": 0.1}
+    turned = SPELLINGS["joints and springs the other way round"](copy.deepcopy(tree), Dice(1))
+    assert turned["joint"]["pins"]["bodies"] == ["aft", "fore"]
+    assert turned["spring"][0]["bodies"] == ["fore", "aft"]
 
 
 @pytest.mark.slow
