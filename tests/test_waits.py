@@ -9,8 +9,12 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis.requirements import missing_text
+from sepmc.analysis.rows import Rows
+from sepmc.campaign.limit import Flights, target
+from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.record import read_manifest
 from sepmc.campaign.waits import awaited
+from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -185,11 +189,8 @@ def test_missing_does_not_pass(run, expected):
     assert "did not come to their end" not in told.output
 
 
-def test_what_did_not_end_is_told_apart(pair):
+def test_what_did_not_end_is_told_apart():
     """Cases that failed, and cases that ended without the outcome."""
-    from sepmc.analysis.rows import Rows
-    from sepmc.scene.model import Requirement
-
     rows = {
         "case": np.arange(6),
         "status": np.array(["ok", "ok", "ok", "never-released", "ok", "ok"], dtype=object),
@@ -201,6 +202,21 @@ def test_what_did_not_end_is_told_apart(pair):
     assert (verdict.violations, verdict.missing, verdict.lacking) == (3, 3, 2)
     told = "2 of them have no such outcome, 1 of them did not come to their end"
     assert missing_text(verdict) == told
+
+
+def test_rare_events_count_them_too(file):
+    """Cases whose margin is not known, though they came to their end, are counted by themselves."""
+    campaign = sepmc.load(file)
+    with flown_plainly():
+        flights = Flights(campaign, plan_flight(campaign), target(campaign, "calm"), _nothing, None)
+        margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
+    assert 0 < np.isnan(margin).sum() == flights.lacking < 21
+    assert flights.tally.missing["event.far"] == flights.lacking
+    assert flights.tally.failures == 0
+
+
+def _nothing(count, failures):
+    """What hears of progress."""
 
 
 def test_what_sets_them_apart(run, expected):
