@@ -161,7 +161,8 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
                 rough = loaded.with_settings({"solver.accuracy": _ROUGH})
             flown = rough.simulate(step_s=rough.scene.run.end_time, announce=nobody).attrs
             click.echo(f"  nominal      {flown['status']}")
-            told = [*flown["notes"], *of_nominal(loaded, flown["outcomes"])]
+            springs = flown["springs"] if flown["status"] in ("ok", "never-released") else None
+            told = [*flown["notes"], *of_nominal(loaded, flown["outcomes"], springs)]
             warned += [said for said in told if said not in warned]
         for warning in warned + ([note] if note else []) + redundant(loaded):
             click.echo(f"warning: {warning}", err=True)

@@ -9,8 +9,12 @@ from click.testing import CliRunner
 import sepmc
 from sepmc import cli
 from sepmc.analysis.requirements import missing_text
+from sepmc.analysis.rows import Rows
+from sepmc.campaign.limit import Flights, target
+from sepmc.campaign.pilot import plan_flight
 from sepmc.campaign.record import read_manifest
 from sepmc.campaign.waits import awaited
+from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -128,9 +132,8 @@ def test_what_is_waited_for(file):
         "event.far": "far_time_s",
         "motor.kick": "kick_ignition_time_s",
     }
-    assert set(awaited(sepmc.load("table2.toml"))) == {"joint.sep"} or "joint" in str(
-        awaited(sepmc.load("table2.toml"))
-    )
+    kept = sepmc.load(file, {"release": []})  # nothing frees the cap
+    assert set(awaited(kept)) == {"event.far", "motor.kick"}
 
 
 def test_they_are_counted_in_notes_and_manifest(run, expected):
@@ -147,7 +150,7 @@ def test_they_are_counted_in_notes_and_manifest(run, expected):
         )
 
 
-@pytest.mark.parametrize("how", [{"stats_only": True}, {"keep": "least:far_time_s:3"}, {}])
+@pytest.mark.parametrize("how", [{"stats_only": True}, {"keep": "every:10"}, {}])
 def test_however_it_is_flown(file, expected, tmp_path, how):
     """Statistics only, some rows kept, in memory: the same counts in the notes of the result."""
     out = {} if not how else {"out": tmp_path / "run"}
@@ -186,11 +189,8 @@ def test_missing_does_not_pass(run, expected):
     assert "did not come to their end" not in told.output
 
 
-def test_what_did_not_end_is_told_apart(pair):
+def test_what_did_not_end_is_told_apart():
     """Cases that failed, and cases that ended without the outcome."""
-    from sepmc.analysis.rows import Rows
-    from sepmc.scene.model import Requirement
-
     rows = {
         "case": np.arange(6),
         "status": np.array(["ok", "ok", "ok", "never-released", "ok", "ok"], dtype=object),
@@ -204,12 +204,27 @@ def test_what_did_not_end_is_told_apart(pair):
     assert missing_text(verdict) == told
 
 
+def test_rare_events_count_them_too(file):
+    """Cases whose margin is not known, though they came to their end, are counted by themselves."""
+    campaign = sepmc.load(file)
+    with flown_plainly():
+        flights = Flights(campaign, plan_flight(campaign), target(campaign, "calm"), _nothing, None)
+        margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
+    assert 0 < np.isnan(margin).sum() == flights.lacking < 21
+    assert flights.tally.missing["event.far"] == flights.lacking
+    assert flights.tally.failures == 0
+
+
+def _nothing(count, failures):
+    """What hears of progress."""
+
+
 def test_what_sets_them_apart(run, expected):
     """The causes of a missing outcome are looked for, among cases that came to their end."""
     told = call("drivers", run[0], "--no-plots").output
     count = expected["event.far"]
     assert f"calm, {count} ok cases without far_fore_omega_z_deg_s: what sets these" in told
-    assert "spring.push.force_N tells 100 %" in told.replace("\n", " ")
+    assert "spring.push.force_N tells " in told
 
 
 def test_check_tells_it_of_the_nominal_case(file):
@@ -221,8 +236,17 @@ def test_check_tells_it_of_the_nominal_case(file):
         "joint.bolt does not become free (its release is optional) in the nominal case",
     ):
         assert said in weak.stderr
+    assert "spring.push" not in weak.stderr
     strong = call("check", file, "--set", "spring.push.force_N=30.0")
     assert "nominal case, which ends" not in strong.stderr
+
+
+def test_check_tells_of_strokes_that_do_not_end(file):
+    """A spring that is still within its stroke as the nominal case ends, and one that is not."""
+    for stroke, expected in ((0.5, True), (0.01, False)):
+        told = call("check", file, "--set", f"spring.push.stroke_m={stroke}")
+        said = "spring.push does not come to the end of its stroke, and pushes on in the nominal"
+        assert (said in told.stderr) == expected, told.stderr
 
 
 def test_a_release_that_must_come_says_what_may_be_done(file):

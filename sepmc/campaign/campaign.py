@@ -162,6 +162,7 @@ class Campaign(Definition):
             "notes": notes,
             "releases": _Told({j: outcomes[c] for j, c in releases.items()}),
             "events": _Told({e: outcomes[c] for e, c in events.items()}),
+            "springs": _Told(found.springs),
         }
         return frame
 

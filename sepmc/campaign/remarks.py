@@ -143,9 +143,12 @@ def idle(scene: Scene, dispersed: set[str]) -> Iterator[str]:
             )
 
 
-def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[str]:
+def of_nominal(
+    campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float] | None
+) -> Iterator[str]:
     """Sentences on outcomes of the nominal case, in their units: beyond what is required, missing
-    as what they wait for does not come, or least where it may become less."""
+    as what they wait for does not come, or least where it may become less; ``springs``: when their
+    strokes end, s; None if the case did not come to its end."""
     units = {c.name: c.unit for c in campaign.outcome_columns}
     for item in campaign.file.requirements:
         value = outcomes.get(item.metric)
@@ -160,7 +163,8 @@ def of_nominal(campaign: Definition, outcomes: Mapping[str, float]) -> Iterator[
                     f"requirement.{item.name}.{key} = {bound:g}: the nominal case violates it, "
                     f"{item.metric} is {value:.5g} {unit}".rstrip()
                 )
-    yield from missing_of_one(campaign, outcomes, "the nominal case")
+    if springs is not None:
+        yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
     for name in least_at_the_end(outcomes, campaign.scene.run.end_time):
         yield _may_become_less(name, "the nominal flight ends")
 

@@ -2,7 +2,7 @@
 scene, as plain Python if that does."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sepmc.campaign.flight import (
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.engine.texts import written
+from sepmc.kernel.naming import Names
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
 from sepmc.kernel.structure import brief_transient, make_shape
@@ -43,7 +44,8 @@ _NONE = np.empty((0, 3))  # instants of which rows are wanted
 class Single:
     """A case that is flown: its outcomes and audit (o,) in SI, rows (n, columns) in SI at ``times``
     (n,) and in ``phases`` (n,), by number, and what is to be told of it; the numerical error of its
-    outcomes, if it has any; whether its kernel was ``compiled``."""
+    outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
+    came to its end, s, NaN of those that did not."""
 
     plan: Plan
     status: Status
@@ -54,6 +56,7 @@ class Single:
     notes: list[str]
     error: np.ndarray | None = None
     compiled: bool = False
+    springs: dict[str, float] = field(default_factory=dict)
 
 
 class _LostError(Exception):
@@ -222,7 +225,15 @@ class _SingleFlight:
             notes,
             None,
             self.compiled,
+            self._springs(changes),
         )
+
+    def _springs(self, changes: np.ndarray) -> dict[str, float]:
+        """When strokes end of springs, by their names, from the times (n,) of ``_moments``, of
+        which theirs come last (`sepmc.kernel.context.Context.sudden`)."""
+        back, spent = Names(self.plan.scene).back, self.shape.spent
+        times = changes[len(changes) - len(spent) :].tolist()
+        return {back[name]: time for name, time in zip(spent, times, strict=True)}
 
     def _moments(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of stages (stages,) and times at which joints let go within (n,) of a flight in so

@@ -54,14 +54,22 @@ def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> l
     ]
 
 
-def missing_of_one(campaign: Definition, outcomes: Mapping[str, float], case: str) -> list[str]:
-    """A sentence on each thing that does not come in one ``case``, which came to its end."""
+def missing_of_one(
+    campaign: Definition, outcomes: Mapping[str, float], springs: Mapping[str, float], case: str
+) -> list[str]:
+    """A sentence on each thing that does not come in one ``case``, which came to its end, and on
+    each of its ``springs`` whose stroke does not end, of which the time of that is NaN."""
     found = {name: np.array([value]) for name, value in outcomes.items()}
     end = campaign.scene.run.end_time
-    return [
-        f"{_what(campaign.scene, place)} in {case}, which ends at {end:g} s"
-        for place in count_missing(campaign, found, np.array([True]))
+    said = [
+        _what(campaign.scene, place) for place in count_missing(campaign, found, np.array([True]))
     ]
+    said += [
+        f"spring.{name} does not come to the end of its stroke, and pushes on"
+        for name, time in springs.items()
+        if np.isnan(time)
+    ]
+    return [f"{one} in {case}, which ends at {end:g} s" for one in said]
 
 
 def _what(scene: Scene, place: str) -> str:
