@@ -40,6 +40,7 @@ from sepmc.places import EXTRA
 from sepmc.scene.messages import InputError, nobody
 from sepmc.trust.peers.case import GROUND, Case, attitude
 from sepmc.trust.peers.loads import motor_switches
+from sepmc.wording import option
 
 ENGINES = ("heyoka", "pinocchio", "exudyn")
 FLOORS = {
@@ -87,8 +88,9 @@ def needed(say: Say) -> dict[str, Any]:
     """`installed`. Raises InputError if none is."""
     found = installed(nobody)
     if not found:
+        names = ", ".join(ENGINES)
         raise InputError(
-            f"peers: none of {', '.join(ENGINES)} is installed: {EXTRA.format('peers')}"
+            f"{option('peers')}: none of {names} is installed: {EXTRA.format('peers')}"
         )
     return installed(say)
 
