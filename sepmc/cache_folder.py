@@ -18,13 +18,25 @@ def cache_folder(name: str) -> Path:
 
     What may be read there but not written is linked from a folder of the same name in the temporary
     folder. A cache that others can write is neither read nor written.
+
+    Raises
+    ------
+    OSError
+        If neither can be written, with a sentence.
     """
     base = Path(os.environ.get(SETTING) or user_cache_dir("sepmc"))
     folder = base / "kernels" / name
     if _made(folder):
         return folder
-    own = _temporary() / "kernels" / name
-    own.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        own = _temporary() / "kernels" / name
+        own.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        said = (
+            f"cannot be written, nor can a temporary folder ({error.strerror}); compiled kernels "
+            f"need one of them, and {SETTING} moves the first"
+        )
+        raise OSError(error.errno, said, str(base)) from None
     if _is_safe(folder):
         for path in folder.iterdir():
             link = own / path.name

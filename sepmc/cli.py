@@ -5,12 +5,26 @@ Exit codes: 0 done, 1 flown but no case reached the end (verify, stress: a line 
 or the accuracy asked was not met, 130 interrupted.
 """
 
+from typing import Any
+
 import click
 
 from sepmc import __version__, cli_checks, cli_folders, cli_runs, garbage, wording
+from sepmc.cli_output import plain_errors
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+class _Program(click.Group):
+    """Commands whose errors end in a sentence, those of their options too."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Read the options of a command, and run it."""
+        with wording.on_command_line(), plain_errors(quiet=False):
+            return super().invoke(ctx)
+
+
+@click.group(
+    cls=_Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(__version__, prog_name="sepmc")
 def main() -> None:
     """Monte Carlo of multi-body stage separation by the constraint force equation method.
@@ -26,7 +40,6 @@ def main() -> None:
     asked was not met, 130 interrupted. SEPMC_CACHE_DIR moves the folder of compiled kernels.
     """
     garbage.put_off()
-    click.get_current_context().with_resource(wording.on_command_line())
 
 
 for _command in (

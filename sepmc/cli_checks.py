@@ -331,13 +331,15 @@ def verify(
             sys.exit(1 if any(map(drive.fails, found)) else 0)
         from sepmc.trust import verify as suite
 
+        if peers:
+            from sepmc.trust.peers import compare
+
+            engines = compare.needed(speaker(quiet))
         passed = all(
             line.passes for line in _flown(suite, suite.CHECKS, suite.verify, brief, quiet)
         )
         if peers:
-            from sepmc.trust.peers import compare
-
-            text, agreed = compare.report(speaker(quiet))
+            text, agreed = compare.report(speaker(quiet), engines=engines)
             click.echo("\n" + text)
             passed = passed and agreed
     sys.exit(0 if passed else 1)

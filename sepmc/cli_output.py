@@ -3,6 +3,7 @@
 Nothing heavy is imported until it is needed.
 """
 
+import errno
 import math
 import os
 import shutil
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from sepmc.campaign.campaign import Campaign
     from sepmc.campaign.result import Result
 
+# what a write fails by that names no file: a full disk, and no folder for temporary files
+_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.ENOENT)
 INTERRUPTED, TERMINATED = 130, 143  # exit codes after Ctrl-C and SIGTERM
 
 
@@ -85,9 +88,10 @@ def plain_errors(quiet: bool) -> Iterator[None]:
             click.echo(f"error: {line}", err=True)
         sys.exit(2)
     except OSError as error:  # a disk that is full, a folder that may not be written
-        if error.filename is None:
+        if error.filename is None and error.errno not in _UNWRITABLE:
             raise
-        click.echo(f"error: {error.filename}: {error.strerror}", err=True)
+        place = "" if error.filename is None else f"{error.filename}: "
+        click.echo(f"error: {place}{error.strerror}", err=True)
         sys.exit(2)
     except Exception as error:
         # by name: their modules take a while to import

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import sepmc
-from sepmc.engine import hosts, objects
+from sepmc.engine import objects
 
 QUICK = {
     "solver.step_s": 0.1,
@@ -90,7 +90,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this
 HOST = """
 import os, signal, sys, threading, warnings
 import sepmc
-from sepmc.engine import cache, compilers, hosts, objects, threads
+from sepmc.engine import cache, compilers
 from sepmc.jit import one_at_a_time
 
 signal.alarm(120)  # whatever waits for ever ends here
@@ -290,6 +290,7 @@ def test_files_of_the_cache_that_threads_write_at_once(tmp_path):
 def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     """Formulas that another thread imports are exchanged meanwhile."""
     from sepmc.campaign.pilot import kernel_text
+    from sepmc.engine import hosts
     from sepmc.kernel import emit
 
     held = []

@@ -117,7 +117,7 @@ def test_another_campaign_is_not_replayed(folder):
 def test_a_part_that_is_gone_is_told_with_its_cases(folder):
     part = folder / "cases" / "part-0000000004.parquet"
     part.unlink()
-    said = rf"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .* --out {folder} --"
+    said = r"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .*, resume=True\)"
     with pytest.raises(folders.StoreError, match=said):
         store.read_cases(folder)
     assert call("stats", str(folder)) == 2

@@ -30,8 +30,8 @@ def test_too_much_for_a_disk_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda path: asked.append(path) or usage(0, 0, 10**6))
     with pytest.raises(StoreError, match=r"take 11 MB to .*, and 1 MB are free") as said:
         sepmc.load("table2").run(cases=10_000, out=tmp_path / "new" / "run")
-    assert "--stats-only" in str(said.value)
-    assert "run.history_step_s=0" in str(said.value)
+    assert "stats_only=True" in str(said.value)
+    assert 'run.history_step_s": 0' in str(said.value)
     assert Path(asked[0]) in (tmp_path, tmp_path / "new", tmp_path / "new" / "run")
     assert not (tmp_path / "new" / "run").exists()
     sepmc.load("table2").run(cases=100, out=tmp_path / "run")

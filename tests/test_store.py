@@ -173,10 +173,10 @@ def test_open_folder(tmp_path):
     (folder / "notes.txt").unlink()
     enter(folder)  # empty: nothing to lose
     folders.write_json(folder / folders.MANIFEST, {})
-    with pytest.raises(StoreError, match=r"exists; add --overwrite.*--out"):
+    with pytest.raises(StoreError, match=r"exists; add overwrite=True.*another out"):
         enter(folder)  # no cases to go on from
     (folder / folders.CASES).mkdir()
-    with pytest.raises(StoreError, match=r"--resume.*--overwrite.*--out"):
+    with pytest.raises(StoreError, match=r"resume=True.*overwrite=True.*another out"):
         enter(folder)
     enter(folder, resume=True)
     assert (folder / folders.MANIFEST).exists()
@@ -304,7 +304,7 @@ def test_resume_of_another_campaign_is_refused(run_folder, other):
     before = {p: p.read_bytes() for p in run_folder.rglob("*") if p.is_file()}
     with pytest.raises(StoreError, match="was flown with another"):
         sepmc.load("table2", other).run(cases=20, out=run_folder, resume=True)
-    with pytest.raises(StoreError, match="--resume"):
+    with pytest.raises(StoreError, match="resume=True"):
         sepmc.load("table2").run(cases=20, out=run_folder)
     assert {p: p.read_bytes() for p in run_folder.rglob("*") if p.is_file()} == before
 
@@ -313,7 +313,7 @@ def test_resume_with_fewer_cases(run_folder, tmp_path):
     """Refused: the folder would hold more cases than its manifest says."""
     folder = shutil.copytree(run_folder, tmp_path / "run")
     before = (folder / folders.MANIFEST).read_bytes()
-    with pytest.raises(StoreError, match="holds cases up to 9; --cases 5 would leave some out"):
+    with pytest.raises(StoreError, match="holds cases up to 9; cases=5 would leave some out"):
         sepmc.load("table2", {"run.chunk": 4}).run(cases=5, out=folder, resume=True)
     assert (folder / folders.MANIFEST).read_bytes() == before
 

@@ -37,9 +37,10 @@ import numpy as np
 import pandas as pd
 
 from sepmc.places import EXTRA
-from sepmc.scene.messages import nobody
+from sepmc.scene.messages import InputError, nobody
 from sepmc.trust.peers.case import GROUND, Case, attitude
 from sepmc.trust.peers.loads import motor_switches
+from sepmc.wording import option
 
 ENGINES = ("heyoka", "pinocchio", "exudyn")
 FLOORS = {
@@ -83,15 +84,28 @@ def installed(say: Say = print) -> dict[str, Any]:
     return found
 
 
-def report(say: Say = print, flights=FLIGHTS) -> tuple[str, bool]:
-    """Fly `FLIGHTS` with every engine that is installed: the differences as a table, and whether
-    all are within their tolerances.
+def needed(say: Say) -> dict[str, Any]:
+    """`installed`. Raises InputError if none is."""
+    found = installed(nobody)
+    if not found:
+        names = ", ".join(ENGINES)
+        raise InputError(
+            f"{option('peers')}: none of {names} is installed: {EXTRA.format('peers')}"
+        )
+    return installed(say)
+
+
+def report(
+    say: Say = print, flights=FLIGHTS, engines: dict[str, Any] | None = None
+) -> tuple[str, bool]:
+    """Fly `FLIGHTS` with ``engines``, or every one that is installed: the differences as a table,
+    and whether all are within their tolerances.
 
     Nothing agrees if no engine is installed.
     """
     from sepmc.campaign.campaign import load  # noqa: PLC0415
 
-    engines = installed(say)
+    engines = installed(say) if engines is None else engines
     tables = []
     for name, numbers, step, every in flights if engines else ():
         say(f"{name}: {len(numbers)} cases with {', '.join(engines)} ...")
