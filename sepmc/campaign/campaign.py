@@ -108,14 +108,18 @@ class Campaign(Definition):
         case: Case | int | None = None,
         step_s: float = 0.001,
         announce: Callable[[str], None] | None = None,
+        plain_work: float | None = None,
     ) -> pd.DataFrame:
         """Time history of one case (the nominal if None, or that of a number), a row every
         ``step_s`` and two at each phase boundary.
 
         Flown at ``solver.step_s``, or else in steps at which two halvings in a row changed no
         outcome by more than ``solver.accuracy``: by the kernel written for the scene, as plain
-        Python or, where that takes thousands of steps, compiled, which ``announce`` is told of. Its
-        outcomes are those of the campaign's row to that accuracy.
+        Python or, where that takes more than some ten seconds, compiled, which ``announce`` is told
+        of. Its outcomes are those of the campaign's row to that accuracy; one that has not settled
+        when its work is spent has a note. With ``plain_work``, lines of its kernel that plain
+        Python may fly (1e7 in 5 s), nothing is compiled, and what takes more raises
+        `sepmc.campaign.single.UnknownError`.
 
         Returns
         -------
@@ -135,7 +139,7 @@ class Campaign(Definition):
             scene = self.nominal().scene
             found = invalid(scene, len(self.result_columns))
         else:
-            found = fly_single(scene, self.outcome_columns, step_s, announce)
+            found = fly_single(scene, self.outcome_columns, step_s, announce, plain_work)
         columns = schema.history_columns(found.plan.contents)
         data: dict[str, Any] = {
             "time_s": found.times,

@@ -181,14 +181,15 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
         left, stages = spares(campaign, history, care), stage_names(campaign, care)
-        found = _choose_steps(campaign, kernel, stages, _counted(announce))
+        room = history_rows(campaign.scene) if history and campaign.scene.joint else 0
+        found = _choose_steps(campaign, kernel, stages, _counted(announce), room)
         if found is not None:
             found = replace(found, spares=left, care=care)
-            return _finished(campaign, found, history)
+            return replace(found, notes=remarks(campaign, found))
         wanted = _more_care(campaign, kernel, left)
         if wanted is None:
             found = replace(_each_by_itself(campaign, kernel, stages, left), care=care)
-            return _finished(campaign, found, history)
+            return _finished(campaign, found, room)
         care = wanted
 
 
@@ -248,37 +249,31 @@ def _each_by_itself(
     )
 
 
-def _finished(campaign: Definition, found: Flight, history: bool) -> Flight:
-    """The flight with what is to be told of its nominal case and of histories."""
-    if history and campaign.scene.joint and found.achieved is not None:
-        found = replace(
-            found,
-            achieved=replace(found.achieved, history=SAFETY * _history_error(campaign, found)),
-        )
+def _finished(campaign: Definition, found: Flight, room: int) -> Flight:
+    """The flight with what is to be told of its nominal case and of histories of so many rows."""
+    if room and found.achieved is not None:
+        draws = np.empty((1, 0))
+        if campaign.file.dispersions:
+            draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
+        assert found.scale is not None
+        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.sharper()))
+        error = _history_error(campaign, one, two, found.scale)
+        found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
     return replace(found, notes=remarks(campaign, found))
 
 
-def _history_error(campaign: Definition, found: Flight) -> float:
-    """Largest error of separation speed and distance between the ends of steps, over trial cases: a
-    step's interpolation is of a lower order than the step. Relative to size or scale as the
-    outcomes are."""
-    assert found.scale is not None
-    draws = np.empty((1, 0))
-    if campaign.file.dispersions:
-        draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
-    room = history_rows(campaign.scene)
-    one, two = (fly_once(campaign, flight, draws, room) for flight in (found, found.sharper()))
+def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarray) -> float:
+    """Largest error of separation speed and distance between the ends of steps, over trial cases
+    flown in some steps and in half of these: a step's interpolation is of a lower order than the
+    step. Relative to size or ``scale`` (o,) as the outcomes are."""
     names = [column.name for column in campaign.outcome_columns]
     width = two.history.shape[2]
-    scale = np.array(
-        [
-            found.scale[names.index(column.name)]
-            for column in separation_columns(list(campaign.plan.joints))
-        ]
+    own = np.array(
+        [scale[names.index(c.name)] for c in separation_columns(list(campaign.plan.joints))]
     )
     both = (one.status == Status.OK) & (two.status == Status.OK)
     there = one.history[both].reshape(-1, width), two.history[both].reshape(-1, width)
-    return float(errors(*there, scale).max(initial=0.0))
+    return float(errors(*there, own).max(initial=0.0))
 
 
 def _tell_trials(announce: Say | None) -> None:
@@ -305,10 +300,15 @@ def _counted(announce: Say | None) -> Callable[[int], None]:
 
 
 def _choose_steps(
-    campaign: Definition, kernel: Kernel, stages: list[str], tell: Callable[[int], None]
+    campaign: Definition,
+    kernel: Kernel,
+    stages: list[str],
+    tell: Callable[[int], None],
+    room: int = 0,
 ) -> Flight | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
-    is given; None if none are found."""
+    is given; None if none are found. The error of histories of so many rows, the ``room``, is told
+    too."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
     first, usual, given = (
         len(tried),
@@ -327,9 +327,11 @@ def _choose_steps(
     evaluations = [[method(name).stages for name in names] for names in kernel.methods]
     beyond = np.zeros(0, dtype=np.int64)  # cases of the sample that are further off than the goal
 
-    def block_of(steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None) -> Block:
+    def block_of(
+        steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
+    ) -> Block:
         block, _ = fly_cases(
-            kernel, campaign.plan, steps, usual, campaign.slots, draws, methods=methods
+            kernel, campaign.plan, steps, usual, campaign.slots, draws, room, methods
         )
         tell(len(draws))
         return block
@@ -357,14 +359,19 @@ def _choose_steps(
         if fewest is None:
             return None
         steps = fewest
-        (one, verdict), (two, finer) = (search.flown(times * steps, drawn) for times in (1, 2))
+        # corners and sample once in these steps and once in half of them, for all that is told
+        every = np.vstack([tried[:first], drawn])
+        trials, halved = (block_of(times * steps, every, search.methods, room) for times in (1, 2))
+        (one, verdict), (two, finer) = (
+            (block.outcomes[first:, : len(units)], _verdict(block, given)[first:])
+            for block in (trials, halved)
+        )
         fair, finely = verdict == VOUCHED, finer == VOUCHED
         found = np.where((fair & finely)[:, None], errors(one, two, scale), 0.0)
         beyond = _beyond(found[:, decides].max(axis=1, initial=0.0), search.goal)
         if given is not None or not len(beyond):
             break
     largest = np.maximum(search.largest(steps), found.max(axis=0, initial=0.0))
-    trials = block_of(steps, np.vstack([tried[:first], drawn]), search.methods)
     again, sound = trials.outcomes[:first, : len(units)], _verdict(trials, given)[:first] == VOUCHED
     both = sound & search.fair[:first]
     known = np.vstack(
@@ -395,6 +402,8 @@ def _choose_steps(
     )
     count = int(np.count_nonzero(fair) + np.count_nonzero(sound))
     told = achieved(campaign, largest, count)
+    if room:
+        told = replace(told, history=SAFETY * _history_error(campaign, trials, halved, scale))
     nominal = search.reference[0] if trials.status[0] == Status.OK and search.fair[0] else None
     error = float(largest[decides].max(initial=0.0))
     most = np.inf if given is not None else _MOST_ESTIMATED * campaign.scene.solver.accuracy

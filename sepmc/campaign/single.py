@@ -3,6 +3,7 @@ scene, as plain Python if that does."""
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from sepmc.campaign.flight import (
 from sepmc.campaign.settle import longest_step, settle_one
 from sepmc.engine.door import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.engine.texts import written
+from sepmc.engine.work import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
 from sepmc.kernel.naming import Names
 from sepmc.kernel.plan import Plan, make_plan
 from sepmc.kernel.shape import Shape
@@ -34,7 +36,11 @@ _FEWEST = 2  # steps of a stage that are tried first
 _HOPELESS = 256  # with so many, a case that ends with no numbers will not have any
 # steps of a stage: if more are no clearer on the turns of pitch and roll, the audit tells that
 _CLEARER = 1024
-_PLAIN = 2048  # steps of a stage: more take plain Python minutes, and a compiler less
+_PLAIN = 2048  # steps of a stage: more take plain Python long, and a compiler less
+# lines of a kernel that plain Python flies for a case, all its flights together: 9 s; a compiler
+# takes as long. Then so many compiled: 60 s
+_PLAIN_WORK, _COMPILED_WORK = 2.5e7, 1e10
+_LONG_S = 3.0  # of a flight: then it is said before it begins
 _MOST = 2**20  # of which a case that will not settle takes no more
 _SAME_TIME = 1e-12  # s
 _NONE = np.empty((0, 3))  # instants of which rows are wanted
@@ -59,6 +65,15 @@ class Single:
     springs: dict[str, float] = field(default_factory=dict)
 
 
+class UnknownError(Exception):
+    """A case was not flown to an end that is known, in the work that is allowed: with the sentence
+    that says so."""
+
+
+class _SpentError(Exception):
+    """A flight would take more work than a case may."""
+
+
 class _LostError(Exception):
     """The kernel does not vouch for the case: ``status`` is what it says."""
 
@@ -67,16 +82,22 @@ class _LostError(Exception):
 
 
 def fly_single(
-    scene: Scene, columns: list[Column], every_s: float, announce: Say | None = None
+    scene: Scene,
+    columns: list[Column],
+    every_s: float,
+    announce: Say | None = None,
+    plain_work: float | None = None,
 ) -> Single:
     """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
     outcomes (``columns``) have settled to the accuracy asked: a row every so many seconds, and two
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
-    steps than plain Python flies in a minute."""
+    work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
+    nothing is compiled, and what takes more raises UnknownError."""
     plan, care = make_plan(scene), USUAL
+    work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_shape(plan, care=care)
-        flight = _SingleFlight(shape, plan, columns, every_s, announce)
+        flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
         except _LostError as lost:
@@ -106,7 +127,14 @@ class _SingleFlight:
     """Flights of a case by the kernel of a shape, in as many steps as it takes."""
 
     def __init__(
-        self, shape: Shape, plan: Plan, columns: list[Column], every_s: float, announce: Say | None
+        self,
+        shape: Shape,
+        plan: Plan,
+        columns: list[Column],
+        every_s: float,
+        announce: Say | None,
+        work: Work,
+        may_compile: bool,
     ):
         self.shape, self.plan, self.columns, self.every_s, self.announce = (
             shape,
@@ -124,6 +152,11 @@ class _SingleFlight:
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
         self.tell = now_and_then(announce, EVERY_S)
+        self.work, self.may_compile = work, may_compile
+        self.per_step = 0.0  # lines for each step of a stage, of the last flight in plain Python
+        # steps and outcomes of the flights, in more and more steps, that came to an end
+        self.ended: list[tuple[np.ndarray, np.ndarray]] = []
+        self.spent = ""  # what is told of a case whose work was spent
 
     @property
     def finite(self) -> bool:
@@ -156,7 +189,7 @@ class _SingleFlight:
         """The case as it is though no kernel vouches for it."""
         return self._with_rows(
             self.steps,
-            [],
+            [self.spent] if self.spent else [],
             Status(int(final_status(np.array([status]), np.array([self.finite]))[0])),
         )
 
@@ -182,9 +215,7 @@ class _SingleFlight:
         given = self.plan.scene.solver.step is not None
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
-        self.outcomes, status, unclear, ends, rows = fly_everything(
-            self.kernel, self.plan, steps, self.usual, instants
-        )
+        self.outcomes, status, unclear, ends, rows = self._flown(steps, instants)
         self.known[steps.tobytes(), self.usual.tobytes()] = ends[:stages], ends[stages:]
         if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.usual).all():
             self.usual[:] = usual_lengths(ends[:stages, None], np.ones(1, dtype=bool))
@@ -196,6 +227,32 @@ class _SingleFlight:
         ):
             status = FINER_STEPS
         return self.outcomes, status, rows
+
+    def _flown(self, steps: np.ndarray, instants: np.ndarray) -> Any:
+        """What `fly_everything` gives: in plain Python, or compiled once that works too much."""
+        most = float(steps.max())
+        if not self.compiled:
+            self._foretell(self.per_step * most)
+        if not self.compiled:
+            before = self.work.done
+            try:
+                with self.work.counted():
+                    found = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+                if not len(instants):
+                    self.per_step = (self.work.done - before) / most
+                return found
+            except OutOfWorkError:
+                self.per_step = max(self.per_step, (self.work.done - before) / most)
+                self._compile(self._time())
+        return fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+
+    def _foretell(self, lines: float) -> None:
+        """Say how long a flight of so many lines in plain Python will take, if that is long;
+        compile instead, if it is more than is left."""
+        if lines > self.work.left and self.may_compile:
+            self._compile()
+        elif lines * LINE_S > _LONG_S and self.announce:
+            self.announce(f"the next flight takes plain Python about {lines * LINE_S:.0f} s ...")
 
     def _with_rows(self, steps: np.ndarray, notes: list[str], told: Status | None = None) -> Single:
         """The case in so many steps (stages,), with its history; with none but that if it is
@@ -261,12 +318,46 @@ class _SingleFlight:
             )
 
         most = max(_HOPELESS, 2 * fewest)
-        while self._tried(fewest * one)[1] == FINER_STEPS:
-            if fewest >= most and not self.finite:
-                raise _LostError(FINER_STEPS)
-            fewest *= 2
-        share, error, notes = settle_one(tried, 1.0, scene, self.columns)
+        try:
+            while self._tried(fewest * one)[1] == FINER_STEPS:
+                if fewest >= most and not self.finite:
+                    raise _LostError(FINER_STEPS)
+                fewest *= 2
+            share, error, notes = settle_one(tried, 1.0, scene, self.columns)
+        except _SpentError:
+            return self._unsettled()
         return round(fewest / share) * one, error, notes
+
+    def _unsettled(self) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """What `_settled` gives for a case whose work is spent before it has settled: the last
+        flight that came to its end. Raises _LostError if none did."""
+        left = "; give solver.step_s, or ask for less (solver.accuracy), to go on"
+        if not self.ended:
+            self.spent = (
+                f"{int(self.steps.max())} steps a phase do not suffice, and more are beyond the "
+                f"work that a case may take{left}"
+            )
+            raise _LostError(FINER_STEPS)
+        steps, _ = self.ended[-1]
+        count, scene = len(self.columns), self.plan.scene
+        error = np.full(count, np.inf)
+        if len(self.ended) > 1:
+            units = [column.unit for column in self.columns]
+            before, found = (
+                np.nan_to_num(outcomes[None, :count]) for _, outcomes in self.ended[-2:]
+            )
+            error = errors(before, found, scales(found, units, scene_scales(scene, units)))[0]
+        worst = int(np.where(decisive(self.columns), error, 0.0).argmax())
+        return (
+            steps,
+            error,
+            [
+                f"the work of this case was spent at {int(steps.max())} steps a phase, before it "
+                f"settled: the last halving of the step changed {self.columns[worst].name} by "
+                f"{error[worst]:.1e} of its size, and the accuracy {scene.solver.accuracy:g} was "
+                f"asked{left}"
+            ],
+        )
 
     def _tried(self, steps: np.ndarray) -> tuple[np.ndarray, int]:
         """Outcomes (o,) and status in so many steps (stages,), compiled if these are many. Raises
@@ -274,7 +365,13 @@ class _SingleFlight:
         if steps.max() > _MOST:
             raise _LostError(FINER_STEPS)
         self._compile_for(float(steps.max()))
+        if self.compiled:
+            self.work.compiled += self.per_step * float(steps.max())
+            if self.work.compiled > _COMPILED_WORK:
+                raise _SpentError
         found, status, _ = self._once(steps)
+        if 0 <= status <= Status.NEVER_RELEASED:
+            self.ended.append((steps, found.copy()))
         spared = steps.max() > _HOPELESS and ANY_ORDER in self.shape.spares
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _LostError(status)
@@ -284,8 +381,45 @@ class _SingleFlight:
         """Compile the kernel if it is to fly in so many steps of a stage that plain Python would
         take minutes."""
         if steps > _PLAIN and not self.compiled:
-            self.kernel, self.compiled = load_kernel(self.text, self.announce), True
-            self.known.clear()  # its ends may differ in the last bit
+            self._compile()
+
+    def _compile(self, reached: float | None = None) -> None:
+        """Fly compiled from now on, where a flight in plain Python was stopped that had ``reached``
+        so many s, or none was begun. Raises UnknownError if that is not allowed."""
+        if not self.may_compile:
+            raise UnknownError(self._told_unknown(reached))
+        if self.announce:
+            self.announce(
+                "this case takes more steps than plain Python flies in some seconds: compiled, its "
+                f"flights take up to about {_COMPILED_WORK * COMPILED_LINE_S:.0f} s, more only "
+                "beside others"
+            )
+        self.kernel, self.compiled = load_kernel(self.text, self.announce), True
+        self.known.clear()  # its ends may differ in the last bit
+
+    def _time(self) -> float:
+        """Time, s, that a flight in plain Python has reached."""
+        assert self.kernel.plain is not None
+        return float(self.work.numbers[self.kernel.plain.BEGIN_T])
+
+    def _told_unknown(self, reached: float | None) -> str:
+        """What is told of a case that takes more work than is allowed."""
+        end, given = self.plan.scene.run.end_time, self.plan.scene.solver.step
+        how = (
+            f"of {self.steps.max()} steps a phase" if given is None else f"in steps of {given:g} s"
+        )
+        far = (
+            ""
+            if reached is None or math.isnan(reached)
+            else f", stopped at {reached:.4g} of {end:g} s"
+        )
+        said = f"a flight {how} takes too long here{far}"
+        if given is not None:
+            return f"{said}; give a longer solver.step_s"
+        if self.ended and self.ended[-1][0].max() < self.steps.max():
+            most = self.ended[-1][0].max()
+            said += f"; in {most} it came to its end, but its outcomes had not settled"
+        return f"{said}; look at what is warned of, or give solver.step_s"
 
 
 def _instants(

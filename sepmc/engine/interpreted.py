@@ -15,11 +15,12 @@ import math
 import sys
 from collections.abc import Iterator
 from functools import partial
-from types import ModuleType, SimpleNamespace
+from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from sepmc.engine.work import SEARCHES, counts
 from sepmc.engine.written import Kernel
 from sepmc.jit import config
 
@@ -209,6 +210,9 @@ def load(text: str) -> Kernel:
         vars(module).update(_over=_over, _power=_power)
         with _without_compiler():
             exec(_compiled(text, "<kernel>"), module.__dict__)
+        for name, value in vars(module).items():
+            if isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>":
+                setattr(module, name, counts(value, has_workspace=True))
         for plain in (module, *_plain.values()):
             _in_python(plain)
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
@@ -231,6 +235,9 @@ def _in_python(module: ModuleType) -> None:
             setattr(module, name, _NUMPY)
         elif isinstance(value, np.ndarray):
             setattr(module, name, in_numbers(value))
+        elif isinstance(value, FunctionType) and value.__module__ in SEARCHES:
+            if not hasattr(value, "__wrapped__"):
+                setattr(module, name, counts(value))
         elif name == "eliminate" and not isinstance(value, partial):
             setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
 

@@ -15,7 +15,7 @@ import math
 from sepmc.jit import keep_apart, long_formula, routine
 from sepmc.physics.elementary import sine_cosine
 from sepmc.physics.rims import axes, place
-from sepmc.physics.vec3 import add, dot, scale, split, sub
+from sepmc.physics.vec3 import add, cross, dot, scale, split, sub
 
 _FEW = 8  # points of the circle, from the lowest of which the way goes down
 _PIECE = 2.0 * math.pi / _FEW
@@ -75,14 +75,16 @@ def lip_least(lip, part):
     """A distance that a circle and a solid part cannot be nearer than, m, found cheaply."""
     centre, normal, radius = lip
     start, axis, length, r0, r1 = part
-    widest = max(r0, r1)
     along, across = split(sub(centre, start), axis)
-    aside = math.sqrt(dot(across, across))
-    beyond = max(-along, along - length, 0.0)
-    far = math.sqrt(beyond * beyond + aside * aside) - radius
-    # seen along the axis the circle is an ellipse; this is its short half
-    around = radius * abs(dot(normal, axis)) - aside
-    return max(far, around) - widest - 1e-12 * (abs(along) + aside + radius)
+    aside, tilt = math.sqrt(dot(across, across)), cross(normal, axis)
+    # seen along the axis the circle is an ellipse, of which this is the short half: no point of it
+    # is nearer to the axis than `rho`, nor further along it from the centre than `deep`. What is
+    # nearer to the axis is no further from the part.
+    half, deep = radius * abs(dot(normal, axis)), radius * math.sqrt(dot(tilt, tilt))
+    rho = max(half - aside, aside - radius, 0.0)
+    z, near = _nearest(along, rho, length, r0, r1)
+    least = math.sqrt((along - z) ** 2 + (rho - near) ** 2)
+    return least - deep - 1e-12 * (abs(along) + aside + radius + length)
 
 
 @routine
