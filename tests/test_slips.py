@@ -3,6 +3,7 @@ ones have none."""
 
 import warnings
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.stats import norm
@@ -10,7 +11,7 @@ from scipy.stats import norm
 import sepmc
 from sepmc import cli
 from sepmc.campaign.record import read_manifest
-from sepmc.campaign.remarks import of_file
+from sepmc.campaign.remarks import least_at_the_end, of_file
 from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -206,3 +207,22 @@ def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
         shown = f"{expected:.0f}" if expected >= 100.0 else f"{expected:.2g}"
         assert f"about {shown} of 10000 cases" in one
         assert key.removeprefix("dispersion.") in one
+
+
+@pytest.mark.parametrize("radius", [0.8, 1.0])
+def test_what_is_as_far_through_a_shell_as_is_told_may_not_become_less(radius):
+    """A tenth of the greatest radius of the shell of that case, whether it is dispersed or not."""
+    laws = {"body.upper.mass_kg": {"uniform": 1.0}}
+    if radius != 0.8:
+        laws |= {f"body.lower.outline.1.radii_m.{k}": {"uniform": 0.3} for k in range(2)}
+    campaign = sepmc.load("residual-thrust", {"dispersion": laws})
+    end, deepest = campaign.scene.run.end_time, -100.0 * radius
+    least = np.array([deepest, 0.999 * deepest, deepest, 20.0, -1.0])
+    when = np.array([end, end, 0.9 * end, end, end])
+    outcomes = {"gap_clearance_mm": least, "gap_clearance_time_s": when}
+    drawn = np.array([[4500.0, radius, radius][: len(laws)]] * len(least))
+    assert least_at_the_end(campaign, outcomes, drawn) == {"gap": 3}
+    assert not least_at_the_end(campaign, {k: x[0] for k, x in outcomes.items()})  # the nominal
+    assert "at most a tenth of its radius" in next(
+        column.meaning for column in campaign.outcome_columns if column.name == "gap_clearance_mm"
+    )
