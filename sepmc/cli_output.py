@@ -345,7 +345,7 @@ def tell_given(
     import pandas as pd
 
     from sepmc.analysis import requirements
-    from sepmc.analysis.given import in_words, names_of, outcomes_of, where
+    from sepmc.analysis.given import in_words, names_of, outcomes_of, units_taken, where
     from sepmc.analysis.rows import Rows
     from sepmc.analysis.statistics import ok_rows, summary_text
     from sepmc.campaign import folders, record, store
@@ -373,6 +373,8 @@ def tell_given(
         click.echo(folders.json_text(told), nl=False)
         return
     folded(f"{in_words(given)}: {held.sum()} of {cases.rows} cases")
+    for said in units_taken(names, given):
+        folded(said)
     if not ok:
         ends = pd.Series(cases["status"][held]).value_counts()
         said = ", ".join(f"{count} {label}" for label, count in ends.items())
@@ -381,6 +383,8 @@ def tell_given(
         folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
         folded(requirements.text(verdicts, units, width, of="such cases"))
+        if too_few := requirements.lacking(verdicts):
+            folded(too_few)
     if by := outcomes_of(names, given):
         folded(
             f"chosen by what they did ({', '.join(by)}), not by inputs: what is required of these "

@@ -1,8 +1,9 @@
 """What the command line tells of cases before they are flown: what a campaign would take, and the
 table of its inputs."""
 
+import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +21,12 @@ def tell_plan(
     seed: int | None,
     folder: Path,
     stats_only: bool,
+    compiling: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
     """What a campaign would fly, write and take. Where its kernel is compiled, some cases are flown
-    for that; nothing is written."""
+    for that, else the words of the command that is ``compiling`` it are told; nothing is
+    written."""
     from sepmc.campaign.forecast import forecast, size_text, time_text
     from sepmc.campaign.pilot import kernel_text, left_to_compile, plan_flight
 
@@ -46,7 +49,7 @@ def tell_plan(
     missing, pieces = left_to_compile(text)
     if missing:
         say(f"  kernel    {missing} of {pieces} pieces to compile, half a second of a core each")
-        say(f"  time      known once it is compiled: sepmc compile {loaded.name}")
+        say(f"  time      known once it is compiled: {shlex.join(compiling)}")
         return
     say(f"  kernel    compiled: {pieces} pieces in the cache")
     begun = time.perf_counter()

@@ -176,7 +176,11 @@ def campaign(
             if until:
                 loaded.until(until, numbers)
                 click.echo(f"stops as soon as {until} is known, of at most:")
-            tell_plan(loaded, cases, seed, folder, stats_only or bool(keep), click.echo)
+            counts, more = stats_only or bool(keep), [f"run.plan={plan}"] if plan else []
+            compiling = ["sepmc", "compile", file]
+            compiling += [word for each in (*settings, *more) for word in ("--set", each)]
+            compiling += ["--stats-only"] if counts else []
+            tell_plan(loaded, cases, seed, folder, counts, compiling, click.echo)
             return
         with folders.opened(folder, overwrite, resume):  # until all is written
             with (

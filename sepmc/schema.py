@@ -127,7 +127,7 @@ _CLEARANCE = (
         "clearance_mm",
         "mm",
         "least distance of {0} over the flight, solids and rims or points in shells, not positive "
-        "if they met",
+        "if they met; through the wall of a shell at most a tenth of its radius is told",
         1000.0,
     ),
     ("clearance_time_s", "s", "time of the least distance of {0}", 1.0),

@@ -240,3 +240,30 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     (tmp_path / "one" / "angles.png").write_bytes(b"")
     (told,) = record.diagnose(tmp_path / "one")
     assert "angles.png: was changed" in told.said
+
+
+@pytest.mark.parametrize("with_ledger", [False, True])
+def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger):
+    """Cases that the ledger knows were flown with another seed than the manifest says: neither
+    doctor nor --resume flies on without a word; where the ledger is foreign too, it tells."""
+    whole, folder, other = wholes[0], tmp_path / "run", tmp_path / "other"
+    shutil.copytree(whole, folder)
+    seed = record.read_manifest(folder)["seed"]
+    sepmc.load(folder).run(seed=seed + 1, out=other)
+    names = [folders.MANIFEST, folders.CAMPAIGN, *([ledger.LEDGER] if with_ledger else [])]
+    for name in names:
+        shutil.copy(other / name, folder / name)
+    before = contents(folder)
+    said = f"was flown with seed {seed}, not {seed + 1}"
+    told = CliRunner().invoke(cli.main, ["doctor", str(folder)])
+    assert said in " ".join(told.output.split())
+    if with_ledger:
+        return
+    for words in (
+        ["doctor", str(folder), "--repair"],
+        ["campaign", str(folder), "--out", str(folder), "--resume", "--seed", str(seed + 1)],
+    ):
+        found = CliRunner().invoke(cli.main, words)
+        assert found.exit_code == 2, found.output
+        assert "are of another run" in " ".join(found.output.split())
+    assert contents(folder) == before

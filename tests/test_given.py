@@ -118,3 +118,32 @@ def test_words_that_a_message_lists():
     assert told.endswith("joint_19 and 20 more")
     assert "spring" not in told
     assert nearest("xyz", many).endswith("joint_3 and 16 more")
+
+
+def test_what_is_offered_has_its_unit(tmp_path):
+    """In place of a refused unit the key of the file, and of a path without one it is told which
+    unit its number is taken in; a key with its unit needs no word."""
+    laws = {"body.upper.cg_mm.y": {"uniform": 5.0}}
+    required = [
+        {"name": name, "metric": "separation_speed_m_s", "at_least": low}
+        for name, low in (("slow", 0.1), ("slower", 0.05))
+    ]
+    with flown_plainly(cases=4):
+        campaign = sepmc.load("table2", {"dispersion": laws, "requirement": required})
+        campaign.run(12, out=tmp_path / "run")
+    refused = CliRunner().invoke(
+        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_in.y>-0.1"]
+    )
+    assert refused.exit_code == 2
+    assert "did you mean 'body.upper.cg_mm.y'?" in refused.output
+    bare = CliRunner().invoke(
+        main, ["stats", str(tmp_path / "run"), "--given", "body.upper.cg.y>-50"]
+    )
+    assert "body.upper.cg.y is taken in mm, as in_body_upper_cg_y_mm is" in bare.output
+    words = ["stats", str(tmp_path / "run"), "--given", "body.upper.cg_mm.y>-50"]
+    full = " ".join(CliRunner().invoke(main, words).output.split())
+    assert "is taken in" not in full
+    # what such cases lack stands once, not with each requirement
+    assert full.count("more such cases") == 1
+    assert "2 requirements not shown: " in full
+    assert "more cases, none of which violates it" not in full

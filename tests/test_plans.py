@@ -1,5 +1,7 @@
 """Which cases are flown: so many, those named, those of a table; no more than it takes."""
 
+import shlex
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,7 @@ from sepmc.analysis.proportions import interval
 from sepmc.analysis.rows import Rows
 from sepmc.campaign.numbers import Numbers, read
 from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.pilot import kernel_text
 from sepmc.campaign.record import read_manifest
 from sepmc.cli import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
@@ -75,6 +78,10 @@ def file(tmp_path):
     path = tmp_path / "sprung.toml"
     path.write_text(SPRUNG, encoding="utf-8")
     return path
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
 
 
 def flown(campaign, *args, **kwargs):
@@ -356,6 +363,24 @@ def test_what_until_refuses(file, text, said):
     """What cannot be asked for is told before anything is flown."""
     with pytest.raises(InputError, match=said):
         sepmc.load(file).run(4, until=text)
+
+
+def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
+    """The file as it was given, what was set and the table, so that the command can be copied."""
+    table, told = tmp_path / "plan.csv", {}
+    assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
+    more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
+    monkeypatch.setattr("sepmc.campaign.pilot.left_to_compile", lambda text: (1, 2))
+    monkeypatch.setattr("sepmc.engine.door.load_kernel", lambda text, say: told.update(text=text))
+    dry = call("campaign", file, *more, "--dry-run")
+    assert dry.exit_code == 0, dry.output
+    (line,) = [one for one in dry.output.splitlines() if "sepmc compile" in one]
+    program, *words = shlex.split(line.partition("compiled: ")[2])
+    assert program == "sepmc"
+    found = call(*words)
+    assert found.exit_code == 0, found.output
+    campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.plan": str(table)})
+    assert told["text"] == kernel_text(campaign, history=False)
 
 
 def test_dry_run_writes_nothing(file, tmp_path):

@@ -3,6 +3,7 @@ ones have none."""
 
 import warnings
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.stats import norm
@@ -10,7 +11,7 @@ from scipy.stats import norm
 import sepmc
 from sepmc import cli
 from sepmc.campaign.record import read_manifest
-from sepmc.campaign.remarks import of_file
+from sepmc.campaign.remarks import least_at_the_end, of_file
 from sepmc.scene.read import shipped_campaigns
 from sepmc.trust.gate.plain import flown_plainly
 
@@ -228,3 +229,59 @@ def test_cases_that_a_normal_law_draws_beyond_a_bound(law, expected):
         shown = f"{expected:.0f}" if expected >= 100.0 else f"{expected:.2g}"
         assert f"about {shown} of 10000 cases" in one
         assert key.removeprefix("dispersion.") in one
+
+
+@pytest.mark.parametrize("radius", [0.8, 1.0])
+def test_what_is_as_far_through_a_shell_as_is_told_may_not_become_less(radius):
+    """A tenth of the greatest radius of the shell of that case, whether it is dispersed or not."""
+    laws = {"body.upper.mass_kg": {"uniform": 1.0}}
+    if radius != 0.8:
+        laws |= {f"body.lower.outline.1.radii_m.{k}": {"uniform": 0.3} for k in range(2)}
+    campaign = sepmc.load("residual-thrust", {"dispersion": laws})
+    end, deepest = campaign.scene.run.end_time, -100.0 * radius
+    least = np.array([deepest, 0.999 * deepest, deepest, 20.0, -1.0])
+    when = np.array([end, end, 0.9 * end, end, end])
+    outcomes = {"gap_clearance_mm": least, "gap_clearance_time_s": when}
+    drawn = np.array([[4500.0, radius, radius][: len(laws)]] * len(least))
+    assert least_at_the_end(campaign, outcomes, drawn) == {"gap": 3}
+    assert not least_at_the_end(campaign, {k: x[0] for k, x in outcomes.items()})  # the nominal
+    assert "at most a tenth of its radius" in next(
+        column.meaning for column in campaign.outcome_columns if column.name == "gap_clearance_mm"
+    )
+
+
+LEVEL = """
+environment = {{ atmosphere = "none", gravity = "none" }}
+initial = {{ altitude_m = 1000.0, speed_m_s = 10.0 }}
+run = {{ end_time_s = 0.3 }}
+phase = [
+    {{ name = "held", joints = {{ strut = "fixed" }}, until = {{ time_s = 0.1 }} }},
+    {{ name = "free" }},
+]
+[body]
+core = {{ mass_kg = 9.0, inertia_kg_m2 = [1, 2, 2], cg_m = [4.0, 0.0, 0.0] }}
+side = {{ mass_kg = 3.0, inertia_kg_m2 = [1, 2, 2], cg_m = [8.0, {shift}, 0.0] }}
+[joint.strut]
+bodies = ["core", "side"]
+point_m = [6.0, 0.0, 0.0]
+x_axis = [0.0, 1.0, 0.0]
+y_axis = [1.0, 0.0, 0.0]
+{more}
+"""
+
+
+def level_notes(folder, shift, more=""):
+    """Notes on a joint whose axis is lateral: the second body lies 4 m aft, and so far beside."""
+    file = folder / "level.toml"
+    file.write_text(LEVEL.format(shift=shift, more=more), encoding="utf-8")
+    return [note for note in of_file(sepmc.load(file)) if "nearly level" in note]
+
+
+@pytest.mark.parametrize(("shift", "told"), [(0.0, 1), (-0.05, 1), (0.07, 1), (0.2, 0), (-2.0, 0)])
+def test_a_side_that_is_nearly_level_is_told(tmp_path, shift, told):
+    """2 % of 4 m; the sign is told, and that `apart` sets it, which ends the note."""
+    notes = level_notes(tmp_path, shift)
+    assert len(notes) == told
+    side = "positive" if shift >= 0.0 else "negative"
+    assert all(f"separation is counted {side} along its x axis" in note for note in notes)
+    assert not level_notes(tmp_path, shift, "apart = 1")

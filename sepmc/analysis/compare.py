@@ -82,8 +82,15 @@ def paired_rows(
 
 
 def _tell_apart(values: Sequence[np.ndarray]) -> bool:
-    """Whether columns (n,) differ between most rows, as draws of a continuous law do."""
-    return bool(values) and 2 * len(np.unique(values, axis=1).T) > len(values[0])
+    """Whether columns (n,) differ between most rows, as draws of a continuous law do. One such
+    column is enough: 84 of a million rows take 2 s, where rows of one table took 45 s."""
+    code = np.zeros(len(values[0]) if values else 0, dtype=np.int64)
+    for one in values:
+        own = np.unique(one, return_inverse=True)[1]
+        distinct, code = np.unique(code * (own.max(initial=0) + 1) + own, return_inverse=True)
+        if 2 * len(distinct) > len(code):
+            return True
+    return False
 
 
 def compare(

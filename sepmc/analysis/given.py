@@ -81,7 +81,10 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
     name, test, value = match.groups()
     known = sorted({columns[each] for each in fnmatch.filter(columns, name)})
     if not known:
-        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, columns)}")
+        offered = [each for each in columns if not _unit_left_out(each, columns)]
+        keys = [each for each in offered if "." in each]
+        offered = keys if "." in name and keys else offered
+        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, offered)}")
     try:
         number = float(value)
     except ValueError:
@@ -89,6 +92,24 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
     if np.isnan(number):
         raise InputError(f"given = {text}: {value!r} must be a number")
     return known, test, number
+
+
+def _unit_left_out(name: str, columns: Mapping[str, str]) -> str:
+    """The unit of an input that is called by its path without it; empty if it is not."""
+    stem = "in_" + name.replace(".", "_").replace("-", "_") + "_"
+    return columns[name].removeprefix(stem) if columns[name].startswith(stem) else ""
+
+
+def units_taken(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
+    """Sentences on the units of numbers of terms that name an input without one."""
+    terms = [_TERM.fullmatch(term) for text in asked for term in _OR.split(text)]
+    names = [each for term in terms if term for each in fnmatch.filter(columns, term[1])]
+    units = {name: _unit_left_out(name, columns) for name in names}
+    return [
+        f"{name} is taken in {unit}, as {columns[name]} is"
+        for name, unit in units.items()
+        if unit and "*" not in name
+    ]
 
 
 def in_words(asked: Sequence[str]) -> str:

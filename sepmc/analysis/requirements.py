@@ -32,6 +32,7 @@ from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
 _KEPT = "\N{NO-BREAK SPACE}"
+ALL = "all cases"
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
 # Cases nearest to a bound of which it is known how near: more of them within the numerical error
 # leave no verdict.
@@ -410,7 +411,7 @@ def text(
     verdicts: Sequence[Verdict],
     units: Mapping[str, str],
     width: int = WIDTH,
-    of: str = "all cases",
+    of: str = ALL,
 ) -> str:
     """Verdicts as an engineer reads them in a terminal, ``of`` the cases that there are; nothing if
     nothing is required."""
@@ -418,7 +419,21 @@ def text(
     return "\n".join(["requirements", *told])
 
 
-def sentence(item: Requirement | Verdict, unit: str, of: str = "all cases") -> str:
+def lacking(verdicts: Sequence[Verdict]) -> str:
+    """The sentence on what some cases, chosen from others, lack to show what is required of them;
+    empty if nothing is: they are as rare as what they were chosen by."""
+    few = [v for v in verdicts if v.verdict == NOT_SHOWN]
+    if not few:
+        return ""
+    most = max(v.more for v in few)
+    which = few[0].name if len(few) == 1 else f"{len(few)} requirements"
+    return (
+        f"{which} not shown: {most} more such cases, none of which violates, would; a campaign "
+        "whose file fixes what is given (--set) flies such cases only"
+    )
+
+
+def sentence(item: Requirement | Verdict, unit: str, of: str = ALL) -> str:
     """A requirement in words, ``of`` the cases that it is held to."""
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
@@ -446,7 +461,7 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
         lines.insert(1, v.why)
     else:
         lines[-1] += f"; of {of} {_violating(v)} do ({confidence})"
-    if v.verdict == NOT_SHOWN:
+    if v.verdict == NOT_SHOWN and of == ALL:
         lines.append(f"{v.more} more cases, none of which violates it, would show it")
     if v.worst is not None:
         said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"

@@ -66,6 +66,9 @@ def earlier(
     manifest: dict[str, Any] = record.made_by(folder) if folders.is_run(folder) else {}
     if manifest:
         _check(campaign, folder, draws, manifest)
+        for finding in record.of_another_run(folder, manifest):
+            if not finding.mends:
+                raise folders.StoreError(f"{finding.said}: {finding.advice}")
     found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
     if found.held:
         found = replace(found, sessions=tuple(manifest.get("sessions", ())))

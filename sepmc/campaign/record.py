@@ -192,6 +192,35 @@ def drop_told(folder: Path) -> list[str]:
     return told
 
 
+def of_another_run(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
+    """Parts that were flown with another campaign or seed than a manifest says. Those of a foreign
+    file are flown again; where the ledger knows them, it is campaign and manifest that are
+    foreign."""
+    found, held = [], ledger.read(folder)
+    wanted = {key: manifest[key] for key in ("digest", "seed") if manifest.get(key) is not None}
+    for kind in (folders.CASES, folders.COUNTED, folders.KEPT):
+        for path in sorted((folder / kind).glob("part-*.parquet")):
+            try:
+                own = manifests.of_part(store.about(path)[1])
+            except (StoreError, KeyError, ValueError):
+                continue  # told as damaged
+            if all(own[key] == value for key, value in wanted.items()):
+                continue
+            one = held.get(f"{kind}/{path.name}")
+            known = one is not None and not store.fault_of(folder, one)
+            own_seed, other = own["seed"], wanted.get("seed")
+            how = "another campaign" if own_seed == other else f"seed {own_seed}, not {other}"
+            found.append(
+                Finding(
+                    f"{path}: was flown with {how}, as {folders.MANIFEST} says",
+                    mends=not known,
+                    advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: put "
+                    "those of its cases back, or fly with --overwrite or another --out",
+                )
+            )
+    return found
+
+
 def diagnose(folder: Path) -> list[Finding]:
     """All that is wrong with a run folder, file by file. Raises StoreError if it is none."""
     if not (folders.is_run(folder) or made_by(folder)):
@@ -223,6 +252,8 @@ def diagnose(folder: Path) -> list[Finding]:
                 said = f"is not in {ledger.LEDGER}: not finished, or not of this run"
                 ours = path.name.startswith("part-") and ".parquet" in path.name
                 found.append(Finding(f"{path}: {said if ours else 'is none of a run: move it'}"))
+    if _is_sealed(manifest) and "rare" not in manifest:
+        found += of_another_run(folder, manifest)
     goes_on = can_go_on(manifest)
     # runs of earlier versions that counted their cases kept nothing to go on from
     holds = holds_cases(manifest) or any(

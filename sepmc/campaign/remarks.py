@@ -13,13 +13,15 @@ from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.overshoot import overshooting
 from sepmc.campaign.waits import missing_of_one
+from sepmc.physics.outlines import THROUGH
 from sepmc.routines.layout import ROD, ROTATION
+from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
-from sepmc.scene.model import GROUND, SALTELLI, Scene
+from sepmc.scene.model import GROUND, SALTELLI, Clearance, Scene
 from sepmc.scene.slips import slips
 
 _NAMED = 3  # outcomes that a sentence names
-_LEAST_AT = "_clearance_time_s"  # columns of when a clearance was least
+_LEAST, _LEAST_AT = "_clearance_mm", "_clearance_time_s"  # how near bodies came, and when
 _SAME = 1.0 - 1e-9  # of an end: a time that is no earlier is the end
 _X, _ALL = 0, 3  # code of the row that holds a joint's bodies together along x; rotations
 # of the vehicle's size: bodies that end further into each other than that did not separate
@@ -165,22 +167,59 @@ def of_nominal(
                 )
     if springs is not None:
         yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
-    for name in least_at_the_end(outcomes, campaign.scene.run.end_time):
+    for name in least_at_the_end(campaign, outcomes):
         yield _may_become_less(name, "the nominal flight ends")
 
 
 def least_at_the_end(
-    outcomes: Mapping[str, float] | Mapping[str, np.ndarray], end: float
+    campaign: Definition,
+    outcomes: Mapping[str, float] | Mapping[str, np.ndarray],
+    drawn: np.ndarray | None = None,
 ) -> Counter[str]:
-    """The cases in which a clearance is least as the flight ends, at ``end`` s, by clearance; of
-    ``outcomes`` by column, of one case or of many (n,)."""
-    return +Counter(
-        {
-            name.removesuffix(_LEAST_AT): int(np.count_nonzero(np.greater_equal(x, _SAME * end)))
-            for name, x in outcomes.items()
-            if name.endswith(_LEAST_AT)
+    """The cases in which a clearance is least as the flight ends, and may become less, by
+    clearance: not those as far through the wall of a shell as is told (`outlines.THROUGH`).
+
+    Parameters
+    ----------
+    outcomes : by column, in their units, of the nominal case or of many (n,)
+    drawn : ndarray, shape (n, d)
+        Draws of many, in the units of the file.
+    """
+    found: Counter[str] = Counter()
+    for clearance in campaign.scene.clearance:
+        least, when = (
+            np.atleast_1d(outcomes[f"{clearance.name}{name}"]) for name in (_LEAST, _LEAST_AT)
+        )
+        at_end = np.flatnonzero(when >= _SAME * campaign.scene.run.end_time)
+        through = [
+            least[row] <= -_SAME * 1e3 * _deepest(clearance, campaign, drawn, row)
+            for row in at_end[least[at_end] < 0.0]
+        ]
+        found[clearance.name] = len(at_end) - int(sum(through))
+    return +found
+
+
+def _deepest(
+    clearance: Clearance, campaign: Definition, drawn: np.ndarray | None, row: int
+) -> float:
+    """How far, m, a rim is told to be through the wall of a shell of a clearance at most, in a row
+    of a case table (n, d); infinite if there is no shell."""
+    scene = campaign.scene
+    if drawn is not None:
+        values = {
+            law.parameter.path: float(x) * law.parameter.factor
+            for law, x in zip(campaign.file.dispersions, drawn[row], strict=True)
+            if ".outline." in law.parameter.path
         }
-    )
+        scene = parameters.replace(scene, values)
+    radii = [
+        radius
+        for body in clearance.bodies
+        for part in (scene.body[body].outline if body in scene.body else ())
+        if part.hollow and part.radii
+        for radius in part.radii
+    ]
+    return THROUGH * max(radii, default=math.inf)
 
 
 def still_near(counts: Mapping[str, int]) -> list[str]:

@@ -81,7 +81,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         again.finer if again else 0,
         again.spare if again else 0,
         again.unsettled if again else 0,
-        dict(least_at_the_end(outcomes, campaign.scene.run.end_time)),
+        dict(least_at_the_end(campaign, outcomes, drawn)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.guards.tolist()) if again else (),

@@ -12,7 +12,7 @@ from sepmc.kernel.conditions import Conditions, make_conditions
 from sepmc.kernel.packing import Pool
 from sepmc.routines import layout as at
 from sepmc.scene.contents import contents
-from sepmc.scene.kinds import joint_axes
+from sepmc.scene.kinds import centres, joint_axes, toward_second
 from sepmc.scene.model import GROUND, XYZ, Scene
 from sepmc.scene.parameters import value
 from sepmc.schema import Contents
@@ -367,11 +367,5 @@ def apart(scene: Scene, name: str) -> int:
     joint = scene.joint[name]
     if joint.apart is not None:
         return joint.apart
-    first, second = (scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies)
-    x = joint_axes(joint.x_axis, joint.y_axis)[:3]
-    toward_second = (
-        (first[0] - second[0]) * x[0]
-        + (second[1] - first[1]) * x[1]
-        + (second[2] - first[2]) * x[2]
-    )
-    return 1 if toward_second >= -_LEVEL * max(1.0, *map(abs, (*first, *second))) else -1
+    level = _LEVEL * max(1.0, *(abs(x) for centre in centres(scene, joint) for x in centre))
+    return 1 if toward_second(scene, joint) >= -level else -1

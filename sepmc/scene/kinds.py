@@ -78,6 +78,23 @@ def joint_axes(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarr
     return np.concatenate([x, y, np.cross(x, y)])
 
 
+def centres(scene: Scene, joint: Joint) -> list[tuple[float, float, float]]:
+    """Layout points of the nominal mass centres of both bodies of a joint; its own for the
+    ground."""
+    return [scene.body[b].cg if b in scene.body else joint.point for b in joint.bodies]
+
+
+def toward_second(scene: Scene, joint: Joint) -> float:
+    """How far, m, along the x axis of a joint its second mass centre lies from the first."""
+    first, second = centres(scene, joint)
+    x = joint_axes(joint.x_axis, joint.y_axis)[:3]
+    return float(
+        (first[0] - second[0]) * x[0]
+        + (second[1] - first[1]) * x[1]
+        + (second[2] - first[2]) * x[2]
+    )
+
+
 def hanging_together(scene: Scene, phase: Phase, without: str = "") -> list[set[str]]:
     """Bodies that hang together in a phase, by joints that hold something, one left out."""
     groups = [{name} for name in (*scene.body, GROUND)]

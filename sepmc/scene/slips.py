@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.kinds import centres, toward_second
 from sepmc.scene.model import GROUND, Part, Scene, Until
 from sepmc.scene.parameters import value
 
@@ -20,6 +21,8 @@ _HARDEST = 5e6  # dynamic pressure, Pa: a hard missile reaches 2e6
 _SCALE_HEIGHT, _GROUND_DENSITY = 7_000.0, 1.225
 _PULL = 0.05  # of its force at the start: with what a pusher may pull at the end of its stroke
 _AGAINST = -0.5  # cosine: a spring that pushes its second body back toward the first
+# of the distance of two mass centres: along a joint's axis they are nearly level
+_LEVEL = 0.02
 _ROUND = np.arange(24) * (2.0 * math.pi / 24)
 # kinds of number that no law takes beyond zero
 _SIGNED = ("cg", "offset", "omega", "direction", "deflection", "products", "point", "axis", "clock",
@@ -41,7 +44,22 @@ def slips(scene: Scene, dispersions: Sequence[Dispersion]) -> list[str]:
         *_wind(scene, dispersions),
         *_late_thrust(scene, dispersions),
         *_never(scene, dispersions),
+        *_level(scene),
     ]
+
+
+def _level(scene: Scene) -> Iterator[str]:
+    """Joints whose bodies lie beside each other but for a little, so that it is by chance which
+    side is apart."""
+    for name, joint in scene.joint.items():
+        along = toward_second(scene, joint)
+        if joint.apart is None and abs(along) < _LEVEL * math.dist(*centres(scene, joint)):
+            side = "positive along its x axis" if along >= 0.0 else "negative along its x axis"
+            yield (
+                f"joint.{name}: the mass centres of {joint.bodies[0]} and {joint.bodies[1]} are "
+                f"nearly level along its x axis ({1e3 * along:.3g} mm); separation is counted "
+                f"{side}: give apart = 1 or -1 if that is meant otherwise"
+            )
 
 
 def _points(scene: Scene) -> dict[str, tuple[float, float, float]]:
