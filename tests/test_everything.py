@@ -44,7 +44,10 @@ def test_check_says_what_is_in_it():
         "3: upper, lower, half (and the ground)",
         "pins (upper - lower)",
         "pad (ground - lower)",
-        "retro (pushes lower aft), main (pushes lower forward)",
+        "retro (pushes lower aft), main (pushes lower forward), kick (pushes half aft)",
+        "kick: 0.005 s later than at event clear",
+        "pins becomes free when upper at -50 m/s upward (falling), which need not come",
+        "level: when upper at 3022 m height (rising)",
         "pusher, strut",
         "plume, tug",
         "shed",
@@ -78,6 +81,9 @@ def test_it_flies(result):
         assert table[name].max() <= bound, name
     assert np.isfinite(table["stages_clearance_mm"][~failed]).all()
     assert (table["pins_pin3_peak_load_N"][~failed] > 0.0).all()
+    after = table["kick_ignition_time_s"] - table["clear_time_s"]
+    assert_allclose(after, table["in_motor_kick_ignition_delay_ms"] / 1000.0, atol=1e-12)
+    assert (table["level_time_s"] > 0.4).all()
 
 
 def test_columns_have_units_and_stand_in_their_order(campaign, result):

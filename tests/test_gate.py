@@ -28,8 +28,9 @@ from sepmc.trust.independent import fly
 COMPILED = (10, 47)  # seeds of kernels that compile in seconds
 # Scenes that a slow machine flies in seconds each, between them of every kind: the fewest of many.
 SEEDS = (1006, 1014, 1016, 1026, 1030, 1051, 1101, 1395, 1398, 420003, 420009, 420021, 420038)
-# Quick scenes of named kinds: motors that wait, directions, releases that may not come.
-NAMED = ("release", "ignition", "optional", "direction")
+# Quick scenes of named kinds: motors that wait, directions, releases that may not come, and thrust
+# that begins late.
+NAMED = ("release", "ignition", "optional", "direction", "late profile")
 NAMED_SEEDS = (3000, 3051, 3061, 3085, 3088, 3137)
 THROUGH_DOORS = (1006, 1014, 1016)
 KEPT = sorted((Path(__file__).parent / "scenes").glob("*.toml"))
@@ -264,6 +265,7 @@ def test_random_scenes_of_named_kinds():
         "ignition at event",
         "ignition at joint",
         "ignition at release",
+        "late profile",
         "release optional",
         "until direction",
         "until vertical_speed",

@@ -162,10 +162,11 @@ def test_break_load(pair):
     assert_allclose(time, -0.1 * math.log(1.0 - 1.2 / 1.5), rtol=0, atol=1e-12)
 
 
-def test_thrust_from_ignition_to_tail_off(pair):
-    """Speed gained: the integral of build-up times profile over the burn, then of the tail, over 1
-    kg."""
-    profile = {"time_s": [0.0, 0.1, 0.3], "fraction": [0.2, 1.0, 0.5]}
+@pytest.mark.parametrize("begins", [0.0, 0.06])
+def test_thrust_from_ignition_to_tail_off(pair, begins):
+    """Speed gained: the integral of build-up times profile, none before its first row, over the
+    burn, then of the tail, over 1 kg."""
+    profile = {"time_s": [begins, 0.1, 0.3], "fraction": [0.2, 1.0, 0.5]}
     motor = RETRO | {
         "build_up_s": 0.04,
         "ignition_s": 0.03,
@@ -179,7 +180,7 @@ def test_thrust_from_ignition_to_tail_off(pair):
     def thrust(t):
         return 2.0 * -math.expm1(-t / 0.04) * np.interp(t, profile["time_s"], profile["fraction"])
 
-    burnt = quad(thrust, 0.0, 0.2, points=[0.1], epsabs=1e-14)[0] + thrust(
+    burnt = quad(thrust, begins, 0.2, points=[0.1], epsabs=1e-14)[0] + thrust(
         0.2
     ) * 0.05 * -math.expm1(-0.25 / 0.05)
     assert_allclose(found["separation_speed_m_s"], burnt, rtol=1e-12)

@@ -1,11 +1,13 @@
 """Other engines fly our cases: `sepmc.trust.peers`. Each test is skipped where its engine is not
 installed."""
 
+import math
+
 import numpy as np
 import pytest
 
 import sepmc
-from sepmc.trust.peers import compare
+from sepmc.trust.peers import compare, loads
 from sepmc.trust.peers.case import Case
 
 TREES = ("heyoka", "pinocchio")
@@ -79,3 +81,12 @@ def test_what_a_peer_does_not_fly_is_told():
     data["parachute"] = []
     with pytest.raises(NotImplementedError, match=r"\[parachute\], tables of air"):
         Case(data)
+
+
+@pytest.mark.parametrize(("time", "expected"), [(0.05, 0.0), (0.15, 0.0), (0.25, 1.2), (0.35, 0.0)])
+def test_thrust_of_a_profile_that_begins_late(time, expected):
+    """Lit at 0.1 s; rows at 0.2 s (half of 2 N) and 0.3 s (0.7 of it): nothing before and after."""
+    profile = {"time": [0.1, 0.2], "fraction": [0.5, 0.7]}
+    motor = {"thrust": 2.0, "ignition": 0.1, "burn": 0.2, "profile": profile}
+    found = loads.thrust(motor, loads.motor_piece(motor, time), time, math)
+    assert found == pytest.approx(expected, abs=1e-12)

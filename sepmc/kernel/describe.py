@@ -43,9 +43,10 @@ def lines(plan: Plan) -> list[str]:
         ends = f"{scene.run.end_time:g} s" if phase.until is None else condition(phase.until)
         found.append(f"phase        {phase.name}: {rows} constraint rows, until {ends}")
     for release in scene.release:
+        need = ", which need not come" if release.optional else ""
         found.append(
             f"release      {release.name}: {release.joint} becomes {release.to} when "
-            f"{condition(release.when)}"
+            f"{condition(release.when)}{need}"
         )
     for event in scene.event:
         found.append(f"event        {event.name}: when {condition(event.when)}")

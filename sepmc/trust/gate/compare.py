@@ -413,7 +413,9 @@ def _late_features(tree: Tree) -> set[str]:
     environment, bodies = tree.get("environment", {}), tree["body"].values()
     guides = [joint["guide"] for joint in tree.get("joint", {}).values() if "guide" in joint]
     waits = [motor["ignition"] for motor in tree.get("motor", []) if "ignition" in motor]
+    profiles = [motor["profile"] for motor in tree.get("motor", []) if "profile" in motor]
     present = {
+        "late profile": any(profile["time_s"][0] > 0.0 for profile in profiles),
         **{f"ignition at {key}": any(key in one for one in waits) for key in _INSTANTS},
         "release": tree.get("release"),
         "release optional": any(one.get("optional") for one in tree.get("release", [])),

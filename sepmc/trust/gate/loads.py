@@ -78,6 +78,22 @@ def _options(draft: Draft, motor: Tree) -> None:
             motor[key] = value
 
 
+def add_late_profiles(draft: Draft) -> None:
+    """Thrust that begins some time after the ignition, of half the motors there are."""
+    dice, span = draft.dice, draft.span
+    if "late profile" not in draft.late:
+        return
+    for motor in draft.tree.get("motor", []):
+        late = dice.between(0.02, 0.4) * span
+        rows = motor.get("profile") or {
+            "time_s": [0.0, dice.between(0.1, 0.9) * span],
+            "fraction": [dice.between(0.0, 1.3) for _ in range(2)],
+        }
+        if dice.chance(0.5):
+            times = [rounded(late + time) for time in rows["time_s"]]
+            motor["profile"] = {**rows, "time_s": times}
+
+
 def _add_spring(draft: Draft) -> None:
     """A spring along an axis or along the line between its points, between two bodies or from the
     ground."""

@@ -30,7 +30,7 @@ from sepmc.trust.gate.dispersions import add_dispersions
 from sepmc.trust.gate.draft import GROUND, Draft, Tree
 from sepmc.trust.gate.guides import add_guides, add_outputs
 from sepmc.trust.gate.joints import add_joints
-from sepmc.trust.gate.loads import add_loads
+from sepmc.trust.gate.loads import add_late_profiles, add_loads
 from sepmc.trust.gate.names import Names
 from sepmc.trust.gate.outlines import add_clearances
 from sepmc.trust.gate.phases import add_allowances, add_instants, add_phases, add_triggers
@@ -60,6 +60,7 @@ LATE = {
     "ignition": 0.25,  # motors that light at an event or release, or as a joint becomes free
     "direction": 0.25,  # in which conditions must be crossed, and vertical speeds
     "optional": 0.15,  # releases that may be left out, and such as do not come
+    "late profile": 0.15,  # thrust that begins some time after the ignition
 }
 _LATE_SHARE = 0.3
 _TRANSVERSE = 0.15  # of the scenes tell transverse rates
@@ -120,6 +121,8 @@ def scene(seed: int, late: Iterable[str] | None = None, kinds: Iterable[str] = (
     add_directions(draft)
     draft.dice = draft.names.dice = Dice(seed, 6)
     add_allowances(draft)
+    draft.dice = Dice(seed, 7)
+    add_late_profiles(draft)
     tree = {key: draft.tree[key] for key in _ORDER if key in draft.tree}
     with suppress(SceneError):  # what is refused is refused with a message: the gate counts it
         add_dispersions(tree, parse_campaign(tree, f"seed {seed}").scene, dice)
