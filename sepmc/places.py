@@ -21,7 +21,7 @@ def place(name: str | Path) -> Path:
     """The path of a name. Raises PlaceError if it is none, or if what reaches such a place is not
     installed, or does not reach it."""
     if hasattr(name, "is_dir"):  # a path, of object storage too
-        return name
+        return cast(Path, name)
     if isinstance(name, os.PathLike):
         name = os.fspath(name)
     if not isinstance(name, str):

@@ -278,7 +278,8 @@ def measure(way: str, times: int, layer: str = "default") -> Counter[str]:
     end.start()
     try:
         assert host.stdout is not None
-        lines = [json.loads(line) for line in host.stdout]
+        with host.stdout:
+            lines = [json.loads(line) for line in host.stdout]
         host.wait()
     finally:
         end.cancel()
