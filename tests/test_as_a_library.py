@@ -11,6 +11,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
+from measure_library import measure
 
 import sepmc
 from sepmc.engine import objects
@@ -301,3 +302,22 @@ def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     monkeypatch.setattr(objects, "read_sealed", lambda path: None)  # as if none was kept
     kernel_text(campaign)
     assert held == [True]
+
+
+# hosts, a few answers of each; `python tests/measure_library.py` asks for a hundred
+
+
+@needs_fork
+@pytest.mark.parametrize(
+    ("way", "layer"),
+    [
+        ("fork", "default"),
+        ("daemon", "default"),
+        ("prefork", "default"),
+        ("threads", "workqueue"),
+        ("mixed", "default"),
+        ("restored", "default"),
+    ],
+)
+def test_a_host_gets_the_same_rows(way, layer):
+    assert measure(way, 2, layer) == {"right": 2}
