@@ -16,6 +16,8 @@ _MOST_STEPS = 2048  # of a stage
 _REFINED = 4  # times as many as there are at first, if that is more
 _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
+# steps of a stage, over all trial cases, that the search of a reference may take: a minute
+_MOST_WORK = 5_000_000
 # of an outcome, what cases of a given step differ by from finer ones however short it is
 _ROUND_OFF = 2e-12
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
@@ -118,6 +120,7 @@ class Search:
     def _refer(self, first: np.ndarray) -> np.ndarray:
         """Fly the reference; returns its steps."""
         steps, most = first, max(_MOST_STEPS, _REFINED * int(first.max()))
+        work = 0
         self.reference, self.verdict = self.flown(steps, self.draws)
         while self.settled > 0.02 * self.goal and 2 * steps.max() <= most:
             coarse, steps = steps, 2 * steps
@@ -130,9 +133,12 @@ class Search:
             if self.goal >= self.settled <= now < np.inf:
                 self.settled = 2.0 * now
                 break
+            work += len(self.draws) * int(steps.sum())
             if now <= self.settled:
                 self.of_reference = self._errors(coarse)
             self.settled = min(self.settled, now)
+            if self.settled < np.inf and work > _MOST_WORK:
+                break  # more take too long: what is reached is told
         return steps
 
     def _enough(self, first: np.ndarray, most: np.ndarray) -> np.ndarray:

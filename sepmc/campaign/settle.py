@@ -27,6 +27,7 @@ AGREEMENTS = 2
 # halvings that may pass without the change falling to half: then round-off or a jump is what is
 # left
 _PATIENCE = 3
+_FINE = 2.0**-6  # of the first step: halvings that did not help until here
 
 _FLOWN = (Status.OK, Status.NEVER_RELEASED)
 TOO_LONG = (Status.NOT_FINITE, Status.UNRESOLVED)  # a shorter step may help
@@ -154,6 +155,7 @@ def settle_one(
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
     scale = scales(fly(step, one)[0], units, scene_scales(scene, units))
+    before, first = math.inf, step
     while True:
         found = settle(fly, 1, step, goal, scale, decides)
         step = float(found.step[0])
@@ -161,8 +163,11 @@ def settle_one(
         if found.settled[0] and change.max() <= goal:
             return step, found.change[0], []
         step /= 2.0
-        if step < least:
+        # each round is of several halvings: if the change is not half of what it was after the last
+        # one, in steps that see what happens, more do not help
+        if step < least or (step < _FINE * first and change.max() > 0.5 * before):
             break
+        before = float(change.max())
     worst = int(change.argmax())
     return (
         2.0 * step,

@@ -1,0 +1,158 @@
+"""How much work a flight may take, counted: what is told of one that takes more."""
+
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from sepmc import cli, cli_checks
+from sepmc.campaign import pilot, single
+from sepmc.scene.messages import nobody
+
+# a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
+MOTE = """
+environment = { atmosphere = "none", gravity = "none" }
+[body.fore]
+mass_kg = 1e5
+inertia_kg_m2 = [3e5, 4e5, 5e5]
+cg_m = [1.0, 0.0, 0.0]
+[body.aft]
+mass_kg = 1e-4
+inertia_kg_m2 = [1e-7, 2e-7, 2.5e-7]
+cg_m = [3.0, 0.1, 0.0]
+[joint.pins]
+bodies = ["fore", "aft"]
+point_m = [2.0, 0.0, 0.0]
+[[phase]]
+name = "held"
+joints = { pins = "spherical" }
+until = { time_s = 5.0 }
+[[phase]]
+name = "free"
+[initial]
+altitude_m = 1000.0
+speed_m_s = 1.0
+omega_deg_s = [18000.0, 0.0, 300.0]
+[run]
+end_time_s = 10.0
+"""
+TURNING = {
+    "phase": [{"name": "free"}],
+    "initial.omega_deg_s": [1.8e5, 0.0, 0.0],
+    "run.end_time_s": 1.0,
+    "solver": {"accuracy": 1e-6},
+}
+
+
+def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
+    """And ends, without saying that the scene can be flown, once its work is spent."""
+    from sepmc.campaign.campaign import Campaign
+
+    seen = []
+    file = tmp_path / "mote.toml"
+    file.write_text(MOTE + '[[load]]\nname = "idle"\nbody = "fore"\n')
+    flown = Campaign.simulate
+    monkeypatch.setattr(cli_checks, "_WORK", 1e6)
+    monkeypatch.setattr(
+        Campaign, "simulate", lambda *given, **more: (seen.append(1), flown(*given, **more))[1]
+    )
+    result = CliRunner().invoke(cli.main, ["check", str(file)])
+    assert result.exit_code == 0
+    assert seen
+    assert "load.idle does nothing" in result.stderr
+    said = result.stderr.index("nominal flight not flown to its end: a flight of ")
+    assert result.stderr.index("load.idle does nothing") < said
+    assert re.search(r"stopped at [\d.e-]+ of 10 s", result.stderr[said:])
+    assert "solver.step_s" in result.stderr[said:]
+    assert "can be flown\n" not in result.stdout
+    assert "whether it can be flown is not known" in result.stdout
+
+
+def test_work_is_counted_alike_each_time(pair):
+    """In lines of kernels; no seconds are in it."""
+    texts = []
+    for _ in range(2):
+        with pytest.raises(single.UnknownError) as told:
+            pair(TURNING).simulate(step_s=0.5, announce=nobody, plain_work=2e5)
+        texts.append(str(told.value))
+    assert texts[0] == texts[1]
+    assert "steps a phase takes too long here" in texts[0]
+
+
+def test_a_step_that_is_far_too_short(pair):
+    """The sentence names it, and how far the flight came."""
+    campaign = pair({"solver": {"step_s": 1e-5}})
+    with pytest.raises(single.UnknownError, match=r"in steps of 1e-05 s.*give a longer solver"):
+        campaign.simulate(step_s=0.5, announce=nobody, plain_work=2e5)
+
+
+def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
+    """Its status stands, its error is told as it is, and a note says why."""
+    monkeypatch.setattr(single, "_COMPILED_WORK", 1e4)
+    monkeypatch.setattr(single, "_PLAIN_WORK", 1e4)
+    heard = []
+
+    def plainly(text, announce=None):
+        heard.append("compiled")
+        with single.interpreted():
+            return load(text)
+
+    load = single.load_kernel
+    monkeypatch.setattr(single, "load_kernel", plainly)
+    found = pair(
+        TURNING | {"initial.omega_deg_s": [180.0, 0.0, 90.0], "solver": {"accuracy": 1e-12}}
+    ).simulate(step_s=0.5, announce=heard.append)
+    assert found.attrs["status"] == "ok"
+    assert any("its flights take up to about" in text for text in heard)
+    note = found.attrs["notes"][0]
+    assert re.search(r"work of this case was spent at \d+ steps a phase, before it settled", note)
+
+
+def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
+    """Its work is spent before a body turns no more than it may in a step."""
+    monkeypatch.setattr(single, "_PLAIN_WORK", 2e5)
+    monkeypatch.setattr(single, "_COMPILED_WORK", 2e5)
+    load = single.load_kernel
+
+    def plainly(text, announce=None):
+        with single.interpreted():
+            return load(text)
+
+    monkeypatch.setattr(single, "load_kernel", plainly)
+    found = pair(TURNING | {"initial.omega_deg_s": [1.8e6, 0.0, 0.0]}).simulate(
+        step_s=0.5, announce=nobody
+    )
+    assert found.attrs["status"] == "unresolved"
+    assert any("steps a phase do not suffice" in note for note in found.attrs["notes"])
+
+
+def test_a_long_flight_is_foretold(pair, monkeypatch):
+    """How many seconds, before it begins."""
+    monkeypatch.setattr(single, "_LONG_S", 0.0)
+    heard = []
+    pair({"solver": {"accuracy": 1e-9}}).simulate(step_s=0.1, announce=heard.append)
+    assert any(
+        re.fullmatch(r"the next flight takes plain Python about \d+ s ...", t) for t in heard
+    )
+
+
+def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
+    """All of the sample twice, in the steps found and in half of these, histories among it."""
+    flights, fly_cases = [], pilot.fly_cases
+
+    def counted(kernel, plan, steps, usual, slots, draws, *more, **named):
+        flights.append(len(draws))
+        return fly_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
+
+    monkeypatch.setattr(pilot, "fly_cases", counted)
+    monkeypatch.setattr("sepmc.campaign.flight.fly_cases", counted)
+    campaign = pair(
+        {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
+         "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
+    )  # fmt: skip
+    found = pilot.plan_flight(campaign, history=True)
+    all_of_them = pilot.CORNERS + 1 + pilot.SAMPLE
+    assert sum(n >= pilot.SAMPLE for n in flights) == 2
+    assert flights.count(all_of_them) == 2
+    assert np.isfinite(found.achieved.history)
