@@ -279,6 +279,8 @@ def tell_comparison(
     table = compare.compare(rows[0], rows[1], inputs, outcomes, redrawn, sizes)
     telling = _common(telling_outcomes(runs[0], tables[0]), outcomes)[:_TOLD]
     click.echo(compare.text(table.loc[telling], screen_width()))
+    if said := compare.dependent([run.scene.run.sampler for run in runs]):
+        folded(said)
     if out is None:
         return
     folders.make_writable(out)

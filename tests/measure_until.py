@@ -1,8 +1,8 @@
 """Print how often the interval that ``--until`` stops with holds the true statistic:
 ``python tests/measure_until.py [REPEATS]``.
 
-Ten problems, most with values that are rarely drawn: cases are drawn, counted and looked at by what
-flies a campaign, but the outcome is a formula of the inputs whose statistics are known.
+Fifteen problems, most with values that are rarely drawn: cases are drawn, counted and looked at by
+what flies a campaign, but the outcome is a formula of the inputs whose statistics are known.
 """
 
 import sys
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from sepmc.analysis.occurrences import count, occurrences, rare_values
 from sepmc.analysis.precision import read_until
@@ -82,6 +82,8 @@ def mixture(share, point, shift):
 
 
 _BOTH = 0.0012437  # probability that two inputs that correlate by 0.5 both are in their last 1 %
+# the same of the last 2 % of inputs that correlate by 0.8
+_PAIR = float(multivariate_normal.cdf([norm.ppf(0.02)] * 2, cov=[[1.0, 0.8], [0.8, 1.0]]))
 PROBLEMS = {
     "a rare failure decides the mean": Problem(
         "speed_m_s:0.02", (normal(), discrete("fails", 0.002)),
@@ -121,6 +123,27 @@ PROBLEMS = {
     ),
     "a long tail": Problem(
         "speed_m_s:3%", (normal(),), lambda x: np.exp(x[0]), np.exp(0.5),
+    ),
+    # the rules were not chosen by these
+    "fresh: a stuck spring in skewed noise": Problem(
+        "speed_m_s:1%", (normal(), discrete("fails", 0.004)),
+        lambda x: np.exp(0.3 * x[0]) - 3.0 * x[1], np.exp(0.045) - 0.012,
+    ),
+    "fresh: three failures": Problem(
+        "speed_m_s:1%",
+        (normal(), discrete("one", 0.01), discrete("two", 0.003), discrete("three", 0.02)),
+        lambda x: 2.0 + 0.2 * x[0] - 4.0 * x[1] - 6.0 * x[2] + 3.0 * x[3], 2.002,
+    ),
+    "fresh: a pair that nearly always fails": Problem(
+        "speed_m_s:5%", (discrete("one", 0.02), discrete("two", 0.02), normal()),
+        lambda x: 1.0 + 0.1 * x[2] + 10.0 * x[0] * x[1], 1.0 + 10.0 * _PAIR, together(0.8),
+    ),
+    "fresh: sigma of an even law": Problem(
+        "speed_m_s.sigma:2%", (uniform("gust"),), lambda x: x[0], 12.0**-0.5,
+    ),
+    "fresh: sigma with a rare failure": Problem(
+        "speed_m_s.sigma:5%", (normal(), discrete("fails", 0.004)),
+        lambda x: x[0] + 8.0 * x[1], np.sqrt(1.0 + 64.0 * 0.004 * 0.996),
     ),
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 import sepmc
 from sepmc import cli
-from sepmc.analysis.compare import compare, differences
+from sepmc.analysis.compare import compare, dependent, differences
 from sepmc.analysis.proportions import difference_interval, paired_interval
 from sepmc.campaign import store
 from sepmc.trust.gate.plain import flown_plainly
@@ -255,9 +255,47 @@ def test_command(runs, tmp_path):
             settings = {"run.sampler": "lhs", key: thrusts | {"weights": [0.9, 0.1]}}
             several = sepmc.load(runs / "light", settings)
             several.run(cases=count, seed=3, out=tmp_path / f"lhs{count}")
-    call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
+    told = call("compare", tmp_path / "lhs20", tmp_path / "lhs40", "--out", tmp_path / "sizes")
+    assert "sampler lhs: cases of a run are not independent" in " ".join(told.stdout.split())
     kept = pd.read_csv(tmp_path / "sizes" / "compare.csv", index_col="outcome")
     assert (kept["pairs"] == 0).all()
     same = call("compare", runs / "light", runs / "light")
     assert "what differs in the files\n  nothing\n" in same.stdout
+    assert "sampler" not in same.stdout
     assert call("compare", runs / "light", tmp_path).exit_code == 2
+
+
+def test_rows_that_were_resumed_or_kept(runs, tmp_path):
+    """A run in parts of which one was flown again, out of order, is compared as one that was left
+    alone; of a run that keeps rows of some cases no others are made up."""
+    parts = tmp_path / "parts"
+    with flown_plainly():
+        loaded = sepmc.load(runs / "heavy")
+        for count in (9, 17, 25):
+            loaded.run(cases=count, seed=3, out=parts, resume=True)
+        sorted((parts / "cases").glob("*.parquet"))[0].unlink()
+        loaded.run(cases=25, seed=3, out=parts, resume=True)
+        loaded.run(cases=25, seed=3, out=tmp_path / "kept", keep="every:5")
+    frames = []
+    for other, out in ((runs / "heavy", "whole"), (parts, "resumed")):
+        assert call("compare", runs / "light", other, "--out", tmp_path / out).exit_code == 0
+        frames.append(pd.read_csv(tmp_path / out / "compare.csv", index_col="outcome"))
+    pd.testing.assert_frame_equal(*frames)
+    kept = call("compare", runs / "light", tmp_path / "kept")
+    assert kept.exit_code == 2
+    assert "rows of some cases in kept/" in " ".join(kept.output.split())
+    # rows that someone chose from either run, in any order: joined by case
+    one, two = (store.read_cases(runs / name) for name in ("light", "heavy"))
+    some = two[two["case"] % 3 == 1].iloc[::-1]
+    table = compare(one, some, ["in_initial_alpha_deg"], ["separation_speed_m_s"])
+    row = table.loc["separation_speed_m_s"]
+    apart = (two["separation_speed_m_s"] - one["separation_speed_m_s"])[two["case"] % 3 == 1]
+    assert row["pairs"] == len(some)
+    assert_allclose(row["difference"], apart.mean())
+
+
+def test_what_is_said_of_samplers():
+    assert dependent(["random", "random"]) == ""
+    assert dependent(["sobol", "random"]).startswith("sampler sobol: ")
+    assert dependent(["lhs", "sobol"]).startswith("sampler lhs and sobol: ")
+    assert "too narrow" in dependent(["random", "saltelli"])

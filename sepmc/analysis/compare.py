@@ -14,9 +14,11 @@ import pandas as pd
 
 from sepmc.analysis.proportions import difference_interval, paired_interval
 from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student
+from sepmc.scene.model import SALTELLI
 from sepmc.schema import is_yes_or_no
 
 _MISSING = "-"
+RANDOM = "random"  # the sampler of independent cases
 
 
 def differences(one: Mapping[str, Any], two: Mapping[str, Any], path: str = "") -> list[str]:
@@ -184,6 +186,22 @@ def _of_shares(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float
     else:
         ends = difference_interval(int(a.sum()), len(a), int(b.sum()), len(b))
     return b.mean() - a.mean(), *ends
+
+
+def dependent(samplers: Sequence[str]) -> str:
+    """The sentence on intervals of differences where cases of a run are not independent of each
+    other; empty if they are. `run.plan` is not looked into."""
+    if SALTELLI in samplers:
+        return (
+            "sampler saltelli: cases of a run repeat each other but for one parameter, so these "
+            "intervals are too narrow"
+        )
+    if patterned := [name for name in dict.fromkeys(samplers) if name != RANDOM]:
+        return (
+            f"sampler {' and '.join(patterned)}: cases of a run are not independent, so these "
+            "intervals are those of as many random cases, mostly too wide"
+        )
+    return ""
 
 
 def text(table: pd.DataFrame, width: int = WIDTH) -> str:

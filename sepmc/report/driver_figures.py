@@ -84,15 +84,15 @@ def tornado_figure(
 def _indices(ax: Axes, top: pd.DataFrame, places: np.ndarray) -> None:
     """First-order indices, and total ones where there are, with their intervals."""
     for name, aside, marker, colour, text in (
-        ("first", 0.12, "o", BLACK, "first-order index, 95 %"),
-        ("total", -0.12, "s", GREEN, "total index, 95 %"),
+        ("first", 0.12, "o", BLACK, "first-order index"),
+        ("total", -0.12, "s", GREEN, "total index"),
     ):
         if top[name].notna().any():
             ends = top[[f"{name}_low", f"{name}_high"]].to_numpy().T
             reach = np.abs(ends - top[name].to_numpy())
             ax.errorbar(
                 top[name], places + aside, xerr=reach, fmt=marker, color=colour, ms=3.5,
-                capsize=2.5, linewidth=1.0, label=text,
+                capsize=2.5, linewidth=1.0, label=text + ("" if np.isnan(ends).all() else ", 95 %"),
             )  # fmt: skip
     if not top[["first", "total"]].notna().any(axis=None):
         ax.text(
