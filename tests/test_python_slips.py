@@ -231,3 +231,18 @@ def test_a_filter_that_matches_failures_only_warns(campaign):
     never = campaign.with_settings({"run.end_time_s": 0.06}).run(cases=4)
     with pytest.warns(sepmc.RunWarning, match="4 of 4 cases; none of them came to its end"):
         never.statistics("case>=0")
+
+
+def test_a_case_of_another_campaign(campaign):
+    other = sepmc.load("spring-pushers").case(0)
+    with pytest.raises(InputError, match="case = <Case 0: .*must be a case of this campaign"):
+        campaign.simulate(other)
+
+
+def test_columns_of_a_result_are_not_written_to(result):
+    """Statistics are of the same arrays; a data frame is a copy."""
+    before = result.statistics()
+    with pytest.raises(ValueError, match="read-only"):
+        result.table["separation_speed_m_s"][:] = 0.0
+    result.to_pandas()["separation_speed_m_s"] = 0.0
+    assert result.statistics().equals(before)

@@ -36,6 +36,7 @@ from sepmc.engine.door import (
     using_threads,
     whole,
 )
+from sepmc.kernel.plan import make_plan
 from sepmc.places import place
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
@@ -119,7 +120,8 @@ class Campaign(Definition):
         of. Its outcomes are those of the campaign's row to that accuracy; one that has not settled
         when its work is spent has a note. With ``plain_work``, lines of its kernel that plain
         Python may fly (1e7 in 5 s), nothing is compiled, and what takes more raises
-        `sepmc.campaign.single.UnknownError`.
+        `sepmc.campaign.single.UnknownError`. A case of a campaign with other columns raises
+        InputError.
 
         Returns
         -------
@@ -134,6 +136,8 @@ class Campaign(Definition):
         check_every(step_s, self.scene)
         if case is not None and not isinstance(case, Case):
             case = self.case(whole("case", case, 0, CASES - 1))
+        if case and make_plan(case.scene).contents != self.plan.contents:
+            raise InputError(f"case = {case!r}: must be a case of this campaign: it has other columns")
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene

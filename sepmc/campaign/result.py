@@ -69,8 +69,12 @@ class Result:
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """The case table by column. Raises ValueError if no rows were kept."""
-        return dict(self._rows())
+        """The case table by column, to be read: statistics are of the same arrays. Raises
+        ValueError if no rows were kept."""
+        views = {name: column.view() for name, column in self._rows().items()}
+        for view in views.values():
+            view.flags.writeable = False
+        return views
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per case: case, status, inputs (``in_...``), outcomes and audit columns.
