@@ -235,7 +235,7 @@ def test_a_filter_that_matches_failures_only_warns(campaign):
 
 def test_a_case_of_another_campaign(campaign):
     other = sepmc.load("spring-pushers").case(0)
-    with pytest.raises(ValueError, match="case = <Case 0: .*must be a case of this campaign"):
+    with pytest.raises(ValueError, match=r"case = <Case 0: .*must be a case of this campaign"):
         campaign.simulate(other)
 
 

@@ -137,7 +137,8 @@ class Campaign(Definition):
         if case is not None and not isinstance(case, Case):
             case = self.case(whole("case", case, 0, CASES - 1))
         if case and make_plan(case.scene).contents != self.plan.contents:
-            raise InputError(f"case = {case!r}: must be a case of this campaign: it has other columns")
+            said = "must be a case of this campaign: it has other columns"
+            raise InputError(f"case = {case!r}: {said}")
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
