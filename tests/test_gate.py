@@ -2,7 +2,11 @@
 every scene it once found is flown."""
 
 import copy
+import os
 import re
+import subprocess
+import sys
+import time
 import tomllib
 import warnings
 from pathlib import Path
@@ -346,3 +350,19 @@ def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
     assert [v["rows"] for v in found] == [rows]
     assert drive.fails(found[0]) == ("silent" in rows)
     assert asked == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no copies of processes")
+def test_a_copy_ends_with_the_process_that_asked():
+    """One that flies for long does not fly on alone."""
+    asks = (
+        "import time\nfrom sepmc.trust.gate import worker\n"
+        "def work(job):\n    print(1, flush=True)\n    time.sleep(60.0)\n"
+        "worker.work = work\nworker._judged_by_a_copy({'limit_s': 60.0})"
+    )
+    with subprocess.Popen([sys.executable, "-c", asks], stdout=subprocess.PIPE, text=True) as one:
+        assert one.stdout.readline()  # the copy is at work
+        one.kill()
+        begun = time.monotonic()
+        one.stdout.read()  # ends as the last of them does
+    assert time.monotonic() - begun < 30.0

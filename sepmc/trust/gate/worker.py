@@ -64,8 +64,10 @@ _SMALL = {
 def _judged_by_a_copy(job: dict[str, Any]) -> dict[str, Any]:
     """The verdict of a copy of this process; ``late`` if it took too long, ``died`` if it did."""
     reads, writes = os.pipe()
+    asks = os.getpid()
     copy = os.fork()
-    if not copy:
+    if not copy:  # threads are not copied: without one it would fly on, however long, once alone
+        threading.Thread(target=_end_with, args=(asks,), daemon=True).start()
         with os.fdopen(writes, "w") as pipe:
             json.dump(work(job), pipe)
         os._exit(0)
