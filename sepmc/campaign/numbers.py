@@ -139,7 +139,7 @@ def read(asked: Any, name: str = "cases") -> int | Numbers:
     if isinstance(asked, str):
         return _of_text(asked.strip(), name)
     several = isinstance(asked, Iterable) and not isinstance(asked, bytes | Mapping)
-    if several and getattr(asked, "ndim", 1):
+    if several and getattr(asked, "ndim", 1) != 0:
         found = Numbers.of(whole(name, number, 0, CASES - 1) for number in asked)
         if not found.count:
             raise InputError(f"{name} = []: {_ASKED}")
