@@ -83,7 +83,8 @@ def list_campaigns() -> None:
 @click.option("--no-flight", is_flag=True, help="Do not fly the nominal case.")
 def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> None:
     """Validate FILE and say what it contains, and what the kernel that flies it computes and leaves
-    out. Warns of what is probably a slip; for that its nominal case is flown, roughly.
+    out. Warns of what is probably a slip; last, its nominal case is flown for that, roughly, some
+    seconds at most.
 
     \b
     Examples:

@@ -427,7 +427,7 @@ def _worst(
         which = "the first that violates" if v.worst is None else "the worst of"
         say(f"flies case {number} again, {which} {v.name}")
         every_s = loaded.scene.run.end_time / _REPLAY_ROWS
-        history = loaded.simulate(loaded.case(number, seed), every_s, nobody)
+        history = loaded.simulate(loaded.case(number, seed), every_s, say)
         unit = next((c.unit for c in loaded.outcome_columns if c.name == v.metric), "")
         title = (
             f"case {number}, the first of {v.violations} that violate {v.name}"
