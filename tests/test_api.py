@@ -68,6 +68,8 @@ def test_statistics(campaign, result):
     )
     found = result.statistics()
     assert found.pop("error").to_dict() == result.accuracy.errors
+    assert not found.pop("constant").any()
+    assert (found.pop("error_size") > 0.0).all()
     pd.testing.assert_frame_equal(found, expected)
     assert result.statistics().loc["upper_roll_deg", "ref_sigma"] == 2.2514
 
