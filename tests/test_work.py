@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 from sepmc import cli, cli_checks
 from sepmc.campaign import pilot, single
+from sepmc.campaign.search import Search
 from sepmc.scene.messages import nobody
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
@@ -156,3 +157,26 @@ def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
     assert sum(n >= pilot.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2
     assert np.isfinite(found.achieved.history)
+
+
+def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):
+    """It tries no more once its work is spent, and its steps still come within the goal."""
+    spent = []
+
+    def flown(steps, methods, draws):
+        spent.append(len(draws) * int(steps.sum()))
+        return np.full((len(draws), 1), 1.0 + (1e-3 / steps**2).sum()), np.ones(len(draws))
+
+    def found():
+        spent.clear()
+        search = Search(flown, np.zeros((3, 0)), np.ones(1), 1e-8, np.array([True]), [[4]] * 3)
+        steps = search.fewest(np.full(3, 2))
+        return steps, search.error(steps), sum(spent)
+
+    steps, error, whole = found()
+    assert error <= 1e-8
+    monkeypatch.setattr("sepmc.campaign.search._MOST_SEARCH", whole // 2)
+    fewer, error, work = found()
+    assert error <= 1e-8
+    assert (fewer >= steps).all()
+    assert work < whole

@@ -18,6 +18,8 @@ _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
 # steps of a stage, over all trial cases, that the search of a reference may take: a minute
 _MOST_WORK = 5_000_000
+# that the whole search may take: then it makes do with what it has. Shipped campaigns take @@
+_MOST_SEARCH = 4 * _MOST_WORK
 # of an outcome, what cases of a given step differ by from finer ones however short it is
 _ROUND_OFF = 2e-12
 VOUCHED, IN_DOUBT, NO_OUTCOMES = 1, 0, -1
@@ -70,14 +72,20 @@ class Search:
         self.draws, self.scale, self.goal, self.decides = draws, scale, goal, decides
         self.evaluations = evaluations
         self.methods = np.zeros(len(evaluations), dtype=np.int64)
-        self._fly = flown
+        self._fly, self.work = flown, 0
         self.reference, self.verdict = np.empty((0, len(scale))), np.full(len(draws), IN_DOUBT)
         self.settled = np.inf  # what halving the steps of the reference changes
         self.of_reference = np.full(len(scale), np.inf)  # that by outcome
 
     def flown(self, steps: np.ndarray, draws: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outcomes and verdicts of draws with some steps, by the methods chosen so far."""
+        self.work += len(draws) * int(steps.sum())
         return self._fly(steps, self.methods, draws)
+
+    @property
+    def spent(self) -> bool:
+        """Whether the work is spent that a search may take."""
+        return self.work > _MOST_SEARCH
 
     @property
     def fair(self) -> np.ndarray:
@@ -168,7 +176,7 @@ class Search:
         chosen = steps.copy()
         for stage in range(len(chosen)):
             low, high = 0, int(steps[stage])
-            while high - low > 1:
+            while high - low > 1 and not self.spent:
                 trial = steps.copy()
                 trial[stage] = middle = (low + high) // 2
                 low, high = (low, middle) if self.error(trial) <= self.goal else (middle, high)
@@ -195,10 +203,10 @@ class Search:
 
         self.methods[stage] = method
         low, high = 0, most // self._work(stage, 1)
-        if high == 0 or not enough(high):
+        if high == 0 or self.spent or not enough(high):
             self.methods[stage] = before
             return steps
-        while high - low > 1:
+        while high - low > 1 and not self.spent:
             middle = (low + high) // 2
             low, high = (low, middle) if enough(middle) else (middle, high)
         trial[stage] = high
@@ -213,6 +221,8 @@ class Search:
         the goal."""
         error = self.error(chosen)
         while error > self.goal and (chosen < most).any():
+            if self.spent:
+                return most
             more = np.diag(np.maximum(1, chosen // 16))
             trials = [np.minimum(chosen + unit, most) for unit in more]
             found = [self.error(trial) if (trial > chosen).any() else np.inf for trial in trials]
