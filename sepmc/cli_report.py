@@ -1,6 +1,6 @@
 """What the command line tells of a run beyond its statistics: what drives it, and the report."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
@@ -246,9 +246,13 @@ def tell_comparison(
     rows = [store.CaseColumns(folder) for folder in places]
     summaries = [summary_of(folder, run) for folder, run in zip(places, runs, strict=True)]
     tables = [_statistics(*each) for each in zip(places, runs, summaries, strict=True)]
-    told_of = [record.read_manifest(folder).get("accuracy") or {} for folder in places]
-    changed = compare.differences(runs[0].file.tree, runs[1].file.tree) or ["nothing"]
-    click.echo("what differs in the files\n" + "\n".join("  " + line for line in changed))
+    manifests = [record.read_manifest(folder) for folder in places]
+    told_of = [manifest.get("accuracy") or {} for manifest in manifests]
+    found = compare.differences(_but_cases(runs[0].file.tree), _but_cases(runs[1].file.tree))
+    flown = [str(manifest.get("numbers") or f"0:{manifest['cases']}") for manifest in manifests]
+    found += [f"cases: {' -> '.join(flown)}"] if flown[0] != flown[1] else []
+    lines = "\n".join("  " + line for line in found or ["nothing"])
+    click.echo(f"what differs in the files\n{lines}")
     counts = [summary.counts for summary in summaries]
     for label in dict.fromkeys([*counts[0], *counts[1]]):
         click.echo(f"{label}: {counts[0].get(label, 0)} -> {counts[1].get(label, 0)} cases")
@@ -301,6 +305,12 @@ def tell_comparison(
         units = {c.name: c.unit for c in runs[0].outcome_columns}
         names = str(places[0]), str(places[1])
         click.echo(f"wrote {overlay_figure(values, out, units, names)}")
+
+
+def _but_cases(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """A campaign's tree without how many cases it asks for: which were flown is told."""
+    run = {key: value for key, value in tree.get("run", {}).items() if key != "cases"}
+    return {**tree, "run": run}
 
 
 def _drawn(manifest: dict[str, Any], run: Campaign) -> tuple[Any, ...]:

@@ -238,7 +238,9 @@ def test_command(runs, tmp_path):
     assert kept.loc["separation_speed_m_s", "difference"] < -0.05
     with flown_plainly():  # some of the cases: rows of one number belong together
         sepmc.load(tmp_path / "often").run(cases="8:20", out=tmp_path / "some")
-    call("compare", tmp_path / "rarely", tmp_path / "some", "--out", tmp_path / "part")
+    told = call("compare", tmp_path / "rarely", tmp_path / "some", "--out", tmp_path / "part")
+    assert "  cases: 0:25 -> 8:20\n" in told.stdout
+    assert "run.cases" not in told.stdout
     kept = pd.read_csv(tmp_path / "part" / "compare.csv", index_col="outcome")
     every, some = (store.read_cases(tmp_path / name) for name in ("rarely", "some"))
     apart = some.set_index("case")["upper_roll_deg"] - every.set_index("case")["upper_roll_deg"]

@@ -203,7 +203,7 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     changed = pd.read_parquet(folder / "plan.parquet")
     changed.loc[0, INPUTS[0]] += 1e-9
     changed.to_parquet(tmp_path / "changed.parquet")
-    with pytest.raises(StoreError, match="another campaign"):
+    with pytest.raises(StoreError, match=r"another campaign.* It differs in .*; rows of run\.plan"):
         again.with_settings({"run.plan": str(tmp_path / "changed.parquet")}).run(
             out=folder, resume=True
         )
@@ -250,6 +250,10 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         ({"case": [0, 0], "V": [1.0, 2.0]}, "V", "column case: holds a number twice"),
         ({"case": [0.5, 1], "V": [1.0, 2.0]}, "V", "column case = '0.5': must hold whole numbers"),
         ({"V": [1.0], "in_body_fore_mas_kg": [1.0]}, "V", "no such input here: did you mean"),
+        ({"V": [1.0], "body.fore.mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),
+        ({"V": [1.0], "IN_Body_fore_mass_kg": [3.0]}, "V", "must be called in_body_fore_mass_kg"),
+        ({"V": [1.0], "body_fore_mass_kg": ["x"]}, "V", "must be called in_body_fore_mass_kg"),
+        ({"V": [1.0], "Case": [5]}, "V", "column Case: no such column; it must be called case"),
         ({"V": []}, "V", "has no rows"),
     ],
 )

@@ -120,8 +120,8 @@ class Campaign(Definition):
         of. Its outcomes are those of the campaign's row to that accuracy; one that has not settled
         when its work is spent has a note. With ``plain_work``, lines of its kernel that plain
         Python may fly (1e7 in 5 s), nothing is compiled, and what takes more raises
-        `sepmc.campaign.single.UnknownError`. A case of a campaign with other columns raises
-        InputError.
+        `sepmc.campaign.single.UnknownError`. A case is flown as its ``scene`` has it,
+        whatever this campaign has; one of a campaign with other columns raises InputError.
 
         Returns
         -------

@@ -215,10 +215,15 @@ class Definition:
         tree["run"] = {
             k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
         }
-        if inputs := self.file.input_table:
-            used = [d.column for d in self.file.dispersions if d.column]
-            tree["run"]["plan"] = inputs.digest(used)
+        if self.file.input_table:
+            tree["run"]["plan"] = self.inputs_digest
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
+
+    @property
+    def inputs_digest(self) -> str:
+        """Digest of the numbers that a plan gives; of none, empty."""
+        used = [d.column for d in self.file.dispersions if d.column]
+        return self.file.input_table.digest(used) if self.file.input_table else ""
 
     def draw(
         self, first: int, count: int, seed: int | None = None, total: int | None = None

@@ -11,6 +11,7 @@ from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.chunks import Earlier
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Say
+from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.keep import Keep
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.piece import Draws
@@ -113,10 +114,13 @@ def _check(campaign: Definition, folder: Path, draws: Draws, manifest: dict[str,
 def _differences(campaign: Definition, folder: Path) -> str:
     """What differs from the campaign of a run folder, key by key."""
     try:
-        other = read_campaign(str(folder))
+        other = Definition(read_campaign(str(folder), reader=read_input_table))
     except InputError:
         return f"What differs is not known, as its {folders.CAMPAIGN} cannot be read."
-    found = differences(other.tree, campaign.file.tree)
+    found = differences(other.file.tree, campaign.file.tree)
+    plans = [each.file.input_table for each in (other, campaign)]
+    if all(plans) and other.inputs_digest != campaign.inputs_digest:
+        found.append("rows of run.plan")
     if not found:
         said = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
         return f"{said}: {record.put_back(folder)}"

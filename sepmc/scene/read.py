@@ -18,7 +18,7 @@ from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
-from sepmc.scene.input_table import InputTable, Reader
+from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
 from sepmc.scene.messages import (
     Problems,
@@ -296,12 +296,21 @@ def _check_input_table(
     """A plan gives what the campaign disperses, and nothing else by a name of its case tables."""
     used = {dispersion.column for dispersion in dispersions}
     known = [dispersion.parameter.column for dispersion in dispersions]
+    of_letters = {_letters(name): name for name in (CASE, *known)}
     for name in (*table.columns, *table.words):
-        if name.startswith("in_") and name not in used and name not in known:
+        meant = of_letters.get(_letters(name))
+        if meant and name not in used and name not in known:
+            problems.add(f"run.plan, column {name}", f"no such column; it must be called {meant}")
+        elif name.startswith("in_") and name not in used and name not in known:
             said = f"{nearest(name, known)}; a plan gives what [dispersion] lists"
             problems.add(f"run.plan, column {name}", f"no such input here: {said}")
     if not used - {""} and not problems:
         problems.add("run.plan", f"gives no input; {nearest('', known)}", table.path.name)
+
+
+def _letters(name: str) -> str:
+    """A name of a column without what spellings differ in: case, punctuation and the first in_."""
+    return re.sub(r"\W", "_", name).lower().removeprefix("in_")
 
 
 def _check_reference(reference: Reference, scene: Scene, problems: Problems) -> None:
