@@ -219,9 +219,13 @@ def manifest_with_rows(folder: Path) -> dict[str, Any]:
             if manifest.get("complete")
             else f"it was interrupted; to go on: sepmc campaign {folder} --out {folder} --resume"
         )
-        of = "and rows of some cases in kept/" if manifest.get("keep") else "only and no cases"
+        of = (
+            "and those rows that --keep chose, in kept/"
+            if manifest.get("keep")
+            else "only and no cases"
+        )
         raise folders.StoreError(
-            f"{folder}: holds statistics {of}, where rows of all cases are needed; {kept}"
+            f"{folder}: holds statistics {of}, where all rows, in cases/, are needed; {kept}"
         )
     if "cases" not in manifest:
         raise folders.StoreError(f"{folder}: holds a single flight; give the folder of a campaign")

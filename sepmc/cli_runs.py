@@ -161,13 +161,14 @@ def campaign(
             sys.exit(tell_rare(rare, click.get_current_context().params))
         loaded = load_campaign(file, settings, sampler=sampler, plan=plan, verify=not resume)
         check_required(loaded, must_pass)
-        from sepmc.campaign import folders, record
+        from sepmc.campaign import folders
+        from sepmc.campaign.going_on import own_cases
         from sepmc.engine.door import check_threads
 
         check_threads(threads)
         folder = out or folders.next_folder(loaded.name)
-        if resume and cases is None and _is_of(file, folder):  # those that it is a run of
-            cases = record.made_by(folder).get("numbers")
+        if resume and cases is None:
+            cases = own_cases(loaded, folder)
         numbers, _ = loaded.asked(cases)
         if dry_run:
             from sepmc.cli_plan import tell_plan
@@ -247,13 +248,6 @@ def _crew(
             f"--workers and --cluster need Dask, the extra cluster: {EXTRA.format('cluster')}"
         ) from None
     return crew(workers, address, threads)
-
-
-def _is_of(file: str, folder: Path) -> bool:
-    """Whether a campaign is given as that of a run folder."""
-    from sepmc.scene.read import find_file
-
-    return find_file(file).parent.resolve() == folder.resolve()
 
 
 @click.command(short_help="Write the table of inputs of FILE's cases.")

@@ -267,7 +267,7 @@ def test_command_line(tmp_path):
     for command in ("stats", "drivers"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
-        assert "rows of some cases in kept/" in said.stderr
+        assert "those rows that --keep chose, in kept/" in said.stderr
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output

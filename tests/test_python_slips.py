@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 import sepmc
+from sepmc.campaign.folders import StoreError
 
 QUICK = {
     "solver.step_s": 0.1,
@@ -247,3 +248,28 @@ def test_columns_of_a_result_are_not_written_to(result):
     table = result.to_pandas()
     table["separation_speed_m_s"] = 0.0
     assert result.statistics().equals(before)
+
+
+def test_a_resumed_run_keeps_its_cases(campaign, tmp_path):
+    """As the repair that is offered says: the cases of the run, not those of its file."""
+    campaign.run(cases="7:19", out=tmp_path / "run").to_pandas()
+    again = sepmc.load(tmp_path / "run").run(out=tmp_path / "run", resume=True)
+    assert (again.resumed, list(again.to_pandas().index)) == (12, list(range(7, 19)))
+    with pytest.raises(StoreError, match=r"holds|fewer"):
+        sepmc.load(tmp_path / "run").run(cases=9, out=tmp_path / "run", resume=True)
+
+
+def test_histories_are_of_the_run_that_was_asked(tmp_path):
+    """Not of what is in its folder now; of a run that has grown, those of its own cases."""
+    campaign, out = (
+        sepmc.load("table2.toml", {**QUICK, "run.history_step_s": 0.1}),
+        tmp_path / "run",
+    )
+    first = campaign.run(cases=4, seed=1, out=out)
+    before = first.histories()
+    grown = campaign.run(cases=6, seed=1, out=out, resume=True)
+    assert first.histories().equals(before)
+    assert grown.histories()["case"].nunique() == 6
+    campaign.run(cases=4, seed=2, out=out, overwrite=True)
+    with pytest.raises(StoreError):
+        first.histories()

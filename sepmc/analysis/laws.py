@@ -184,6 +184,7 @@ def text(
     told = [line.rstrip() for line in aligned(rows, width)]
     told += [
         "",
+        "+-: one standard error, if the law is normal; larger where it has longer tails.",
         "p: how likely so many cases of that law lie as far from it. The more cases, the smaller a "
         "difference it shows.",
     ]

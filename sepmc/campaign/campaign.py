@@ -272,6 +272,8 @@ class Campaign(Definition):
         case, and with a narrower one it goes on from what is known; without one, an interrupted
         run stops as it would have.
         """
+        if resume and cases is None and out is not None:
+            cases = going_on.own_cases(self, place(out))
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)

@@ -13,7 +13,7 @@ from sepmc.campaign.definition import Definition
 from sepmc.campaign.flight import Say
 from sepmc.campaign.input_file import read_input_table
 from sepmc.campaign.keep import Keep
-from sepmc.campaign.numbers import Numbers
+from sepmc.campaign.numbers import Numbers, named
 from sepmc.campaign.piece import Draws
 from sepmc.campaign.tally import Tally
 from sepmc.campaign.tally import read as read_tally
@@ -43,6 +43,15 @@ def as_it_began(
     if until is None and not manifest.get("complete"):
         until = manifest.get("stopping_rule")
     return counts, Keep.of_text(text) if text else None, until
+
+
+def own_cases(campaign: Definition, folder: Path) -> Numbers | None:
+    """The cases of a run, if the campaign is that of its folder and they are not the first
+    ones: what it goes on with unless others are asked for."""
+    if campaign.file.folder.resolve() != folder.resolve():
+        return None
+    found = record.made_by(folder).get("numbers")
+    return named(found) if found else None
 
 
 def _manner(counts: bool, keep: str) -> str:

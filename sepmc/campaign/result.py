@@ -92,10 +92,10 @@ class Result:
 
     def histories(self) -> pd.DataFrame | None:
         """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
-        is 0."""
+        is 0. Raises StoreError if the folder no longer holds what this run wrote."""
         self._rows()
         if self.folder:
-            return store.read_histories(self.folder)
+            return store.read_histories(self.folder, held=self.kept.history_parts)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *given: str) -> pd.DataFrame:

@@ -1,7 +1,7 @@
 """Where flown cases go: kept in memory, written to a run folder, or counted and let go."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,11 +26,13 @@ _IN_ONE_PART = 200_000  # rows that are kept
 
 @dataclass
 class Kept:
-    """What a run leaves: its statistics, and its rows and histories where they are kept."""
+    """What a run leaves: its statistics, and its rows and histories where they are kept; of a
+    folder, the parts that hold histories."""
 
     summary: Rows | Stream
     rows: Mapping[str, np.ndarray] | None = None
     histories: Mapping[str, np.ndarray] | None = None
+    history_parts: Sequence[Entry] = ()
 
 
 class Sink(Protocol):
@@ -120,7 +122,9 @@ class InFolder:
     def kept(self) -> Kept:
         """Statistics of the folder's cases, and their columns."""
         columns = store.CaseColumns(self.folder)
-        return Kept(summarise(columns, *self.campaign.summarised), columns)
+        over_time = store.parts(self.folder, folders.HISTORIES)
+        summary = summarise(columns, *self.campaign.summarised)
+        return Kept(summary, columns, history_parts=over_time)
 
 
 def _about(campaign: Definition, draws: Draws) -> dict[str, str]:

@@ -401,7 +401,10 @@ def read_cases(
 ) -> pd.DataFrame:
     """Case rows of a run, in order of case: all, or those ``below`` a number; all columns, or
     some."""
-    return _read(folder, folders.CASES, ["case"], below, columns)
+    held = parts(folder, folders.CASES)
+    if not held:
+        raise StoreError(f"{folder}: holds no {folders.CASES}; give the folder of a run")
+    return _read(folder, held, ["case"], below, columns)
 
 
 def read_row(folder: Path, number: int) -> dict[str, Any]:
@@ -414,24 +417,22 @@ def read_row(folder: Path, number: int) -> dict[str, Any]:
     raise StoreError(f"{folder}: does not hold case {number}")
 
 
-def read_histories(folder: Path, below: int | None = None) -> pd.DataFrame | None:
+def read_histories(
+    folder: Path, below: int | None = None, held: Sequence[ledger.Entry] | None = None
+) -> pd.DataFrame | None:
     """Histories of a run in long form (case, time_s, ...), of cases ``below`` a number only if
-    given, or None if it kept none."""
-    if not parts(folder, folders.HISTORIES):
-        return None
-    return _read(folder, folders.HISTORIES, ["case", "time_s"], below)
+    given, or None if it kept none: all, or of the parts that it ``held`` once."""
+    held = parts(folder, folders.HISTORIES) if held is None else held
+    return _read(folder, held, ["case", "time_s"], below) if held else None
 
 
 def _read(
     folder: Path,
-    kind: str,
+    held: Sequence[ledger.Entry],
     order: list[str],
     below: int | None = None,
     columns: list[str] | None = None,
 ) -> pd.DataFrame:
-    held = parts(folder, kind)
-    if not held:
-        raise StoreError(f"{folder}: holds no {kind}; give the folder of a run")
     frame = pd.concat(
         [
             _read_part(folder, part, columns).to_pandas(ignore_metadata=True)
