@@ -236,8 +236,9 @@ def drivers(folder: Path, outcomes: tuple[str, ...], no_plots: bool) -> None:
 @click.argument("outcomes", metavar="[OUTCOME]...", nargs=-1)
 def laws(folder: Path, outcomes: tuple[str, ...]) -> None:
     """Which law each OUTCOME of RUN follows, or those that matter most: skewness and kurtosis
-    (with one standard error, if it is normal), whether it may be normal, the nearest of six laws, and where that puts the 99.865 % point beside
-    where the cases put it. Writes laws.csv, of all outcomes, into RUN.
+    (with one standard error, if it is normal), whether it may be normal, the nearest of six laws,
+    and where that puts the 99.865 % point beside where the cases put it. Writes laws.csv, of all
+    outcomes, into RUN.
 
     \b
     Example:

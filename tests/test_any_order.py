@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flights
+from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flights, without_steps
 
 from sepmc.campaign import pilot, single
 from sepmc.kernel import structure
@@ -176,7 +176,9 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
         "joint.pins.delay_s": {"uniform": late},
         "joint.other.delay_s": {"uniform": other_late},
     }
-    campaign = pair(TURNING | TWO | {"dispersion": laws, "solver": {"accuracy": 1e-8}})
+    campaign = pair(
+        without_steps(TURNING | TWO) | {"dispersion": laws, "solver": {"accuracy": 1e-8}}
+    )
     assert not make_shape(campaign.plan, campaign.dispersed).any_order
     assert (ANY_ORDER in [spare.care for spare in pilot.plan_flight(campaign).spares]) == by_spare
     result = campaign.run(cases=CASES, out=tmp_path / "run")

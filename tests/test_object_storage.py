@@ -94,7 +94,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     said = [finding.said for finding in record.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
-    with pytest.raises(folders.StoreError, match="--resume"):
+    with pytest.raises(folders.StoreError, match="resume=True"):
         store.read_cases(folder)
     campaign.run(cases=CASES, out=folder, resume=True)
     same(folder, alone.folder)

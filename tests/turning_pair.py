@@ -64,3 +64,8 @@ def agrees(campaign, unclear=("force_time_s", "moment_time_s")):
             compared += not math.isnan(expected)
     assert compared > 20
     return outcomes
+
+
+def without_steps(settings):
+    """Settings but for the step that they give."""
+    return {key: value for key, value in settings.items() if key != "solver.step_s"}

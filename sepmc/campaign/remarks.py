@@ -13,7 +13,6 @@ from sepmc.campaign.flight import Flight
 from sepmc.campaign.numbers import Numbers
 from sepmc.campaign.overshoot import overshooting
 from sepmc.campaign.waits import missing_of_one
-from sepmc.physics.outlines import THROUGH
 from sepmc.routines.layout import ROD, ROTATION
 from sepmc.scene import parameters
 from sepmc.scene.kinds import rows_of
@@ -219,6 +218,8 @@ def _deepest(
         if part.hollow and part.radii
         for radius in part.radii
     ]
+    from sepmc.physics.outlines import THROUGH  # noqa: PLC0415  numba, for what has flown only
+
     return THROUGH * max(radii, default=math.inf)
 
 
