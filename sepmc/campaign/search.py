@@ -18,7 +18,7 @@ _FINER = 8  # times as fine as a step that is given is what it is held against
 _MAY_BE_LOST = 0.1  # of the cases may find steps of their own
 # steps of a stage, over all trial cases, that the search of a reference may take: a minute
 _MOST_WORK = 5_000_000
-# that the whole search may take: then it makes do with what it has. Shipped campaigns take @@
+# that the whole search may take: then it makes do with what it has. Shipped ones take 4e3 to 2e5
 _MOST_SEARCH = 4 * _MOST_WORK
 # of an outcome, what cases of a given step differ by from finer ones however short it is
 _ROUND_OFF = 2e-12
