@@ -134,11 +134,12 @@ class Campaign(Definition):
             ``events`` by name, NaN of those that did not come.
         """
         check_every(step_s, self.scene)
-        if case is not None and not isinstance(case, Case):
+        if isinstance(case, Case):
+            if make_plan(case.scene).contents != self.plan.contents:
+                said = "must be a case of this campaign: it has other columns"
+                raise InputError(f"case = {case!r}: {said}")
+        elif case is not None:
             case = self.case(whole("case", case, 0, CASES - 1))
-        if case and make_plan(case.scene).contents != self.plan.contents:
-            said = "must be a case of this campaign: it has other columns"
-            raise InputError(f"case = {case!r}: {said}")
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
