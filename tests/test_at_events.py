@@ -83,6 +83,51 @@ def test_a_flight_that_ends_there_gives_the_same(pair, phases, when):
             assert_allclose(value, ended[name], rtol=1e-8, atol=1e-8)
 
 
+# a thrust that rises and falls pulls on a spherical joint between bodies that turn
+SWELL = {
+    "name": "swell",
+    "body": "aft",
+    "thrust_N": 20.0,
+    "profile": {"time_s": [0.0, 0.3, 0.6], "fraction": [0.1, 1.0, 0.1]},
+    "station_m": 3.5,
+    "offset_m": [0.05, 0.02],
+}
+HELD = {
+    "motor": [SWELL],
+    "phase": [{"name": "held", "joints": {"pins": "spherical"}}],
+    "initial.omega_deg_s": [40.0, -25.0, 100.0],
+}
+AT_8_N = {"joint": "pins", "force_N": 8.0}
+LOADS = {
+    "a force": AT_8_N,
+    "a force that falls": AT_8_N | {"direction": "falling"},
+    "a force, either way": AT_8_N | {"direction": "either"},
+    "a force or a time": {"any": [AT_8_N, {"time_s": 0.7}]},
+    "a force and a time": {"all": [AT_8_N, {"time_s": 0.01}]},
+}
+BROKEN = {
+    "phase": [
+        {"name": "held", "joints": {"pins": "spherical"}, "until": AT_8_N},
+        {"name": "free"},
+    ]
+}
+BREAKS = [{"name": "break", "joint": "pins", "to": "free", "when": AT_8_N}]
+
+
+@pytest.mark.parametrize("phases", [{}, BROKEN, {"release": BREAKS}], ids=["on", "ends", "breaks"])
+@pytest.mark.parametrize("when", LOADS.values(), ids=LOADS)
+def test_attitudes_where_a_load_is_reached(pair, when, phases):
+    """A step is cut short where a load is reached: attitudes are those of that instant, here and
+    from then on."""
+    campaign = pair(FREE | HELD | phases | {"event": [{"name": "now", "when": when}]})
+    flown = campaign.simulate(step_s=0.05).attrs["outcomes"]
+    apart = fly(campaign.case(0).to_dict()).outcomes
+    names = [name for name in flown if name.startswith("now_") or name.endswith("_deg")]
+    assert len(names) == 27
+    for name in names:
+        assert_allclose(flown[name], apart[name], rtol=1e-8, atol=1e-8, err_msg=name)
+
+
 OUTLINES = {
     "body.fore.outline": [
         {"stations_m": [0.0, 1.9], "radii_m": [0.1, 0.3]},

@@ -353,6 +353,33 @@ def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     return sorted(found.items())
 
 
+def emit_attitudes_where(text: Text, c: Context, stage: Stage, flag: str) -> None:
+    """Lines that follow attitudes to the state Y in the lanes in which a flag is set.
+
+    A step that was cut short leaves pitch, roll and heading as they were at its full length.
+    """
+    for body in c.shape.turning:
+        if body not in stage.leaders:
+            continue
+        scope = c.scope()
+        cut, q = scope.load(flag) > 0.0, scope.load(f"Y + Q_{body}", 4).called("q")
+        inverse = (1.0 / square_root(total([q[i] * q[i] for i in range(4)]))).called("inverse")
+        unit = tuple(q[i] * inverse for i in range(4))
+        r = quat.matrix(unit).called("r")
+        changes: list[tuple[str, Any]] = [(part(f"Y + Q_{body}", k), unit[k]) for k in range(4)]
+        for slab, value, count in (
+            (f"HEADING_{body}", quat.heading(r), 4),
+            (f"LAST_RATE_{body}", scope.load(f"Y + OMEGA_{body}", 3), 3),
+        ):
+            changes += [(part(slab, k), value[k]) for k in range(count)]
+        for k, angle in enumerate((quat.pitch, quat.roll)):
+            last = part(f"ANGLES_{body}", k)
+            changes.append((last, scalar.nearest_turn(angle(r), scope.load(last))))
+        for place, value in changes:
+            scope.store(place, where(cut, value, scope.load(place)))
+        scope.write(text)
+
+
 def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it
     made."""

@@ -7,7 +7,7 @@ from sepmc.kernel.context import Context, part
 from sepmc.kernel.geometry import State
 from sepmc.kernel.guides import note_guides, start_guides, watch_guide
 from sepmc.kernel.shape import APART, Event, Stage
-from sepmc.kernel.steps import emit_spread
+from sepmc.kernel.steps import emit_attitudes_where, emit_spread
 from sepmc.kernel.text import Text
 from sepmc.kernel.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.routines import layout as at
@@ -149,6 +149,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     inner.block(f"for e in range({c.shape.active(stage)} * LANES):")(
         "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
     )
+    emit_attitudes_where(inner, c, stage, "MET")
 
 
 def side_before(stage: Stage, load: Event) -> str:

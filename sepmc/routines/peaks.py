@@ -374,8 +374,9 @@ def first_crossed(w, nodes, apart, scratch, threshold, side, rising, falling):
     side = now
     for i in range(COUNT - 1):
         low, high = THETA[i], THETA[i + 1]
-        then = _side(w[sizes + i + 1], threshold, side)
         counts = rising if side > 0.0 else falling
+        # what comes to stand at the threshold has reached it, as a limit is reached there
+        then = _side(w[sizes + i + 1], threshold, -side if counts else side)
         if side == 0.0 or (then != side and not counts):
             side = then
             continue

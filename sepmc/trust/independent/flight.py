@@ -256,7 +256,11 @@ class IndependentFlight:
             if self.motion.at(self.t, s) and self.motion.jammed:
                 raise Ended("jammed")
             if first is not None:
+                also = self._loads_at(time, dense, before)
                 first[1]()
+                for leaf in also:
+                    if not leaf.met and (leaf.side or leaf.direction is None):
+                        self._reach_threshold(leaf)
                 return
 
     def _solver(self, t: float, y: Array, stop: float) -> DOP853:
@@ -300,6 +304,21 @@ class IndependentFlight:
             if root is not None:
                 first, end = each, root
         return first, end
+
+    def _loads_at(self, time: float, dense: Dense, before: float) -> list[Leaf]:
+        """Loads of joints that have reached their thresholds by a time of a step: all of them
+        count, as they are judged before any joint lets go."""
+        loads = [
+            leaf
+            for leaf in self.sequence.armed()
+            if leaf.on_load and (leaf.side or leaf.direction is None)
+        ]
+        values = [partial(self._along, partial(self._excess, leaf), dense) for leaf in loads]
+        return [
+            leaf
+            for leaf, value in zip(loads, values, strict=True)
+            if first_root(value, before, time + GRAIN) is not None
+        ]
 
     def _along(self, value: Value, dense: Dense, t: float) -> float:
         """A function of time and state on a step."""
