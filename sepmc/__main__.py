@@ -1,5 +1,5 @@
 """``python -m sepmc``."""
 
-from sepmc.cli import main
+from sepmc.cli.app import main
 
 main()

@@ -49,8 +49,9 @@ class DaskCrew:
         function: Callable[[Any, int, int, int], Any],
         ranges: Iterable[tuple[int, int]],
     ) -> Generator[Any]:
-        """As `sepmc.campaign.work.Crew.map`. A range whose worker was lost is handed out again;
-        where the scheduler itself is gone, so is all that was not done, once it is back."""
+        """As `sepmc.campaign.execution.work_ranges.Crew.map`. A range whose worker was lost is
+        handed out again; where the scheduler itself is gone, so is all that was not done, once it
+        is back."""
         source = iter(ranges)
         left: dict[int, tuple[int, int]] = {}
         number = oldest = 0

@@ -50,9 +50,9 @@ _SOURCES = (
     "physics/*.py",
     "routines/*.py",
     "engine/*.py",
-    "kernel/methods.py",
-    "kernel/dop853_coefficients.py",
-    "kernel/pieces.py",
+    "kernel/spec/methods.py",
+    "kernel/spec/dop853_coefficients.py",
+    "kernel/emit/compile_units.py",
 )
 
 

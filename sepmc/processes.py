@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, resource_tracker
 
-from sepmc import garbage
+from sepmc import gc_tuning
 
 
 @contextmanager
@@ -26,7 +26,7 @@ def _uninterrupted() -> Iterator[None]:
 def _begin() -> None:
     """What a process does first: it will hear of no interruption, and puts off garbage."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    garbage.put_off()
+    gc_tuning.put_off()
 
 
 @contextmanager

@@ -4,12 +4,12 @@ import gc
 import tomllib
 
 import pytest
+from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine import compilers, interpreted
+from sepmc.engine import compile_workers, interpreted
 from sepmc.scene.read import parse_campaign
-from sepmc.trust.gate.plain import flown_plainly
 
 # Kernels flown as plain Python make millions of small objects, hardly any of them in a cycle:
 # looking for those so often takes an eighth of the time.
@@ -17,7 +17,7 @@ gc.set_threshold(100_000, 50, 50)
 
 
 # Processes that compile wait for the next kernel: they hold the formulas compiled.
-compilers.IDLE_S = 1800.0
+compile_workers.IDLE_S = 1800.0
 
 
 class _Recent(dict):

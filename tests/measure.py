@@ -4,8 +4,8 @@ about four minutes."""
 import numpy as np
 
 import sepmc
-from sepmc.campaign.pilot import fly, plan_flight
-from sepmc.trust import lagrange
+from sepmc.campaign.execution.step_selection import fly, plan_flight
+from sepmc.validation import lagrange
 
 SEEDS = (2019, 1, 2, 3, 4, 5)
 SURVEY = range(1000, 1060)

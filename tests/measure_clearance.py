@@ -2,8 +2,8 @@
 tests/measure_clearance.py [CASES [CAMPAIGN ...]]``.
 
 Every row is held against a fine flight of the same case, whose outlines are compared by
-`sepmc.trust.geometry`. The fine flights are compiled,
-which a single run does by itself only beyond `sepmc.campaign.single._PLAIN` steps.
+`sepmc.validation.geometry`. The fine flights are compiled,
+which a single run does by itself only beyond `sepmc.campaign.execution.single_case._PLAIN` steps.
 """
 
 import sys
@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import sepmc
-from sepmc.campaign import single
-from sepmc.trust import geometry
+from sepmc.campaign.execution import single_case
+from sepmc.validation import geometry
 
 CAMPAIGNS = (
     "srb.toml",
@@ -82,7 +82,7 @@ def measure(name, cases):
 
 
 if __name__ == "__main__":
-    single._PLAIN = 1  # steps of a stage beyond which a single run compiles its kernel
+    single_case._PLAIN = 1  # steps of a stage beyond which a single run compiles its kernel
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for each in sys.argv[2:] or CAMPAIGNS:
         measure(each, count)

@@ -23,7 +23,7 @@ import numpy as np
 from measure_kills import same
 
 import sepmc
-from sepmc.campaign import record
+from sepmc.campaign.store import manifests
 from sepmc.cluster import crew
 
 OFTEN = {"run.chunk": 2048, "run.history_step_s": 0.1}
@@ -56,7 +56,7 @@ def damage(times, seed):
             folder = Path(temporary) / f"run-{number}"
             after, which = float(rng.uniform(0.0, 3.0)), int(rng.integers(2))
             result = one_killed(campaign, folder, after, which)
-            found = record.diagnose(folder)
+            found = manifests.diagnose(folder)
             bad = not same(whole, folder) or statistics_of(result) != alone or bool(found)
             wrong += bad
             said = f"DIFFERS {found}" if bad else "same"

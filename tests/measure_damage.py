@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from sepmc import cli
-from sepmc.campaign import folders, record, store
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.cli import app
 
 # runs that keep all rows, and ones that count and keep some
 RUNS = {"rows": (), "counts": ("--keep", "failed,every:5")}
@@ -39,7 +39,7 @@ def fly(folder, *words):
 
 def call(*words):
     """Exit code of a command."""
-    done = CliRunner().invoke(cli.main, words)
+    done = CliRunner().invoke(app.main, words)
     if done.exception and not isinstance(done.exception, SystemExit):
         raise done.exception
     return done.exit_code
@@ -81,7 +81,7 @@ def damage(folder, rng):
 def rows(folder):
     """All rows and histories, as bytes; None if the folder is refused."""
     try:
-        read = store.read_cases(folder), store.read_histories(folder)
+        read = shards.read_cases(folder), shards.read_histories(folder)
     except folders.StoreError:
         return None
     return tuple(b"" if frame is None else frame.to_json().encode() for frame in read)
@@ -90,7 +90,7 @@ def rows(folder):
 def contents(folder):
     """What a mended folder must have again: all but times of day and of work."""
     found = {name: (folder / name).read_bytes() for name in files(folder)}
-    del found[folders.MANIFEST], found[store.ledger.LEDGER]
+    del found[folders.MANIFEST], found[shards.ledger.LEDGER]
     return found
 
 
@@ -106,7 +106,7 @@ def meant(contents):
 def is_told(folder, before, was):
     """Whether a damage is told, or did nothing, and no other numbers are read than before."""
     changed = meant({name: (folder / name).read_bytes() for name in files(folder)}) != meant(before)
-    told = record.diagnose(folder)
+    told = manifests.diagnose(folder)
     found = rows(folder)
     return (bool(told) or not changed) and (found is None or found == was or bool(told))
 
@@ -114,7 +114,7 @@ def is_told(folder, before, was):
 def is_mended(folder, before):
     """Whether ``--repair`` brings back all but the campaign that was flown, and refuses where
     nothing tells any more what that was: the manifest and every part are damaged."""
-    path, known = folder / folders.CAMPAIGN, bool(record.made_by(folder))
+    path, known = folder / folders.CAMPAIGN, bool(manifests.made_by(folder))
     code = call("doctor", str(folder), "--repair", "--quiet")
     if not known or not path.is_file() or path.read_bytes() != before[folders.CAMPAIGN]:
         return code == 2

@@ -15,9 +15,10 @@ import time
 import numpy as np
 
 import sepmc
-from sepmc.campaign import accuracy, cases, pilot
-from sepmc.campaign.flight import fly
-from sepmc.campaign.settle import changes
+from sepmc.campaign import cases
+from sepmc.campaign.execution import accuracy, step_selection
+from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.step_refinement import changes
 from sepmc.scene.read import parse_setting, shipped_campaigns
 
 QUIET = {"run.history_step_s": 0.0}
@@ -86,7 +87,7 @@ VARIANTS = {
 def measure(name, campaign, count, seconds):
     """One row: what is told, what is true."""
     start = time.perf_counter()
-    trial = pilot.plan_flight(campaign)
+    trial = step_selection.plan_flight(campaign)
     planned = time.perf_counter() - start
     draws = (
         cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors

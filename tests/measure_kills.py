@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from sepmc.campaign import folders, record, store
+from sepmc.campaign.store import folders, manifests, shards
 
 OPTIONS = ["table2.toml", "--cases", "60000", "--set", "run.chunk=4096", "--no-plots", "--quiet"]
 OPTIONS += ["--set", "run.history_step_s=0.1"]
@@ -43,7 +43,7 @@ def command(folder, *more):
 
 def table(folder, kind, order):
     """All parts of a run, in order."""
-    parts = [pq.read_table(folder / one.file) for one in store.parts(folder, kind)]
+    parts = [pq.read_table(folder / one.file) for one in shards.parts(folder, kind)]
     frame = pd.concat([part.to_pandas() for part in parts], ignore_index=True)
     frame["status"] = frame["status"].astype(str) if "status" in frame else ""
     return frame.sort_values(order, ignore_index=True)
@@ -119,7 +119,7 @@ def main():
             while way := killed(folder, rng, 1.3 * takes, asked.disk):
                 kills[way] += 1
             wrong += not same(whole[(runs - 1) % len(MANNERS)], folder) or bool(
-                record.diagnose(folder)
+                manifests.diagnose(folder)
             )
             shutil.rmtree(folder)
     print(json.dumps({"kills": kills, "runs": runs, "seconds a run": round(takes, 2)}))

@@ -18,7 +18,7 @@ from conftest import _PAIR
 from scipy import optimize, stats
 
 import sepmc
-from sepmc.analysis import rare
+from sepmc.analysis import subset_simulation
 from sepmc.analysis.proportions import interval as of_share
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import generator
@@ -120,8 +120,10 @@ def known(repeats):
             return margin(u), np.empty((len(u), 0))
 
         def repeat(seed, limit=limit, d=d):
-            one, _, flown = rare.estimate(limit, d, lambda what: generator(seed, what), FLIGHTS)
-            return one.known, one.interval, flown, rare.remarks(one)
+            one, _, flown = subset_simulation.estimate(
+                limit, d, lambda what: generator(seed, what), FLIGHTS
+            )
+            return one.known, one.interval, flown, subset_simulation.remarks(one)
 
         tell(name, repeat, repeats)
     for coefficient in (0.0, 0.8):

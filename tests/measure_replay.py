@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import sepmc
-from sepmc.campaign import replay
+from sepmc.campaign.execution import replay
 from sepmc.scene.read import shipped_campaigns
 
 CASES, REPLAYED = 2000, 100

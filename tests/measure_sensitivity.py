@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from scipy.special import ndtri
 
-from sepmc.analysis.drivers import drivers
+from sepmc.analysis.sensitivity import drivers
 from sepmc.campaign.cases import Sampling, probabilities
 
 NEAR = 0.002

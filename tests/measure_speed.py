@@ -22,9 +22,9 @@ import numpy as np
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import drawn
 from sepmc.campaign.campaign import Campaign, load
-from sepmc.campaign.flight import by_name, fly_once
-from sepmc.campaign.pilot import kernel_text, plan_flight
-from sepmc.engine.door import fly_cases, load_kernel, use_threads
+from sepmc.campaign.execution.integration import by_name, fly_once
+from sepmc.campaign.execution.step_selection import kernel_text, plan_flight
+from sepmc.engine.dispatch import fly_cases, load_kernel, use_threads
 from sepmc.scene.read import parse_campaign, shipped_campaigns
 
 REPEATS, PAIRS, CASES = 7, 5, 10_000
@@ -35,9 +35,9 @@ KERNEL = """
 import sepmc
 from sepmc.bench.clock import seconds
 from sepmc.bench.study import drawn
-from sepmc.campaign.flight import fly, fly_once
-from sepmc.campaign.pilot import plan_flight
-from sepmc.engine.door import use_threads
+from sepmc.campaign.execution.integration import fly, fly_once
+from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.engine.dispatch import use_threads
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.0})
 use_threads(1)
 flight, inputs = plan_flight(campaign), drawn(campaign, 10_000)

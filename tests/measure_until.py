@@ -14,11 +14,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import multivariate_normal, norm
 
-from sepmc.analysis.occurrences import count, occurrences, rare_values
-from sepmc.analysis.precision import read_until
-from sepmc.analysis.rows import Rows
+from sepmc.analysis.rare_values import count, occurrences, rare_values
+from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.stopping import read_until
+from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.cases import Sampling, draw
-from sepmc.campaign.numbers import Numbers
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.parameters import Parameter

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from turning_pair import BOTH, MID, PUSH, TURNING, agrees, by_independent_flights, without_steps
 
-from sepmc.campaign import pilot, single
-from sepmc.kernel import structure
-from sepmc.kernel.emit import emit
-from sepmc.kernel.structure import make_shape
+from sepmc.campaign.execution import single_case, step_selection
+from sepmc.kernel.emit.module import emit
+from sepmc.kernel.spec import structure
+from sepmc.kernel.spec.structure import make_shape
 from sepmc.routines.layout import ANY_ORDER
 from sepmc.schema import Status
 
@@ -169,7 +169,7 @@ DISPERSED = {
 def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
     pair, name, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(pilot, "SAMPLE", 64)  # of any order a case takes milliseconds
+    monkeypatch.setattr(step_selection, "SAMPLE", 64)  # of any order a case takes milliseconds
     (weights, late, other_late), by_spare = DISPERSED[name]
     laws = {
         "joint.pins.fails": {"discrete": [0, 1], "weights": weights},
@@ -180,7 +180,9 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
         without_steps(TURNING | TWO) | {"dispersion": laws, "solver": {"accuracy": 1e-8}}
     )
     assert not make_shape(campaign.plan, campaign.dispersed).any_order
-    assert (ANY_ORDER in [spare.care for spare in pilot.plan_flight(campaign).spares]) == by_spare
+    assert (
+        ANY_ORDER in [spare.care for spare in step_selection.plan_flight(campaign).spares]
+    ) == by_spare
     result = campaign.run(cases=CASES, out=tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
     assert (manifest["accuracy"].get("spare_cases", 0) > 5) == by_spare
@@ -194,7 +196,7 @@ def test_cases_that_keep_no_order_are_flown_by_a_kernel_that_asks_for_none(
         k for k, c in enumerate(columns) if not c.name.endswith(("force_time_s", "moment_time_s"))
     ]
     units = [columns[k].unit for k in sharp]
-    assert pilot.relative_error(found[:, sharp], outcomes[:, sharp], units).max() < 1e-6
+    assert step_selection.relative_error(found[:, sharp], outcomes[:, sharp], units).max() < 1e-6
     assert_allclose(result.accuracy.worst[1], 0.0, atol=2e-8)
 
 
@@ -208,15 +210,15 @@ def test_a_stage_is_flown_by_the_functions_of_the_next_where_that_holds_the_same
     late = TURNING | TWO | {"joint.pins.delay_s": 0.1, "joint.other.delay_s": 0.2, "phase": phase}
     late |= {"environment.atmosphere": "us1976", "body.aft.aerodynamics": air}
     shared = pair(late)
-    kernel = pilot.kernel_text(shared)
+    kernel = step_selection.kernel_text(shared)
     assert "    rates_phase2_late(w)\n\n" in kernel
     assert "    correct_phase2_late(w)\n\n" in kernel
     assert "    look_up_phase2_late(w)\n\n" in kernel
     monkeypatch.setattr(structure, "_holds_alike", lambda *_: False)
-    for room in (pilot, single):  # kept texts know nothing of that
+    for room in (step_selection, single_case):  # kept texts know nothing of that
         monkeypatch.setattr(room, "written", emit)
     apart = pair(late)
-    assert len(pilot.kernel_text(apart)) > 1.1 * len(kernel)
+    assert len(step_selection.kernel_text(apart)) > 1.1 * len(kernel)
     one, other = shared.simulate(), apart.simulate()
     assert one.attrs["status"] == "ok"
     assert_array_equal(one["phase"], other["phase"])

@@ -12,7 +12,7 @@ import pytest
 import sepmc
 from sepmc.analysis.statistics import statistics
 from sepmc.campaign import cases
-from sepmc.campaign.record import read_manifest
+from sepmc.campaign.store.manifests import read_manifest
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
 

@@ -14,7 +14,7 @@ import pytest
 from measure_library import measure
 
 import sepmc
-from sepmc.engine import objects
+from sepmc.engine import cache_files
 
 QUICK = {
     "solver.step_s": 0.1,
@@ -171,7 +171,7 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
     """It neither ends them as it ends, nor writes into their pipes, and starts its own."""
     out, _ = in_a_host(
         """
-SHORT = '''from sepmc.engine.pieces import piece, workspace
+SHORT = '''from sepmc.engine.compile_units import piece, workspace
 @piece("")
 def flown(address):
     w = workspace(address)
@@ -275,7 +275,7 @@ def test_files_of_the_cache_that_threads_write_at_once(tmp_path):
     def write():
         try:
             for k in range(200):
-                objects.put(tmp_path / "one.sealed", b"x" * (k + 1))
+                cache_files.put(tmp_path / "one.sealed", b"x" * (k + 1))
         except OSError as error:
             faults.append(error)
 
@@ -290,16 +290,18 @@ def test_files_of_the_cache_that_threads_write_at_once(tmp_path):
 
 def test_texts_are_written_by_one_thread_at_a_time(campaign, monkeypatch):
     """Formulas that another thread imports are exchanged meanwhile."""
-    from sepmc.campaign.pilot import kernel_text
-    from sepmc.engine import hosts
-    from sepmc.kernel import emit
+    from sepmc.campaign.execution.step_selection import kernel_text
+    from sepmc.engine import host_process
+    from sepmc.kernel.emit import module
 
     held = []
-    write = emit.emit
+    write = module.emit
     monkeypatch.setattr(
-        emit, "emit", lambda *given: held.append(hosts.loading._is_owned()) or write(*given)
+        module,
+        "emit",
+        lambda *given: held.append(host_process.loading._is_owned()) or write(*given),
     )
-    monkeypatch.setattr(objects, "read_sealed", lambda path: None)  # as if none was kept
+    monkeypatch.setattr(cache_files, "read_sealed", lambda path: None)  # as if none was kept
     kernel_text(campaign)
     assert held == [True]
 

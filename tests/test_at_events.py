@@ -7,12 +7,12 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.independent.flight import fly
 from small_scenes import PUSH as ENDLESS
 from small_scenes import REDUCED
 
+from sepmc.scene.lint import slips
 from sepmc.scene.messages import SceneError
-from sepmc.scene.slips import slips
-from sepmc.trust.independent.flight import fly
 
 PUSH = ENDLESS | {"stroke_m": 0.1}
 ASIDE = PUSH | {"name": "aside", "point_m": [2.0, 0.02, 0.01], "force_N": 6.0, "stroke_m": 0.15}

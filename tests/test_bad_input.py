@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc as package
-from sepmc.cli import main
+from sepmc.cli.app import main
 from sepmc.scene.messages import SceneError, nearest
 
 TEXT = (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")

@@ -10,36 +10,36 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from oracles.engine_race import tables
+from oracles.engine_race.entry import Entry
 
 import sepmc
-from sepmc import cli
 from sepmc.bench import bench as of
 from sepmc.bench import (
     bits,
     clock,
-    engines,
+    command_stages,
     features,
     flops,
     row_errors,
     scaling,
-    stages,
     text,
     work_precision,
 )
 from sepmc.bench.folder import open_folder
-from sepmc.bench.peers.entry import Entry
 from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
-from sepmc.campaign.flight import by_name
-from sepmc.campaign.own_files import StoreError
-from sepmc.campaign.pilot import plan_flight
-from sepmc.kernel.structure import make_shape
+from sepmc.campaign.execution.integration import by_name
+from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.cli import app
+from sepmc.kernel.spec.structure import make_shape
 
 STAGES = ("import", "pilot", "kernel", "statistics")
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 def silent(_):
@@ -78,7 +78,7 @@ def test_command(name, formulation, tmp_path, monkeypatch):
         took = [
             {"stage": s, "kind": "stage", "s": 1.0, "best_s": 1.0, "repeats": 1} for s in STAGES
         ]
-        monkeypatch.setattr(stages, "measure", lambda *_: pd.DataFrame(took))
+        monkeypatch.setattr(command_stages, "measure", lambda *_: pd.DataFrame(took))
     out = tmp_path / "bench"
     result = call(
         "bench",
@@ -265,8 +265,8 @@ def test_peers_beside_ours(study, reference, monkeypatch):
         )
     )
     entry = Entry("other", "exact", 4, 1, 0.5, 1e-3, 1, outcomes, True, "")
-    monkeypatch.setattr(engines, "race", lambda *_: [entry])
-    frame = engines.measure(study, reference)
+    monkeypatch.setattr(tables, "race", lambda *_: [entry])
+    frame = tables.measure(study, reference)
     assert set(frame["engine"]) == {"sepmc", "other"}
     other = frame[frame["engine"] == "other"].iloc[0]
     assert other["error"] < 1e-13
@@ -277,18 +277,18 @@ def test_peers_beside_ours(study, reference, monkeypatch):
 def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     """Each with a sentence, before anything is flown; ours stay."""
     # the package's name for it is the function
-    race = importlib.import_module("sepmc.bench.peers.race")
+    race = importlib.import_module("oracles.engine_race.race")
 
     def missing(name):
         raise ImportError(name)
 
     monkeypatch.setattr(race.importlib, "import_module", missing)
     monkeypatch.setattr(
-        engines, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1)
+        tables, "QUICK", {"scipy": 0} | dict.fromkeys(("heyoka", "mujoco", "exudyn"), 1)
     )
-    frame = engines.measure(study, reference)
+    frame = tables.measure(study, reference)
     assert set(frame["engine"]) == {"sepmc"}
-    told = race.left_out(engines.QUICK)
+    told = race.left_out(tables.QUICK)
     assert sum("is left out: not installed, or too old" in text for text in told) == 3
     assert "scipy is left out: not in a quick look" in told
 
@@ -297,7 +297,6 @@ def test_unknown_peers_are_left_out(study, reference, monkeypatch):
     ("arguments", "says"),
     [
         (("no-such-scene",), "no such file"),
-        (("srb", "--peers"), "table1 and table2"),
         (("table2", "--threads", 100_000), "threads = 100000"),
         (("table2", "--overwrite"), "--overwrite needs --out"),
         (("table2", "--cases", 0), "--cases"),

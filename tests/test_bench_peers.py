@@ -5,10 +5,10 @@ import importlib
 
 import numpy as np
 import pytest
+from oracles.engine_race import Entry, error, race, worst
+from oracles.engine_race.inputs import read
 
 import sepmc
-from sepmc.bench.peers import Entry, error, race, worst
-from sepmc.bench.peers.inputs import read
 
 CASES = 11  # not a whole number of batches
 NONE = dict.fromkeys(("heyoka", "mujoco", "scipy", "exudyn"), 0)
@@ -43,19 +43,19 @@ def off(flight, ours):
     ],
 )
 def test_heyoka(campaign, ours, arguments, bound):
-    flight = pytest.importorskip("sepmc.bench.peers.heyoka", exc_type=ImportError).HeyokaFlight
+    flight = pytest.importorskip("oracles.engine_race.heyoka", exc_type=ImportError).HeyokaFlight
     assert off(flight(read(campaign, CASES), *arguments), ours)[0] < bound
 
 
 def test_mujoco_is_of_fourth_order(campaign, ours):
-    flight = pytest.importorskip("sepmc.bench.peers.mujoco", exc_type=ImportError).MujocoFlight
+    flight = pytest.importorskip("oracles.engine_race.mujoco", exc_type=ImportError).MujocoFlight
     coarse, fine = (off(flight(read(campaign, CASES), step, 1), ours)[0] for step in (0.05, 0.025))
     assert coarse < 1e-3
     assert 10.0 < coarse / fine < 24.0
 
 
 def test_exudyn(campaign, ours):
-    flight = pytest.importorskip("sepmc.bench.peers.exudyn", exc_type=ImportError).ExudynFlight
+    flight = pytest.importorskip("oracles.engine_race.exudyn", exc_type=ImportError).ExudynFlight
     assert off(flight(campaign, read(campaign, 1), 0.005, 1), ours)[0] < 1e-4
 
 
@@ -74,7 +74,7 @@ def test_race_with_scipy(campaign, ours):
 def test_race_in_processes(campaign, ours, monkeypatch):
     """Shares of the cases come back in order."""
     pytest.importorskip("heyoka")
-    module = importlib.import_module("sepmc.bench.peers.race")
+    module = importlib.import_module("oracles.engine_race.race")
     monkeypatch.setattr(module, "TOLERANCES", (1e-6,))  # the rest would compile for a minute
     monkeypatch.setattr(module, "ORDERS", module.ORDERS[:1])
     entries = race(campaign, 2, lambda _: None, {**NONE, "heyoka": 5}, 1)
@@ -87,7 +87,7 @@ def test_race_in_processes(campaign, ours, monkeypatch):
 
 def test_inputs_follow_the_case(campaign):
     """Arrays of all cases against each case resolved alone."""
-    from sepmc.trust.peers.case import Case
+    from oracles.external_engines.case import Case
 
     inputs, case = read(campaign, 3), Case(campaign.case(2).to_dict())
     motions = case.initial()

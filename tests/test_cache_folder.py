@@ -9,7 +9,7 @@ import tempfile
 import pytest
 
 from sepmc import cache_folder as folders
-from sepmc.engine import objects
+from sepmc.engine import cache_files
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="modes of folders")
 
@@ -46,7 +46,7 @@ def test_what_may_be_read_only_is_read(tmp_path, monkeypatch):
     found = folders.cache_folder("name")
     assert found == tmp_path / "temporary" / f"sepmc-kernels-{os.getuid()}" / "kernels" / "name"
     assert (found / "piece.code").read_bytes() == b"code"
-    objects.put(found / "piece.code", b"new")
+    cache_files.put(found / "piece.code", b"new")
     assert folders.cache_folder("name") == found
     assert (found / "piece.code").read_bytes() == b"new"
     assert (full / "piece.code").read_bytes() == b"code"

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine.door import interpreted
+from sepmc.engine.dispatch import interpreted
 from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
-from sepmc.trust.gate.plain import flown_plainly
 
 TREE = tomllib.loads(
     (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")

@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import sepmc
-from sepmc.campaign import pilot
-from sepmc.physics.lips import lip_gap, lip_least
+from sepmc.campaign.execution import step_selection
 from sepmc.physics.outlines import gap
 from sepmc.physics.rims import rim_gap
-from sepmc.trust import geometry
+from sepmc.physics.shell_edge import lip_gap, lip_least
+from sepmc.validation import geometry
 
 NOZZLE = Path(__file__).parent / "nozzle.toml"
 FLUSH = Path(__file__).parent / "flush.toml"
@@ -212,7 +212,7 @@ def test_a_rim_flush_with_the_mouth_of_its_shell():
 
 def test_clearances_are_the_same_at_any_step(monkeypatch):
     """Of rims that leave straight or at a slant, within a step of any length."""
-    monkeypatch.setattr(pilot, "SAMPLE", 8)  # the step is given
+    monkeypatch.setattr(step_selection, "SAMPLE", 8)  # the step is given
     found = [
         sepmc.load(FLUSH, {"solver.step_s": step_s}).run().to_pandas()["nozzle_clearance_mm"]
         for step_s in (0.001, 0.0041, 0.01)

@@ -13,15 +13,15 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc as package
-from sepmc import cli, cli_checks
 from sepmc.campaign.campaign import Campaign
+from sepmc.cli import app, checks
 
 CASES = 50
 
 
 def call(*arguments, code=0):
     """A command that must succeed, or end with that code; what it printed."""
-    result = CliRunner().invoke(cli.main, [str(a) for a in arguments], catch_exceptions=False)
+    result = CliRunner().invoke(app.main, [str(a) for a in arguments], catch_exceptions=False)
     assert result.exit_code == code, result.stderr
     return result
 
@@ -128,7 +128,7 @@ def test_the_figures_that_matter(copied, monkeypatch):
     """By default of a few outcomes, the first by rank, and it says so; of all if asked."""
     for figure in copied.glob("*.png"):
         figure.unlink()
-    monkeypatch.setattr("sepmc.cli_figures._DRAWN", 2)
+    monkeypatch.setattr("sepmc.cli.figures._DRAWN", 2)
     result = call("plot", copied)
     assert len(list(copied.glob("hist_*.png"))) == 2
     assert re.search(r"histograms of the first 2 outcomes; sepmc plot .* --all", result.stderr)
@@ -211,7 +211,7 @@ def interrupt(monkeypatch, *arguments):
         patch.setattr(
             Campaign, "run", lambda *given, **named: run(*given, **(named | {"progress": told}))
         )
-        return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+        return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 def test_interrupt_keeps_what_is_done(campaign, tmp_path, monkeypatch):
@@ -241,11 +241,11 @@ def test_end_before_anything_is_flown(tmp_path, monkeypatch, end, code, word):
     what handled the signal before handles it afterwards."""
     monkeypatch.setattr(Campaign, "run", end)
     result = CliRunner().invoke(
-        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
+        app.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
     assert (result.exit_code, f"\n{word}; no case was flown yet" in result.stderr) == (code, True)
-    monkeypatch.setattr(cli_checks, "load_campaign", end)
-    result = CliRunner().invoke(cli.main, ["check", "table2.toml"])
+    monkeypatch.setattr(checks, "load_campaign", end)
+    result = CliRunner().invoke(app.main, ["check", "table2.toml"])
     assert (result.exit_code, result.stderr) == (code, f"\n{word}\n")
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
@@ -253,7 +253,7 @@ def test_end_before_anything_is_flown(tmp_path, monkeypatch, end, code, word):
 def test_only_a_folder_with_cases_may_be_resumed(tmp_path):
     call("run", "table1.toml", "--no-plots", "--quiet", "--every-s", 0.1, "--out", tmp_path / "one")
     arguments = ["campaign", "table1.toml", "--quiet", "--out", str(tmp_path / "one")]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(app.main, arguments)
     assert (result.exit_code, "--resume" in result.stderr) == (2, False)
     assert "add --overwrite to replace it" in result.stderr
 
@@ -440,7 +440,7 @@ def test_a_single_run_that_fails_ends_with_1(tmp_path):
         encoding="utf-8",
     )
     arguments = ["run", str(file), "--no-plots", "--out", str(tmp_path / "run")]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(app.main, arguments)
     assert result.exit_code == 1, result.output
     assert "outside-table" in result.stdout
     assert "numerical error" not in result.stdout
@@ -452,7 +452,7 @@ def test_failed_audit_ends_with_3(tmp_path):
     file = tmp_path / "spinning.toml"
     file.write_text(SPINNING, encoding="utf-8")
     arguments = ["campaign", str(file), "--no-plots", "--out", str(tmp_path / "run")]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(app.main, arguments)
     assert (
         result.exit_code,
         "AUDIT FAILED: 2 cases have joint_gap_residual_m > 1e-09" in result.stdout,
@@ -468,7 +468,7 @@ def test_failed_audit_ends_with_3(tmp_path):
         == 1e-9
     )
     corrected = CliRunner().invoke(
-        cli.main, [*arguments, "--overwrite", "--set", "solver.drift=projection"]
+        app.main, [*arguments, "--overwrite", "--set", "solver.drift=projection"]
     )
     assert (corrected.exit_code, "audit passed" in corrected.stdout) == (0, True), corrected.output
 
@@ -486,12 +486,12 @@ def test_check_names_redundant_joints(tmp_path):
 
 @pytest.mark.parametrize(("reference", "code"), [(1.0, 0), (1.1, 1)])
 def test_verify_tells_by_its_exit_code(monkeypatch, reference, code):
-    from sepmc.trust import verify
+    from sepmc.validation import verify
 
     monkeypatch.setattr(
         verify, "CHECKS", {"one": lambda: [verify.Line("a case", "a number", reference, 1.0, 1e-3)]}
     )
-    result = CliRunner().invoke(cli.main, ["verify", "--quiet"])
+    result = CliRunner().invoke(app.main, ["verify", "--quiet"])
     assert (result.exit_code, "1 lines" in result.stdout) == (code, True)
 
 
@@ -505,7 +505,7 @@ def test_a_fault_of_its_own_is_not_called_bad_input(monkeypatch, tmp_path):
 
     monkeypatch.setattr(Campaign, "run", broken)
     found = CliRunner().invoke(
-        cli.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
+        app.main, ["campaign", "table2.toml", "--out", str(tmp_path / "run")]
     )
     assert isinstance(found.exception, ValueError)
     assert found.exit_code != 2

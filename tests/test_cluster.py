@@ -14,11 +14,13 @@ from measure_cluster import statistics_of
 from measure_kills import same
 
 import sepmc
-from sepmc import cli, cluster
-from sepmc.analysis.sketch import ROOM
-from sepmc.analysis.stream import GRAIN
-from sepmc.campaign import chunks, record, store
-from sepmc.campaign.work import OutOfStepError
+from sepmc import cluster
+from sepmc.analysis.quantile_sketch import ROOM
+from sepmc.analysis.streaming import GRAIN
+from sepmc.campaign.execution import chunks
+from sepmc.campaign.execution.work_ranges import OutOfStepError
+from sepmc.campaign.store import manifests, shards
+from sepmc.cli import app
 from sepmc.cluster import ClusterError, DaskCrew, crew
 from sepmc.scene.messages import InputError
 
@@ -47,8 +49,8 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     found = campaign.run(cases=CASES, out=tmp_path / "run", crew=workers)
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
-    assert not record.diagnose(tmp_path / "run")
-    one, other = (record.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
+    assert not manifests.diagnose(tmp_path / "run")
+    one, other = (manifests.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
     for name in ("failures", "accuracy", "notes", "complete", "cases_held"):
         assert one[name] == other[name], name
     (kind, flown), *more = other["sessions"][0]["flown_by"].items()
@@ -80,7 +82,7 @@ def test_a_worker_that_is_killed(campaign, alone, workers, tmp_path):
     assert not pids
     assert same(alone.folder, tmp_path / "run")
     assert statistics_of(found) == statistics_of(alone)
-    assert not record.diagnose(tmp_path / "run")
+    assert not manifests.diagnose(tmp_path / "run")
 
 
 def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
@@ -93,7 +95,7 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 
     with pytest.raises(Enough):
         campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
-    assert 0 < len(store.cases_done(tmp_path / "run")) < CASES
+    assert 0 < len(shards.cases_done(tmp_path / "run")) < CASES
     campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
     assert same(alone.folder, tmp_path / "run")
     (tmp_path / "run" / "cases" / "part-0000000000.parquet").unlink()
@@ -113,7 +115,7 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
 
         with pytest.raises(InterruptedError):
             campaign.run(**given, stats_only=True, crew=by, progress=progress)
-    held = store.counted(tmp_path / "run").first
+    held = shards.counted(tmp_path / "run").first
     assert ROOM + GRAIN < held < given["cases"]
     result = campaign.run(**given, crew=workers)
     assert result.resumed == held
@@ -182,13 +184,13 @@ def test_no_scheduler(tmp_path):
 def test_command_line(alone, tmp_path):
     options = [f"--set={path}={value}" for path, value in SETTINGS.items()]
     options += ["--cases", str(CASES), "--quiet", "--no-plots", "--out", str(tmp_path / "run")]
-    found = CliRunner().invoke(cli.main, ["campaign", "table2", *options, "--workers", "2"])
+    found = CliRunner().invoke(app.main, ["campaign", "table2", *options, "--workers", "2"])
     assert found.exit_code == 0, found.output
     assert same(alone.folder, tmp_path / "run")
     told = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert told["sessions"][0]["flown_by"]
     both = CliRunner().invoke(
-        cli.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
+        app.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
     )
     assert both.exit_code == 2
 

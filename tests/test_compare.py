@@ -5,18 +5,18 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 import sepmc
-from sepmc import cli
 from sepmc.analysis.compare import compare, dependent, differences
 from sepmc.analysis.proportions import difference_interval, paired_interval
-from sepmc.campaign import store
-from sepmc.trust.gate.plain import flown_plainly
+from sepmc.campaign.store import shards
+from sepmc.cli import app
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 def table(x, y):
@@ -242,7 +242,7 @@ def test_command(runs, tmp_path):
     assert "  cases: 0:25 -> 8:20\n" in told.stdout
     assert "run.cases" not in told.stdout
     kept = pd.read_csv(tmp_path / "part" / "compare.csv", index_col="outcome")
-    every, some = (store.read_cases(tmp_path / name) for name in ("rarely", "some"))
+    every, some = (shards.read_cases(tmp_path / name) for name in ("rarely", "some"))
     apart = some.set_index("case")["upper_roll_deg"] - every.set_index("case")["upper_roll_deg"]
     found = kept.loc["upper_roll_deg"]
     assert found["pairs"] == 12
@@ -287,7 +287,7 @@ def test_rows_that_were_resumed_or_kept(runs, tmp_path):
     assert kept.exit_code == 2
     assert "those rows that --keep chose, in kept/" in " ".join(kept.output.split())
     # rows that someone chose from either run, in any order: joined by case
-    one, two = (store.read_cases(runs / name) for name in ("light", "heavy"))
+    one, two = (shards.read_cases(runs / name) for name in ("light", "heavy"))
     some = two[two["case"] % 3 == 1].iloc[::-1]
     table = compare(one, some, ["in_initial_alpha_deg"], ["separation_speed_m_s"])
     row = table.loc["separation_speed_m_s"]

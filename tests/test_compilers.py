@@ -6,9 +6,9 @@ import ctypes
 import numpy as np
 import pytest
 
-from sepmc.engine import cache, compilers, objects
+from sepmc.engine import cache_files, compile_workers, kernel_cache
 
-SHORT = """from sepmc.engine.pieces import piece, workspace
+SHORT = """from sepmc.engine.compile_units import piece, workspace
 @piece("")
 def flown(address):
     w = workspace(address)
@@ -19,75 +19,77 @@ def flown(address):
 @pytest.fixture(autouse=True)
 def none_running():
     """No process of another test, and none left."""
-    compilers.end_all()
+    compile_workers.end_all()
     yield
-    compilers.end_all()
-    assert compilers.running() == []
+    compile_workers.end_all()
+    assert compile_workers.running() == []
 
 
 def names(*numbers):
-    return cache.write([SHORT.format(number) for number in numbers])
+    return kernel_cache.write([SHORT.format(number) for number in numbers])
 
 
 def test_processes_are_kept():
     seen = []
-    assert compilers.compile_all(names(1, 2, 3), lambda done, total: seen.append((done, total)))
-    first = compilers.running()
+    assert compile_workers.compile_all(
+        names(1, 2, 3), lambda done, total: seen.append((done, total))
+    )
+    first = compile_workers.running()
     assert sorted(seen) == [(1, 3), (2, 3), (3, 3)]
     assert first
-    assert compilers.compile_all(names(4))
-    assert compilers.running() == first
+    assert compile_workers.compile_all(names(4))
+    assert compile_workers.running() == first
 
 
 def test_one_that_died_is_replaced():
-    assert compilers.compile_all(names(1))
-    (first,) = compilers.running()
+    assert compile_workers.compile_all(names(1))
+    (first,) = compile_workers.running()
     first.process.kill()
     first.process.wait()
-    assert compilers.compile_all(names(2))
-    assert first not in compilers.running()
+    assert compile_workers.compile_all(names(2))
+    assert first not in compile_workers.running()
 
 
 def test_what_cannot_be_compiled():
     """The call says so, and whoever loads the module then gets the error itself."""
-    (bad,) = cache.write(["raise ValueError('no kernel')\n"])
-    assert not compilers.compile_all([bad])
-    assert compilers.running() == []
+    (bad,) = kernel_cache.write(["raise ValueError('no kernel')\n"])
+    assert not compile_workers.compile_all([bad])
+    assert compile_workers.running() == []
     with pytest.raises(ValueError, match="no kernel"):
-        cache.module(bad)
+        kernel_cache.module(bad)
 
 
 def test_they_end_by_themselves(monkeypatch):
-    monkeypatch.setattr(compilers, "IDLE_S", 0.05)
-    assert compilers.compile_all(names(1))
-    (one,) = compilers.running()
+    monkeypatch.setattr(compile_workers, "IDLE_S", 0.05)
+    assert compile_workers.compile_all(names(1))
+    (one,) = compile_workers.running()
     assert one.process.wait(timeout=30.0) != 0
 
 
 def test_nothing_to_do():
-    assert compilers.compile_all([])
-    assert compilers.running() == []
+    assert compile_workers.compile_all([])
+    assert compile_workers.running() == []
 
 
 def test_how_a_kernel_is_split_is_kept(monkeypatch):
     """Split once, and again where a piece is gone from the folder."""
     import sepmc
-    from sepmc.campaign.pilot import kernel_text
-    from sepmc.kernel.pieces import split
+    from sepmc.campaign.execution.step_selection import kernel_text
+    from sepmc.kernel.emit.compile_units import split
 
     text = kernel_text(sepmc.load("table2", {"run.history_step_s": 0.0}))
-    pieces = cache.pieces_of(text)
-    assert list(pieces.names) == cache.write([piece.text for piece in split(text)])
+    pieces = kernel_cache.pieces_of(text)
+    assert list(pieces.names) == kernel_cache.write([piece.text for piece in split(text)])
     calls = []
-    monkeypatch.setattr(cache, "split", lambda text: calls.append(text) or split(text))
-    assert cache.pieces_of(text) == pieces
+    monkeypatch.setattr(kernel_cache, "split", lambda text: calls.append(text) or split(text))
+    assert kernel_cache.pieces_of(text) == pieces
     assert calls == []
-    monkeypatch.setattr(objects, "is_kept", lambda name: False)  # as if none was compiled
-    lost = cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
+    monkeypatch.setattr(cache_files, "is_kept", lambda name: False)  # as if none was compiled
+    lost = kernel_cache.CACHE_FOLDER / f"{pieces.names[3]}.py"
     kept = lost.read_text(encoding="utf-8")
     for damage in (lost.unlink, lambda: lost.write_text(kept[:-9], encoding="utf-8")):
         damage()
-        assert cache.pieces_of(text) == pieces
+        assert kernel_cache.pieces_of(text) == pieces
         assert (calls, lost.read_text(encoding="utf-8")) == ([text], kept)
         calls.clear()
 
@@ -95,7 +97,7 @@ def test_how_a_kernel_is_split_is_kept(monkeypatch):
 def flown_by(name):
     """What a piece writes, called by the address at which it is linked."""
     room = np.zeros(1)
-    ctypes.CFUNCTYPE(None, ctypes.c_void_p)(objects.link(name))(room.ctypes.data)
+    ctypes.CFUNCTYPE(None, ctypes.c_void_p)(cache_files.link(name))(room.ctypes.data)
     return room[0]
 
 
@@ -106,12 +108,12 @@ DAMAGES = ["none", "cut short", "one bit", "empty", "gone"]
 def test_damaged_code_is_compiled_again(damage):
     """It never gets into the process, and the next who asks compiles it."""
     number = 100 + DAMAGES.index(damage)
-    (name,) = cache.write([SHORT.format(number)])
-    pieces = cache.Pieces((name,), 0, 0, 0, 0, ())
-    path = cache.CACHE_FOLDER / f"{name}.code"
+    (name,) = kernel_cache.write([SHORT.format(number)])
+    pieces = kernel_cache.Pieces((name,), 0, 0, 0, 0, ())
+    path = kernel_cache.CACHE_FOLDER / f"{name}.code"
     path.unlink(missing_ok=True)
-    assert name in cache.missing(pieces)
-    assert compilers.compile_all([name])
+    assert name in kernel_cache.missing(pieces)
+    assert compile_workers.compile_all([name])
     written = path.read_bytes()
     changed = bytearray(written)
     changed[len(changed) // 2] ^= 1
@@ -120,52 +122,52 @@ def test_damaged_code_is_compiled_again(damage):
         path.unlink()
     elif damage != "none":
         path.write_bytes(to[damage])
-    assert (name in cache.missing(pieces)) == (damage != "none")
+    assert (name in kernel_cache.missing(pieces)) == (damage != "none")
     if damage != "none":
-        assert objects.link(name) == 0
-        assert compilers.compile_all([name])
+        assert cache_files.link(name) == 0
+        assert compile_workers.compile_all([name])
     assert flown_by(name) == number
 
 
 def test_no_file_stands_in_for_another():
     """Whole by itself, under the name of another: it counts as not there."""
-    one, other = cache.write([SHORT.format(201), SHORT.format(202)])
-    assert compilers.compile_all([one, other])
-    paths = [cache.CACHE_FOLDER / f"{name}.code" for name in (one, other)]
+    one, other = kernel_cache.write([SHORT.format(201), SHORT.format(202)])
+    assert compile_workers.compile_all([one, other])
+    paths = [kernel_cache.CACHE_FOLDER / f"{name}.code" for name in (one, other)]
     contents = [path.read_bytes() for path in paths]
     for path, content in zip(paths, reversed(contents), strict=True):
         path.write_bytes(content)
-    assert [objects.link(name) for name in (one, other)] == [0, 0]
+    assert [cache_files.link(name) for name in (one, other)] == [0, 0]
 
 
 def test_code_that_needs_what_is_not_there():
     """LLVM would load it, and the process would end when it calls."""
-    (name,) = cache.write([SHORT.format(7)])
-    assert compilers.compile_all([name])
-    symbols, code = objects._read(name)
-    objects.keep("needy", [*symbols, "no_such_function"], code)
+    (name,) = kernel_cache.write([SHORT.format(7)])
+    assert compile_workers.compile_all([name])
+    symbols, code = cache_files._read(name)
+    cache_files.keep("needy", [*symbols, "no_such_function"], code)
     with pytest.raises(RuntimeError, match="needs no_such_function"):
-        objects.link("needy")
+        cache_files.link("needy")
 
 
 def test_a_text_is_written_once(monkeypatch):
     """And anew for another scene, method or history."""
     import sepmc
-    from sepmc.campaign.pilot import kernel_text
-    from sepmc.kernel import emit
+    from sepmc.campaign.execution.step_selection import kernel_text
+    from sepmc.kernel.emit import module
 
     quiet = {"run.history_step_s": 0.0}
     campaign = sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})
     first, calls = kernel_text(campaign), []
-    write = emit.emit
-    monkeypatch.setattr(emit, "emit", lambda *given: calls.append(given) or write(*given))
+    write = module.emit
+    monkeypatch.setattr(module, "emit", lambda *given: calls.append(given) or write(*given))
     assert kernel_text(sepmc.load("table2", {**quiet, "body.upper.mass_kg": 458.1})) == first
     assert calls == []
     assert kernel_text(campaign, "rk4") != first
     assert kernel_text(campaign, history=True) != first
     assert all(write(*given) == kernel_text(campaign, *given[1:]) for given in list(calls))
     calls.clear()
-    for path in cache.CACHE_FOLDER.glob("text_*.sealed"):
+    for path in kernel_cache.CACHE_FOLDER.glob("text_*.sealed"):
         if first.encode() in path.read_bytes():
             path.write_bytes(path.read_bytes()[:-2])
     assert kernel_text(campaign) == first

@@ -7,20 +7,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 
-from sepmc import cli
-from sepmc.analysis import compare, constants, drivers, laws
-from sepmc.analysis.precision import Until
-from sepmc.analysis.rows import Rows
+from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
+from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import statistics, summary_text
-from sepmc.campaign import record, store
+from sepmc.analysis.stopping import Until
 from sepmc.campaign.campaign import Campaign
-from sepmc.cli_figures import draw_figures
-from sepmc.cli_options import load_campaign
-from sepmc.cli_output import statistics_of, summary_of, verdicts_of
-from sepmc.report import figures, share_figures
+from sepmc.campaign.store import manifests, shards
+from sepmc.cli import app
+from sepmc.cli.figures import draw_figures
+from sepmc.cli.options import load_campaign
+from sepmc.cli.render import statistics_of, summary_of, verdicts_of
+from sepmc.report import convergence_figures, figures
 from sepmc.scene.read import parse_campaign
-from sepmc.trust.gate.plain import flown_plainly
 
 # A body slides along another one. A cap hangs there at a spherical joint, which never comes apart:
 # its separation is round-off.
@@ -79,7 +79,7 @@ VARIES = "pins_separation_speed_m_s"
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments], catch_exceptions=False)
+    return CliRunner().invoke(app.main, [str(a) for a in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def run(tmp_path_factory):
 def described(x, name="y_mm", share=1e-9, scale=1e-4):
     """Statistics of an outcome, and whether it is constant with such an error."""
     cases = {"case": np.arange(len(x)), "status": np.full(len(x), "ok"), name: np.array(x)}
-    return constants.with_constants(statistics(cases, [name]), {name: (share, scale)})
+    return constant_outcomes.with_constants(statistics(cases, [name]), {name: (share, scale)})
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_both_sides_of_the_rule(share, spread, expected):
     x = 1.0 + spread * np.linspace(0.0, 1.0, 50)
     table = described(x, share=share)
     assert table.at["y_mm", "constant"] == expected
-    assert constants.is_constant(table, "y_mm") == expected
+    assert constant_outcomes.is_constant(table, "y_mm") == expected
 
 
 def test_one_case_that_differs_is_enough():
@@ -142,10 +142,10 @@ def test_times_of_extremes_are_constant_only_if_these_are():
     errors = {"a_clearance_time_s": (5.0, 0.1), "a_clearance_mm": (1e-9, 1.0)}
     for x, expected in ((gap, True), (gap + rng.uniform(size=50), False)):
         table = statistics(cases | {"a_clearance_mm": x}, ["a_clearance_mm", "a_clearance_time_s"])
-        table = constants.with_constants(table, errors)
+        table = constant_outcomes.with_constants(table, errors)
         assert table["constant"].tolist() == [expected, expected]
     table = statistics(cases | {"a_clearance_mm": gap}, ["a_clearance_mm", "a_clearance_time_s"])
-    told = constants.lines(constants.with_constants(table, errors))
+    told = constant_outcomes.lines(constant_outcomes.with_constants(table, errors))
     assert "a_clearance_time_s: not known, as its extreme is flat" in told[1]
 
 
@@ -155,7 +155,7 @@ def test_times_of_extremes_are_constant_only_if_these_are():
 )
 def test_a_value_is_told_to_its_error(value, error, expected):
     """What is below its error is 0, and no digit is told that the error hides."""
-    assert constants.known_value(value, error) == expected
+    assert constant_outcomes.known_value(value, error) == expected
 
 
 def test_drivers_and_laws_of_noise():
@@ -168,14 +168,14 @@ def test_drivers_and_laws_of_noise():
         "in_x": x,
         "y_mm": 5.0 + 1e-9 * x,
     }
-    table = constants.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
-    within = constants.reach(table, "y_mm")
+    table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-8, 1.0)})
+    within = constant_outcomes.reach(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
-        drivers.drivers(cases, ["in_x"], "y_mm", within=within)
-    assert laws.laws(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
-    table = constants.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
-    assert constants.reach(table, "y_mm") == 0.0
-    found = drivers.drivers(cases, ["in_x"], "y_mm", within=0.0)
+        sensitivity.drivers(cases, ["in_x"], "y_mm", within=within)
+    assert distributions.laws(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+    table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
+    assert constant_outcomes.reach(table, "y_mm") == 0.0
+    found = sensitivity.drivers(cases, ["in_x"], "y_mm", within=0.0)
     assert found.at["in_x", "rank"] == pytest.approx(1.0)
 
 
@@ -273,10 +273,10 @@ def test_a_required_constant_is_drawn_as_one_value(run, monkeypatch):
         return path
 
     monkeypatch.setattr(figures, "save", keep)
-    monkeypatch.setattr(share_figures, "save", keep)
+    monkeypatch.setattr(convergence_figures, "save", keep)
     folder, _ = run
     loaded = load_campaign(str(folder), (), warn=False)
-    summary, accuracy = summary_of(folder, loaded), record.read_manifest(folder)["accuracy"]
+    summary, accuracy = summary_of(folder, loaded), manifests.read_manifest(folder)["accuracy"]
     stats = statistics_of(loaded, summary, accuracy)
     verdicts = verdicts_of(loaded, summary, accuracy, stats, summary.audit())
     draw_figures(folder, loaded, summary, stats, say=str, verdicts=verdicts, converging=True)
@@ -305,9 +305,9 @@ def test_what_two_runs_can_tell_apart():
     """Both errors together; nothing of times of extremes, unless these are flat in both runs."""
     one, two = (described([1.0, x]) for x in (2.0, 3.0))
     sizes = one.at["y_mm", "error_size"] + two.at["y_mm", "error_size"]
-    assert constants.comparable(one, two, "y_mm") == sizes > 0.0
+    assert constant_outcomes.comparable(one, two, "y_mm") == sizes > 0.0
     one, two = (described([1.0, x], "a_clearance_time_s") for x in (2.0, 3.0))
-    assert constants.comparable(one, two, "a_clearance_time_s") == 0.0
+    assert constant_outcomes.comparable(one, two, "a_clearance_time_s") == 0.0
 
 
 def test_counted_statistics_say_constant(tmp_path):
@@ -318,9 +318,9 @@ def test_counted_statistics_say_constant(tmp_path):
             "campaign", tmp_path / "sliding.toml", "--out", tmp_path / "run", "--stats-only"
         )
     assert f"{GAP}: constant 0 mm" in told.output
-    found = store.read_told(tmp_path / "run")
-    assert constants.is_constant(found.table, GAP)
-    assert constants.flat(found.histogram(GAP), found.table, GAP).edges.size == 0
+    found = shards.read_told(tmp_path / "run")
+    assert constant_outcomes.is_constant(found.table, GAP)
+    assert constant_outcomes.flat(found.histogram(GAP), found.table, GAP).edges.size == 0
     bins = pd.read_csv(tmp_path / "run" / "histograms.csv")
     assert GAP not in set(bins["outcome"])
     assert VARIES in set(bins["outcome"])
@@ -331,5 +331,5 @@ def test_text_without_constants_is_as_ever():
     """Tables of other origin, which do not tell what is constant, are written whole."""
     x = np.array([1.0, 2.0, 4.0])
     table = statistics({"case": np.arange(3), "status": np.full(3, "ok"), "y_mm": x}, ["y_mm"])
-    assert constants.settled(table) is table
+    assert constant_outcomes.settled(table) is table
     assert "y_mm" in summary_text(table, {"ok": 3})

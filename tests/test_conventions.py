@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.physics import quat, springs
 from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
-from sepmc.trust.gate.plain import flown_plainly
 
 DEG = math.pi / 180.0
 # half a unit of the seventh decimal, and a little round-off: the hand-computed numbers carry seven

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose
 
-from sepmc.kernel.methods import METHODS, method
+from sepmc.kernel.spec.methods import METHODS, method
 from sepmc.routines import curves
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import AT_POINT

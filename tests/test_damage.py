@@ -20,8 +20,8 @@ from measure_damage import (
 )
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign import folders, ledger, record, store
+from sepmc.campaign.store import folders, ledger, manifests, shards
+from sepmc.cli import app
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_what_told_of_fewer_cases_goes(folder):
     assert call(*words, "--cases", "14") == 0
     assert all((folder / name).is_file() for name in told)
     (folder / "notes.txt").write_text("mine")  # whatever the list of files says
-    record.note(folder, [folder / "notes.txt"])
+    manifests.note(folder, [folder / "notes.txt"])
     assert call(*words, "--cases", "20") == 0
     assert (folder / "notes.txt").read_text() == "mine"
     assert not any((folder / name).exists() for name in told)
@@ -119,7 +119,7 @@ def test_a_part_that_is_gone_is_told_with_its_cases(folder):
     part.unlink()
     said = r"part-0000000004\.parquet: is gone; it held cases 4 to 7\. To fly .*, resume=True\)"
     with pytest.raises(folders.StoreError, match=said):
-        store.read_cases(folder)
+        shards.read_cases(folder)
     assert call("stats", str(folder)) == 2
 
 
@@ -132,21 +132,21 @@ def test_what_differs_is_named(folder):
 
 def test_a_run_that_was_killed_knows_its_errors(whole, folder):
     """Without a last manifest: what was counted of its parts stands in them."""
-    told = record.read_manifest(folder)
-    lost = store.parts(folder, folders.CASES)[-1]
+    told = manifests.read_manifest(folder)
+    lost = shards.parts(folder, folders.CASES)[-1]
     ledger.rewrite(folder, [one for one in ledger.read(folder).values() if one != lost])
     said = told | {"complete": False, "accuracy": {}, "failures": 0}
-    record.seal(folder, said)
+    manifests.seal(folder, said)
     campaign = sepmc.load("table2", {"run.chunk": 4, "run.history_step_s": 0.1})
     campaign.run(cases=14, out=folder, resume=True)
-    again = record.read_manifest(folder)
+    again = manifests.read_manifest(folder)
     assert again["accuracy"] == told["accuracy"]
     assert [again[key] for key in ("failures", "complete", "cases_held")] == [0, True, 14]
 
 
 def test_a_folder_without_checksums_is_trusted_if_asked(folder):
     """As other versions left it."""
-    told = record.read_manifest(folder)
+    told = manifests.read_manifest(folder)
     (folder / ledger.LEDGER).unlink()
     kept = ("sha256", "files", "files_sha256", "campaign_sha256")
     folders.write_json(folder / folders.MANIFEST, {k: v for k, v in told.items() if k not in kept})
@@ -166,7 +166,7 @@ def test_the_file_that_was_flown_mends_its_campaign(whole, folder, how):
         path.unlink()
     if "no manifest" in how:
         (folder / folders.MANIFEST).unlink()
-    told = CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"])
+    told = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
     assert told.exit_code == 2
     assert f"sepmc campaign FILE --out {folder} --resume" in told.stderr
     settings = [f"--set={path}={value}" for path, value in SETTINGS.items()]
@@ -213,7 +213,7 @@ def test_the_cases_that_are_flown_stay(tmp_path):
         (folder / lost).unlink()
         again = ["campaign", str(folder), "--out", str(folder), "--resume", "--no-plots", "--quiet"]
         assert call(*again) == 0
-        assert store.cases_done(folder).tolist() == [5, 6, 7, 8, 20]
+        assert shards.cases_done(folder).tolist() == [5, 6, 7, 8, 20]
 
 
 @pytest.mark.parametrize("left", [0, 1])
@@ -226,11 +226,11 @@ def test_a_shorter_list_of_files_is_told(folder, tmp_path, kind, left):
         words = words if kind == "single" else ["campaign", "table2.toml", "--stats-only"]
         words += ["--cases", "20"] if kind == "statistics" else []
         assert call(*words, "--quiet", "--out", str(folder)) == 0
-    assert record.diagnose(folder) == []
+    assert manifests.diagnose(folder) == []
     lines = (folder / ledger.LEDGER).read_bytes().splitlines(keepends=True)
     assert len(lines) > left
     (folder / ledger.LEDGER).write_bytes(b"".join(lines[:left]))
-    assert record.diagnose(folder)
+    assert manifests.diagnose(folder)
     assert call("doctor", str(folder)) == 1
 
 
@@ -238,7 +238,7 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     folder = str(tmp_path / "one")
     assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
     (tmp_path / "one" / "angles.png").write_bytes(b"")
-    (told,) = record.diagnose(tmp_path / "one")
+    (told,) = manifests.diagnose(tmp_path / "one")
     assert "angles.png: was changed" in told.said
 
 
@@ -248,14 +248,14 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
     doctor nor --resume flies on without a word; where the ledger is foreign too, it tells."""
     whole, folder, other = wholes[0], tmp_path / "run", tmp_path / "other"
     shutil.copytree(whole, folder)
-    seed = record.read_manifest(folder)["seed"]
+    seed = manifests.read_manifest(folder)["seed"]
     sepmc.load(folder).run(seed=seed + 1, out=other)
     names = [folders.MANIFEST, folders.CAMPAIGN, *([ledger.LEDGER] if with_ledger else [])]
     for name in names:
         shutil.copy(other / name, folder / name)
     before = contents(folder)
     said = f"was flown with seed {seed}, not {seed + 1}"
-    told = CliRunner().invoke(cli.main, ["doctor", str(folder)])
+    told = CliRunner().invoke(app.main, ["doctor", str(folder)])
     assert said in " ".join(told.output.split())
     if with_ledger:
         return
@@ -263,7 +263,7 @@ def test_the_campaign_and_manifest_of_another_run(wholes, tmp_path, with_ledger)
         ["doctor", str(folder), "--repair"],
         ["campaign", str(folder), "--out", str(folder), "--resume", "--seed", str(seed + 1)],
     ):
-        found = CliRunner().invoke(cli.main, words)
+        found = CliRunner().invoke(app.main, words)
         assert found.exit_code == 2, found.output
         assert "are of another run" in " ".join(found.output.split())
     assert contents(folder) == before

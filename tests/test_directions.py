@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-
-from sepmc.trust.independent.flight import fly
+from oracles.independent.flight import fly
 
 G = 9.80665
 EXACT = 1e-11  # s

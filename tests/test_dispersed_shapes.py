@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from turning_pair import LOPSIDED, TURNING, by_independent_flights, without_steps
 
 from sepmc import schema
-from sepmc.campaign import pilot
-from sepmc.engine.door import fly_cases, interpreted, load_kernel
+from sepmc.campaign.execution import step_selection
+from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
 from sepmc.physics import joints, vec3
 from sepmc.scene.kinds import joint_axes
 from sepmc.scene.messages import SceneError
@@ -157,7 +157,10 @@ def test_outlines_on_both_sides_of_a_shells_wall(pair):
         }
     )
     table = campaign.run(cases=16).to_pandas()
-    kernel, draws = load_kernel(pilot.kernel_text(campaign)), campaign.in_si(campaign.draw(0, 16))
+    kernel, draws = (
+        load_kernel(step_selection.kernel_text(campaign)),
+        campaign.in_si(campaign.draw(0, 16)),
+    )
     steps = np.full(1, 4), np.full(1, np.inf)
     block, _ = fly_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
     names = [column.name for column in schema.result_columns(campaign.plan.contents)]
@@ -199,7 +202,7 @@ def test_compiled_as_in_plain_python(pair):
         },
     }
     campaign, found = pair(scene), []
-    text, draws = pilot.kernel_text(campaign), campaign.in_si(campaign.draw(0, 9))
+    text, draws = step_selection.kernel_text(campaign), campaign.in_si(campaign.draw(0, 9))
     assert text.split("def prepare(w):")[1].count("for l in range(LANES):") > 2
     for interpreting in (False, True):
         with interpreted(interpreting):

@@ -6,18 +6,18 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 import sepmc
-from sepmc import cli
-from sepmc.analysis.causes import causes
-from sepmc.analysis.causes import text as causes_text
-from sepmc.analysis.drivers import drivers, foremost, text
+from sepmc.analysis.failure_attribution import causes
+from sepmc.analysis.failure_attribution import text as causes_text
+from sepmc.analysis.sensitivity import drivers, foremost, text
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
-from sepmc.report import driver_figures
-from sepmc.report.driver_figures import scatter_figure, tornado_figure
+from sepmc.cli import app
+from sepmc.report import sensitivity_figures
+from sepmc.report.sensitivity_figures import scatter_figure, tornado_figure
 from sepmc.scene.messages import InputError
-from sepmc.trust.gate.plain import flown_plainly
 
 # first-order and total indices of Ishigami's function, a = 7, b = 0.1 (Saltelli et al. 2008, 4.7)
 ISHIGAMI = [(0.3139, 0.5576), (0.4424, 0.4424), (0.0, 0.2437), (0.0, 0.0)]
@@ -25,7 +25,7 @@ G = (0.0, 1.0, 4.5, 9.0)
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 def ishigami(u):
@@ -424,7 +424,7 @@ def test_a_first_order_index_of_what_is_steep(n, shape):
 def drawn(monkeypatch):
     """Figures of drivers as they are, not written."""
     caught = []
-    monkeypatch.setattr(driver_figures, "save", lambda figure, *_: caught.append(figure))
+    monkeypatch.setattr(sensitivity_figures, "save", lambda figure, *_: caught.append(figure))
     return caught
 
 

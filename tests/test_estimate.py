@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
-from sepmc.campaign.accuracy import decisive, errors
-from sepmc.campaign.estimate import estimate as estimate_of
-from sepmc.campaign.flight import fly
-from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.execution.accuracy import decisive, errors
+from sepmc.campaign.execution.error_estimate import estimate as estimate_of
+from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.step_selection import plan_flight
 from sepmc.schema import Status
 
 RANDOM = np.random.default_rng(12)

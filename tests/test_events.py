@@ -8,12 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy.optimize import brentq
 
 import sepmc
 from sepmc.campaign.campaign import Case
 from sepmc.scene.messages import SceneError
-from sepmc.trust.gate.plain import flown_plainly
 
 FIXED, SLIDER, FREE = ({"pins": kind} for kind in ("fixed", "slider", "free"))
 # 2 m/s2 on the aft body: s = t^2

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
-from sepmc.campaign import pilot
-from sepmc.cli import main
+from sepmc.campaign.execution import step_selection
+from sepmc.cli.app import main
 from sepmc.schema import AUDIT_BOUNDS
 
 FILE = Path(__file__).with_name("everything.toml")
@@ -22,7 +22,7 @@ def few_trials():
     """A case takes tens of milliseconds here, and how well trial cases tell the error is tested
     elsewhere."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pilot, "SAMPLE", 16)
+        patch.setattr(step_selection, "SAMPLE", 16)
         yield
 
 

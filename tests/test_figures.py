@@ -556,7 +556,7 @@ def test_required_bounds_are_marked(drawn, tmp_path):
 def test_a_second_process_draws_the_same(tmp_path):
     """Byte for byte; and where it was killed, they are drawn all the same."""
     import sepmc
-    from sepmc.cli_figures import draw_figures
+    from sepmc.cli.figures import draw_figures
     from sepmc.processes import processes
 
     campaign = sepmc.load("table2.toml")
@@ -580,7 +580,7 @@ def test_a_second_process_draws_the_same(tmp_path):
 def test_no_recontact_is_a_clearance_above_zero():
     """The bound that is drawn over time; of a clearance that has one of its own, both."""
     import sepmc
-    from sepmc.cli_figures import clearance_bounds, required_bounds
+    from sepmc.cli.figures import clearance_bounds, required_bounds
 
     campaign = sepmc.load("residual-thrust")
     assert required_bounds(campaign) == {"gap_recontact": [0.0]}

@@ -11,11 +11,12 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import sepmc
-from sepmc.campaign import cases, pilot
+from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine.door import interpreted
+from sepmc.campaign.execution import step_selection
+from sepmc.engine.dispatch import interpreted
 from sepmc.scene.read import parse_campaign
-from sepmc.trust import lagrange
+from sepmc.validation import lagrange
 
 LBF, FT = 4.4482216152605, 0.3048
 GUIDED, FREE = {"name": "guided", "joints": {"pins": "slider"}}, {"name": "free"}
@@ -315,7 +316,7 @@ def si_draws(campaign, count):
 
 def fly(campaign, draws):
     """Outcomes by name of cases given by their draws in SI."""
-    block = pilot.fly(campaign, pilot.plan_flight(campaign), draws)
+    block = step_selection.fly(campaign, step_selection.plan_flight(campaign), draws)
     return {c.name: block.outcomes[:, i] * c.scale for i, c in enumerate(campaign.outcome_columns)}
 
 
@@ -494,8 +495,8 @@ def test_sign_of_apart_is_that_of_the_nominal(monkeypatch):
         "run": {"end_time_s": 1.0, "cases": 20},
         "solver": {"step_s": 0.05},
     }
-    monkeypatch.setattr(pilot, "CORNERS", 2)
-    monkeypatch.setattr(pilot, "SAMPLE", 4)
+    monkeypatch.setattr(step_selection, "CORNERS", 2)
+    monkeypatch.setattr(step_selection, "SAMPLE", 4)
     campaign = Campaign(parse_campaign(tree, "across"))
     with interpreted():
         result = campaign.run()

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import sepmc
-from sepmc.campaign.forecast import forecast
-from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.execution.forecast import forecast
+from sepmc.campaign.store.untrusted_files import StoreError
 
 
 def size_of(folder):

@@ -1,4 +1,4 @@
-"""The classical formulations of `sepmc.trust.lagrange` against equations derived by sympy, and
+"""The classical formulations of `sepmc.validation.lagrange` against equations derived by sympy, and
 against what any motion must obey."""
 
 import functools
@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from sympy.physics import mechanics as me
 
-from sepmc.trust.lagrange import KINDS, Motion, Pair, accelerate, bodies, fly
+from sepmc.validation.lagrange import KINDS, Motion, Pair, accelerate, bodies, fly
 
 SEEDS = range(5)
 

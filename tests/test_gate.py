@@ -14,20 +14,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from oracles.independent import fly
+from oracles.random_scenes import compare, run, workers
+from oracles.random_scenes.dispersions import kind_of, paths
+from oracles.random_scenes.equivalent_scenes import SPELLINGS, spelt
+from oracles.random_scenes.interpreted import flown_plainly
+from oracles.random_scenes.rng import Dice
+from oracles.random_scenes.scenes import LATE, scene
+from oracles.random_scenes.shrink import shrink
+from oracles.random_scenes.workers import judge_all
 
-from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.execution import step_selection
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
-from sepmc.trust.gate import compare, drive, workers
-from sepmc.trust.gate.dice import Dice
-from sepmc.trust.gate.dispersions import kind_of, paths
-from sepmc.trust.gate.plain import flown_plainly
-from sepmc.trust.gate.scenes import LATE, scene
-from sepmc.trust.gate.shrink import shrink
-from sepmc.trust.gate.spellings import SPELLINGS, spelt
-from sepmc.trust.gate.workers import judge_all
-from sepmc.trust.independent import fly
 
 COMPILED = (10, 47)  # seeds of kernels that compile in seconds
 # Scenes that a slow machine flies in seconds each, between them of every kind: the fewest of many.
@@ -233,7 +233,7 @@ def _times(outcomes, share):
 def test_a_planted_fault_is_found(planted, monkeypatch):
     """A sign turned in the text of a kernel: rows that passed are silent faults, and the scene gets
     smaller while they stay so."""
-    text = pilot.kernel_text
+    text = step_selection.kernel_text
 
     def wrong(*given, **named):
         lines, count = re.subn(*planted, text(*given, **named))
@@ -242,7 +242,7 @@ def test_a_planted_fault_is_found(planted, monkeypatch):
 
     with flown_plainly():
         assert compare.judge(SMALL, "right", 2).rows == {"same": 2}
-        monkeypatch.setattr(pilot, "kernel_text", wrong)
+        monkeypatch.setattr(step_selection, "kernel_text", wrong)
         assert compare.judge(SMALL, "planted", 2).rows == {"silent": 2}
         assert "dispersion" not in shrink(SMALL, 1, 8)
 
@@ -257,7 +257,7 @@ def test_random_scenes():
     assert set().union(*flown) >= set().union(*kinds.values())
     jobs = [{"seed": seed, "cases": 1, "doors": seed in THROUGH_DOORS} for seed in SEEDS]
     found = list(judge_all(jobs))
-    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
+    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
 
 
 @pytest.mark.slow
@@ -275,13 +275,13 @@ def test_random_scenes_of_named_kinds():
         "until vertical_speed",
     } <= set().union(*map(compare.features, trees))
     found = list(judge_all([{"seed": s, "cases": 1, "kinds": NAMED} for s in NAMED_SEEDS]))
-    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
+    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
     assert {"ok", "never-released"} == set().union(*(v["statuses"] for v in found))
 
 
 def test_a_kind_of_scenes_that_there_is_not():
     with pytest.raises(InputError, match="'optionl' is no kind of random scenes; did you mean 'o"):
-        drive.gate(1, kinds=["optionl"])
+        run.gate(1, kinds=["optionl"])
 
 
 def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
@@ -298,7 +298,7 @@ def test_a_joint_turned_round_leaves_the_spring_that_pushes_along_it():
 def test_compiled_scenes():
     """So do kernels that are compiled."""
     found = list(judge_all([{"seed": seed, "compiled": True} for seed in COMPILED]))
-    assert not [v for v in found if drive.fails(v) or v.get("not_flown")], drive.table(found)
+    assert not [v for v in found if run.fails(v) or v.get("not_flown")], run.table(found)
     assert all(v["compiled"] for v in found)
 
 
@@ -316,8 +316,8 @@ def test_a_scene_that_takes_too_long_is_told_and_no_fault():
     to be the same."""
     found = list(judge_all([{"seed": 5, "cases": 2}], processes=1, limit_s=0.05))
     assert [v["not_flown"] for v in found] == ["no verdict within 0.05 s"]
-    assert not any(map(drive.fails, found))
-    text = drive.table(found)
+    assert not any(map(run.fails, found))
+    text = run.table(found)
     assert "not compared: 1 x no verdict within 0.05 s (seeds 5)" in text
     assert text.splitlines()[1].split() == ["all", *["0"] * (len(text.splitlines()[1].split()) - 1)]
 
@@ -348,7 +348,7 @@ def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
     monkeypatch.setattr(workers, "Worker", Worker)
     found = list(workers.judge_all([{"seed": 5, "cases": 1}], processes=1, limit_s=1.0))
     assert [v["rows"] for v in found] == [rows]
-    assert drive.fails(found[0]) == ("silent" in rows)
+    assert run.fails(found[0]) == ("silent" in rows)
     assert asked == [(False, 1.0), (True, workers.COMPILED_LIMIT_S)]
 
 
@@ -356,7 +356,7 @@ def test_what_the_limit_ends_is_no_fault_lost(monkeypatch, decided, rows):
 def test_a_copy_ends_with_the_process_that_asked():
     """One that flies for long does not fly on alone."""
     asks = (
-        "import time\nfrom sepmc.trust.gate import worker\n"
+        "import time\nfrom oracles.random_scenes import worker\n"
         "def work(job):\n    print(1, flush=True)\n    time.sleep(60.0)\n"
         "worker.work = work\nworker._judged_by_a_copy({'limit_s': 60.0})"
     )

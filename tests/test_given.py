@@ -6,13 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc.analysis.given import where
+from sepmc.analysis.row_filter import where
 from sepmc.analysis.statistics import statistics
-from sepmc.cli import main
+from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, nearest
-from sepmc.trust.gate.plain import flown_plainly
 
 ROWS = {"case": np.arange(5), "in_a": np.array([0.0, 1.0, 1.0, 0.0, np.nan]), "b": np.arange(5.0)}
 NAMES = {"in_a": "in_a", "joint.a.fails": "in_a", "b": "b"}

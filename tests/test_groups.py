@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from sepmc.trust.groups import side_by_side
-from sepmc.trust.verify import verify
+from sepmc.validation.groups import side_by_side
+from sepmc.validation.verify import verify
 
 
 def test_side_by_side():

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numba import njit
 from numpy.testing import assert_allclose
+from oracles import independent
 from turning_pair import MID, PUSH, TURNING, agrees, alone
 
 from sepmc.routines import friction
 from sepmc.routines.lanes import LANES
-from sepmc.trust import independent
 
 PINS = {
     "pins": 3,

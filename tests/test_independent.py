@@ -7,18 +7,18 @@ import tomllib
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.independent import fly
+from oracles.independent.constraints import Constraints
+from oracles.independent.events import is_less
+from oracles.independent.flight import IndependentFlight
+from oracles.independent.joints import rows_of
+from oracles.independent.roots import first_root
 from scipy.integrate import quad
 
 import sepmc
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
-from sepmc.trust import lagrange
-from sepmc.trust.independent import fly
-from sepmc.trust.independent.constraints import Constraints
-from sepmc.trust.independent.events import is_less
-from sepmc.trust.independent.flight import IndependentFlight
-from sepmc.trust.independent.joints import rows_of
-from sepmc.trust.independent.roots import first_root
+from sepmc.validation import lagrange
 
 RETRO = {
     "name": "retro",
@@ -347,9 +347,8 @@ def _turned(q, w, h):
 
 def _flight(scene):
     import msgspec
-
-    from sepmc.trust.independent.case import read
-    from sepmc.trust.independent.state import Vehicle
+    from oracles.independent.case import read
+    from oracles.independent.state import Vehicle
 
     table = read(msgspec.to_builtins(scene))
     vehicle = Vehicle(table)

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtri
 from scipy.stats import binom
 
-from sepmc.analysis.drivers import drivers, text
+from sepmc.analysis.sensitivity import drivers, text
 from sepmc.campaign.cases import Sampling, probabilities
 
 

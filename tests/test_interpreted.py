@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import sepmc
-from sepmc.campaign import pilot
+from sepmc.campaign.execution import step_selection
 from sepmc.engine import interpreted
-from sepmc.engine.door import fly_cases
+from sepmc.engine.dispatch import fly_cases
 from sepmc.physics import vec3
 from sepmc.routines import linear
 
@@ -109,7 +109,7 @@ def test_a_flight_is_in_pythons_numbers(name):
     """No number of the workspace is one of numpy's, which would make all that follows from it
     slow."""
     campaign = sepmc.load(name)
-    kernel = interpreted.load(pilot.kernel_text(campaign))
+    kernel = interpreted.load(step_selection.kernel_text(campaign))
     kept, one = [], kernel.plain.fly_block
 
     def fly_block(w, first, arrays):
@@ -121,6 +121,8 @@ def test_a_flight_is_in_pythons_numbers(name):
         np.full(kernel.stages, 2),
         np.full(kernel.stages, campaign.scene.run.end_time / 3.0),
     )
-    fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, pilot.sample(campaign, 1))
+    fly_cases(
+        kernel, campaign.plan, steps, usual, campaign.slots, step_selection.sample(campaign, 1)
+    )
     kernel.plain.fly_block = one
     assert {type(x) for x in kept} == {float}

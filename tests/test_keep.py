@@ -6,12 +6,13 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc
-from sepmc import cli
-from sepmc.analysis import sketch, stream
+from sepmc.analysis import quantile_sketch, streaming
 from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
-from sepmc.campaign import chunks, folders, record, sinks, store
-from sepmc.campaign.keep import Keep
+from sepmc.campaign.execution import chunks, sinks
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.campaign.store.row_selection import Keep
+from sepmc.cli import app
 from sepmc.scene.messages import InputError
 
 CASES = 900
@@ -91,8 +92,8 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
     assert frame["kept_as"].astype(str).str.contains(rule.partition(":")[0]).all()
     every = campaign.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), every.statistics(), check_exact=True)
-    assert not record.diagnose(result.folder)
-    assert (len(store.parts(result.folder, folders.KEPT)) > 1) == many
+    assert not manifests.diagnose(result.folder)
+    assert (len(shards.parts(result.folder, folders.KEPT)) > 1) == many
 
 
 def test_why_rows_are_kept(campaign, rows, kept):
@@ -156,12 +157,12 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
     for most in (300, 250):
         with pytest.raises(Interrupted):
             campaign.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
-        assert record.diagnose(folder)
-        assert 0 < store.counted(folder).first < CASES
+        assert manifests.diagnose(folder)
+        assert 0 < shards.counted(folder).first < CASES
     result = campaign.run(cases=CASES, out=folder, resume=True)
     assert result.resumed >= 500
     assert contents(folder) == contents(whole)
-    assert not record.diagnose(folder)
+    assert not manifests.diagnose(folder)
     pd.testing.assert_frame_equal(result.statistics(), left_alone.statistics(), check_exact=True)
     assert result.status_counts == left_alone.status_counts
     assert result.kept.summary.tallies[1].extreme == left_alone.kept.summary.tallies[1].extreme
@@ -180,7 +181,7 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
         campaign.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
     (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
     part.write_bytes(part.read_bytes()[:-9] + b"123456789")
-    assert any(part.name in finding.said for finding in record.diagnose(folder))
+    assert any(part.name in finding.said for finding in manifests.diagnose(folder))
     said = []
     result = campaign.run(cases=CASES, out=folder, resume=True, announce=said.append)
     assert any("all are flown" in one for one in said)
@@ -190,12 +191,12 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
 
 def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     """Values in a grid, in its tails, on its points of many values; and those that wait."""
-    monkeypatch.setattr(sketch, "ROOM", 256)
-    monkeypatch.setattr(stream, "GRAIN", 64)
+    monkeypatch.setattr(quantile_sketch, "ROOM", 256)
+    monkeypatch.setattr(streaming, "GRAIN", 64)
     loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
     with pytest.raises(Interrupted):
         loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
-    assert store.counted(tmp_path / "run").first % 64
+    assert shards.counted(tmp_path / "run").first % 64
     result = loaded.run(cases=CASES, out=tmp_path / "run", resume=True)
     whole = loaded.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), whole.statistics(), check_exact=True)
@@ -213,17 +214,17 @@ def test_statistics_are_written_again(campaign, tmp_path):
     folder = tmp_path / "run"
     options = [f"--set={path}={value}" for path, value in SETTINGS.items() if path != "requirement"]
     words = ["campaign", "table2", *options, "--cases", "300", "--stats-only", "--no-plots"]
-    run = CliRunner().invoke(cli.main, [*words, "--quiet", "--out", str(folder)])
+    run = CliRunner().invoke(app.main, [*words, "--quiet", "--out", str(folder)])
     assert run.exit_code == 0, run.output
     before = contents(folder)
     (folder / "statistics.csv").write_text("outcome,unit")
-    mended = CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"])
+    mended = CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"])
     assert mended.exit_code == 0, mended.output
     assert "0 cases flown again" in mended.output
     assert contents(folder) == before
     (folder / "manifest.json").unlink()
-    assert record.made_by(folder)["stats_only"]
-    assert CliRunner().invoke(cli.main, ["doctor", str(folder), "--repair"]).exit_code == 0
+    assert manifests.made_by(folder)["stats_only"]
+    assert CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"]).exit_code == 0
     assert contents(folder) == before
 
 
@@ -253,13 +254,13 @@ def test_without_requirements(tmp_path):
 
 def test_command_line(tmp_path):
     def call(*given):
-        return CliRunner().invoke(cli.main, [str(one) for one in given])
+        return CliRunner().invoke(app.main, [str(one) for one in given])
 
     options = ["table2", "--cases", 300, "--no-plots", "--quiet", "--out", tmp_path / "run"]
     options += ["--set", "run.end_time_s=0.285"]
     done = call("campaign", *options, "--keep", "failed,every:100", "--float32")
     assert done.exit_code == 0, done.output
-    manifest = record.read_manifest(tmp_path / "run")
+    manifest = manifests.read_manifest(tmp_path / "run")
     assert manifest["keep"] == "failed,every:100; float32"
     assert manifest["complete"]
     assert not (tmp_path / "run" / "cases").exists()
@@ -271,7 +272,7 @@ def test_command_line(tmp_path):
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output
-    assert "float32" not in record.read_manifest(tmp_path / "run")["keep"]
+    assert "float32" not in manifests.read_manifest(tmp_path / "run")["keep"]
     assert call("campaign", *options, "--keep", "failed", "--resume").exit_code == 0
     other = call("campaign", *options, "--keep", "all", "--resume")
     assert other.exit_code == 2

@@ -11,24 +11,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from oracles.independent import fly
 from small_scenes import SCENES, scene
 from turning_pair import by_independent_flights
 
 import sepmc
 from sepmc import schema
-from sepmc.campaign import cases, pilot
-from sepmc.campaign.accuracy import decisive
+from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine.door import fly_cases, interpreted, load_kernel
+from sepmc.campaign.execution import step_selection
+from sepmc.campaign.execution.accuracy import decisive
+from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
-from sepmc.kernel.methods import METHODS, method
-from sepmc.kernel.pieces import split
-from sepmc.kernel.structure import make_shape
+from sepmc.kernel.emit.compile_units import split
+from sepmc.kernel.spec.methods import METHODS, method
+from sepmc.kernel.spec.structure import make_shape
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
-from sepmc.trust.independent import fly
 
 LOADS = ("N", "N m", "N s", "N m s")  # what joints carry
 # cases flown, five blocks of lanes; those that are flown independently, each some seconds
@@ -93,7 +94,7 @@ def difference(campaign, found, expected):
         [column.unit in LOADS for column in campaign.outcome_columns],
     )
     units = [column.unit for column in campaign.outcome_columns]
-    errors = pilot.relative_error(found, expected, units)
+    errors = step_selection.relative_error(found, expected, units)
     sizes = np.abs(np.where(np.isnan(expected), 0.0, expected)).max(axis=0, initial=0.0)
     for i, unit in enumerate(units):
         largest = max(size for size, other in zip(sizes, units, strict=True) if other == unit)
@@ -108,7 +109,7 @@ def difference(campaign, found, expected):
 def agree(campaign, most=1e-9):
     """At four times the steps, and by independent flights; returns how many cases the kernel does
     not vouch for."""
-    flight = pilot.plan_flight(campaign, history=campaign.scene.run.history_step > 0.0)
+    flight = step_selection.plan_flight(campaign, history=campaign.scene.run.history_step > 0.0)
     assert flight.achieved.met
     drawn = draws(campaign)
     fast = special(campaign, flight, drawn, 4 * flight.steps)
@@ -127,7 +128,7 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def flight(quiet):
-    return pilot.plan_flight(quiet)
+    return step_selection.plan_flight(quiet)
 
 
 # -- agreement
@@ -151,8 +152,8 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     drawn = draws(campaign, 1)
     (status,), expected = by_independent_flights(campaign, 1)
     with interpreted():
-        kernel = load_kernel(pilot.kernel_text(campaign))
-    assert len(pilot.stage_names(campaign)) == kernel.stages
+        kernel = load_kernel(step_selection.kernel_text(campaign))
+    assert len(step_selection.stage_names(campaign)) == kernel.stages
     steps, usual = np.array(steps), np.full(kernel.stages, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
@@ -181,7 +182,7 @@ def test_small_scenes_agree(name):
     drawn = draws(campaign, 2)
     statuses, expected = by_independent_flights(campaign, 2)
     with interpreted():
-        kernel = load_kernel(pilot.kernel_text(campaign))
+        kernel = load_kernel(step_selection.kernel_text(campaign))
     steps, usual = np.full(kernel.stages, 24), np.full(kernel.stages, np.inf)
     for _ in range(2):  # how long phases last sets the length of steps
         fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
@@ -222,7 +223,7 @@ def test_accuracy_is_kept(quiet, flight, name, accuracies):
     steps = []
     for accuracy in accuracies:
         campaign = quiet.with_settings({"solver.accuracy": accuracy, "solver.method": name})
-        found = pilot.plan_flight(campaign)
+        found = step_selection.plan_flight(campaign)
         error = difference(
             quiet, outcomes(quiet, special(campaign, found, drawn)), outcomes(quiet, finer)
         )
@@ -249,7 +250,7 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
     is the method's order, less 0.4, or a little more."""
     assert set(METHODS) == {"rk4", "dopri5", "tp7", "dop853", "sharp9"}
     campaign = quiet.with_settings({"solver.method": name, "solver.accuracy": 1e-3})
-    kernel = pilot.plan_flight(campaign).kernel
+    kernel = step_selection.plan_flight(campaign).kernel
     drawn = draws(campaign, 16)
     places = [
         [d.parameter.path for d in campaign.file.dispersions].index(f"initial.omega.{axis}")
@@ -325,7 +326,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     """A scene with switches, strokes and late joints within its phases, alone, in reverse and
     shuffled."""
     campaign = with_all_loads(scene(COMPILED))
-    flight, drawn = pilot.plan_flight(campaign), draws(campaign, 5 * LANES)
+    flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
     assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
@@ -342,7 +343,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
 def test_same_bits_where_a_load_is_there_as_its_phase_begins():
     """The least step of a case is a share of the time it has left itself."""
     campaign = sepmc.load(Path(__file__).parent / "scenes" / "load-there-at-another-time.toml")
-    flight, drawn = pilot.plan_flight(campaign), draws(campaign, 1000)
+    flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 1000)
     base = special(campaign, flight, drawn)
     assert_array_equal(special(campaign, flight, drawn[::-1]).outcomes[::-1], base.outcomes)
 
@@ -397,7 +398,7 @@ def flown_independently(campaign, drawn, numbers):
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
     """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the
     statuses of all."""
-    found = pilot.fly(campaign, pilot.plan_flight(campaign), drawn)
+    found = step_selection.fly(campaign, step_selection.plan_flight(campaign), drawn)
     numbers = np.array(numbers)
     statuses, expected = flown_independently(campaign, drawn, numbers)
     assert [Status(int(one)).label for one in found.status[numbers]] == statuses
@@ -455,7 +456,7 @@ def test_across_an_edge_of_the_air(quiet):
             "dispersion.initial.roll_deg": {"uniform": 3.0},
         }
     )
-    flight = pilot.plan_flight(campaign)
+    flight = step_selection.plan_flight(campaign)
     drawn = draws(campaign, 64)
     alone = special(campaign, flight, drawn)
     crossing = (drawn[:, 0] < edge) & (drawn[:, 0] > edge - 2000.0)
@@ -538,12 +539,12 @@ def test_a_stroke_just_missed(pair, monkeypatch):
         "solver": {"accuracy": 1e-6},
         "dispersion": {"spring.s.stroke_m": {"uniform": [0.95, 1.05]}},
     }
-    monkeypatch.setattr(pilot, "CORNERS", 2)
-    monkeypatch.setattr(pilot, "SAMPLE", 16)
+    monkeypatch.setattr(step_selection, "CORNERS", 2)
+    monkeypatch.setattr(step_selection, "SAMPLE", 16)
     campaign = pair(settings)
     with interpreted():
-        flight = pilot.plan_flight(campaign)
-        found = pilot.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
+        flight = step_selection.plan_flight(campaign)
+        found = step_selection.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
     distance = outcomes(campaign, found, found.status == Status.OK)[
@@ -579,7 +580,7 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
     however it ends; short steps find it."""
     campaign = sepmc.load(Path(__file__).parent / "grazed.toml")
     with interpreted():
-        kernel = load_kernel(pilot.kernel_text(campaign))
+        kernel = load_kernel(step_selection.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
     long = fly_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
@@ -667,13 +668,17 @@ STRUCTURE = [
 @pytest.mark.parametrize("settings", NUMBERS, ids=str)
 def test_numbers_do_not_stand_in_a_kernel(quiet, settings):
     """Scenes of the same shape share it, so that a study compiles once."""
-    assert pilot.kernel_text(quiet.with_settings(settings)) == pilot.kernel_text(quiet)
+    assert step_selection.kernel_text(quiet.with_settings(settings)) == step_selection.kernel_text(
+        quiet
+    )
 
 
 def test_every_structure_has_a_kernel_of_its_own(quiet):
-    texts = [pilot.kernel_text(quiet.with_settings(settings)) for settings in [{}, *STRUCTURE]]
+    texts = [
+        step_selection.kernel_text(quiet.with_settings(settings)) for settings in [{}, *STRUCTURE]
+    ]
     assert len(set(texts)) == len(texts)
-    assert pilot.kernel_text(quiet, history=True) not in texts
+    assert step_selection.kernel_text(quiet, history=True) not in texts
 
 
 @pytest.mark.parametrize(
@@ -708,10 +713,12 @@ def test_only_what_differs_is_compiled(quiet, settings, history, apart):
     """Of the pieces of table 2, those that another flight of it does not share."""
     other = {
         piece.text
-        for piece in split(pilot.kernel_text(quiet.with_settings(settings), history=history))
+        for piece in split(
+            step_selection.kernel_text(quiet.with_settings(settings), history=history)
+        )
     }
     assert {
-        piece.name for piece in split(pilot.kernel_text(quiet)) if piece.text not in other
+        piece.name for piece in split(step_selection.kernel_text(quiet)) if piece.text not in other
     } == apart
 
 
@@ -722,7 +729,7 @@ def test_a_dispersed_delay_has_a_kernel_of_its_own():
         for key, law in campaign.file.tree["dispersion"].items()
         if key != "joint.clamp.delay_s"
     }
-    assert pilot.kernel_text(campaign) != pilot.kernel_text(
+    assert step_selection.kernel_text(campaign) != step_selection.kernel_text(
         campaign.with_settings({"dispersion": laws})
     )
 
@@ -731,10 +738,10 @@ def test_a_dispersed_delay_has_a_kernel_of_its_own():
 def test_a_text_is_a_module_that_says_what_it_does(name):
     """It parses, has a docstring, no line too long to read, and the same words each time."""
     campaign = shipped(name) if name in SHIPPED else scene(name)
-    text = pilot.kernel_text(campaign, history=True)
+    text = step_selection.kernel_text(campaign, history=True)
     compile(text, name, "exec")
     assert text.startswith('"""Flight of ')
-    assert text == pilot.kernel_text(campaign, history=True)
+    assert text == step_selection.kernel_text(campaign, history=True)
     for number in range(1, len(campaign.scene.phase) + 1):
         assert f"def rates_phase{number}(w):" in text
 
@@ -745,7 +752,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign import pilot
-from sepmc.kernel.pieces import ALIKE, split
+from sepmc.kernel.emit.compile_units import ALIKE, split
 from sepmc.engine import cache
 import sepmc
 text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
@@ -828,8 +835,8 @@ def test_python_and_compiled_agree(monkeypatch):
     )
     assert done.returncode == 0, done.stderr
     python = json.loads(done.stdout)
-    monkeypatch.setattr(pilot, "CORNERS", 3)
-    monkeypatch.setattr(pilot, "SAMPLE", 16)
+    monkeypatch.setattr(step_selection, "CORNERS", 3)
+    monkeypatch.setattr(step_selection, "SAMPLE", 16)
     compiled = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3}).run(
         cases=2, seed=7
     )

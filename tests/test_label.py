@@ -1,7 +1,8 @@
 """What a run is called in titles."""
 
 import sepmc
-from sepmc.campaign import label, record
+from sepmc.campaign import label
+from sepmc.campaign.store import manifests
 
 
 def test_a_run_tells_what_was_set(tmp_path):
@@ -9,7 +10,7 @@ def test_a_run_tells_what_was_set(tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     given = {"body.upper.mass_kg": 460.0, "run.sampler": "lhs", "run.cases": 20}
     sepmc.load("table2.toml", given).run(out=first)
-    assert label.of_run(record.read_manifest(first)) == (
+    assert label.of_run(manifests.read_manifest(first)) == (
         "table2, 20 cases, seed 2019, sampler lhs\nset: body.upper.mass_kg = 460.0"
     )
     again = sepmc.load(first, {"solver.accuracy": 1e-8})
@@ -20,7 +21,7 @@ def test_a_run_tells_what_was_set(tmp_path):
         "solver.accuracy": "1e-08",
     }
     again.run(out=second)
-    assert label.of_run(record.read_manifest(second)).endswith(
+    assert label.of_run(manifests.read_manifest(second)).endswith(
         "\nset: body.upper.mass_kg = 460.0, solver.accuracy = 1e-08"
     )
 

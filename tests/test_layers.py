@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from oracles.independent import fly
 
 from sepmc.physics.us1976_table import R0
-from sepmc.trust.independent import fly
 
 BORDER = R0 * 11_000.0 / (R0 - 11_000.0)  # m, 11 km of geopotential height
 AIR = {"reference_area_m2": 0.5, "reference_length_m": 1.0}

@@ -11,8 +11,8 @@ from sepmc.physics.gravity import inverse_square
 from sepmc.physics.propulsion import building_up
 from sepmc.physics.us1976_table import R0
 from sepmc.physics.wind import wind
-from sepmc.trust import lagrange
-from sepmc.trust.classical_loads import density
+from sepmc.validation import lagrange
+from sepmc.validation.classical_loads import density
 
 FREE = {"phase": [{"name": "free"}]}
 # on the axis, forward: 2 m/s2

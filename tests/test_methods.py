@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import DOP853
 
-from sepmc.kernel.methods import METHODS, method
+from sepmc.kernel.spec.methods import METHODS, method
 
 # By method: the largest of five steps, each half of the one before, chosen so that errors lie
 # between 1e-2 and round-off; and the order that a straight line through them must at least have.

@@ -8,9 +8,9 @@ import re
 import pytest
 from small_scenes import SCENES, scene
 
-from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.kernel.structure import make_shape
+from sepmc.campaign.execution import step_selection
+from sepmc.kernel.spec.structure import make_shape
 from sepmc.scene.read import parse_campaign
 
 HOSTILE = [
@@ -57,7 +57,7 @@ def test_no_name_of_a_file_stands_in_a_kernel(name):
     called = dict(zip(dict.fromkeys(own), HOSTILE, strict=False))
     other = Campaign(parse_campaign(_renamed(campaign.file.tree, called), name))
     assert set(other.scene.body) != set(campaign.scene.body)
-    assert pilot.kernel_text(other) == pilot.kernel_text(campaign)
+    assert step_selection.kernel_text(other) == step_selection.kernel_text(campaign)
 
 
 @pytest.mark.parametrize("name", ["if", "l", "w", "LANES", "spin_a"])
@@ -65,6 +65,6 @@ def test_a_body_may_be_called_anything(pair, name):
     tree = _renamed(pair().file.tree, {"fore": name})
     del tree["solver"]
     campaign = Campaign(parse_campaign(tree, "pair"))
-    ast.parse(pilot.kernel_text(campaign))
+    ast.parse(step_selection.kernel_text(campaign))
     assert keyword.iskeyword("if")
     assert f"body1 {name}" in make_shape(campaign.plan, campaign.dispersed).names.legend[0]

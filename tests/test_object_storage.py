@@ -11,10 +11,10 @@ from click.testing import CliRunner
 from moto.server import ThreadedMotoServer
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign import folders, record, store
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.cli import app
 from sepmc.cluster import crew
-from sepmc.places import place
+from sepmc.paths import place
 
 SETTINGS = {"run.chunk": 300, "run.history_step_s": 0.1, "run.end_time_s": 0.26}
 CASES = 900
@@ -51,12 +51,12 @@ def alone(campaign, tmp_path_factory):
 
 
 def same(folder, other):
-    for read in (store.read_cases, store.read_histories):
+    for read in (shards.read_cases, shards.read_histories):
         pd.testing.assert_frame_equal(read(folder), read(other), check_exact=True)
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(one) for one in arguments])
+    return CliRunner().invoke(app.main, [str(one) for one in arguments])
 
 
 @pytest.mark.parametrize("words", [("stats",), ("doctor",), ("campaign", "table2.toml", "--out")])
@@ -75,7 +75,7 @@ def test_the_same_rows(campaign, alone):
     found = campaign.run(cases=CASES, out=place("s3://bucket/one"))
     same(found.folder, alone.folder)
     assert found.statistics().equals(alone.statistics())
-    assert not record.diagnose(found.folder)
+    assert not manifests.diagnose(found.folder)
 
 
 def test_workers_write_it(campaign, alone):
@@ -91,14 +91,14 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in record.diagnose(folder)]
+    said = [finding.said for finding in manifests.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
     with pytest.raises(folders.StoreError, match="resume=True"):
-        store.read_cases(folder)
+        shards.read_cases(folder)
     campaign.run(cases=CASES, out=folder, resume=True)
     same(folder, alone.folder)
-    assert not record.diagnose(folder)
+    assert not manifests.diagnose(folder)
 
 
 def test_command_line(alone, tmp_path):
@@ -124,14 +124,15 @@ def test_command_line(alone, tmp_path):
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(store.cases_done(place(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.cases_done(place(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not store.parts(place(where), folders.CASES)
+    assert not shards.parts(place(where), folders.CASES)
     assert (
-        len(store.read_part(place(where), store.parts(place(where), folders.KEPT)[0])["case"]) == 5
+        len(shards.read_part(place(where), shards.parts(place(where), folders.KEPT)[0])["case"])
+        == 5
     )
 
 

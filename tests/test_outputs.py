@@ -11,7 +11,7 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
 import sepmc
-from sepmc.campaign import pilot
+from sepmc.campaign.execution import step_selection
 from sepmc.scene.messages import SceneError
 
 SLIDER, FREE = {"pins": "slider"}, {}
@@ -866,7 +866,7 @@ def test_clearance_between_turning_bodies(pair):
 def test_least_distance_does_not_depend_on_the_step(pair, parts, monkeypatch):
     """Cones of many slopes that pass each other, tumbling, one or two steps long or twenty: 100
     cases, least distance to 1 um."""
-    monkeypatch.setattr(pilot, "SAMPLE", 8)  # the step is given
+    monkeypatch.setattr(step_selection, "SAMPLE", 8)  # the step is given
     fore = [
         {"stations_m": [0.0, 2.0], "radii_m": [0.05, 0.4]},
         {"stations_m": [2.0, 2.6], "radii_m": [0.4, 0.1]},

@@ -1,14 +1,14 @@
-"""Other engines fly our cases: `sepmc.trust.peers`. Each test is skipped where its engine is not
-installed."""
+"""Other engines fly our cases: `oracles.external_engines`. Each test is skipped where its engine is
+not installed."""
 
 import math
 
 import numpy as np
 import pytest
+from oracles.external_engines import compare, loads
+from oracles.external_engines.case import Case
 
 import sepmc
-from sepmc.trust.peers import compare, loads
-from sepmc.trust.peers.case import Case
 
 TREES = ("heyoka", "pinocchio")
 
@@ -16,7 +16,7 @@ TREES = ("heyoka", "pinocchio")
 def engines(*names):
     """``fly`` of these engines."""
     return {
-        name: pytest.importorskip(f"sepmc.trust.peers.{name}", exc_type=ImportError).fly
+        name: pytest.importorskip(f"oracles.external_engines.{name}", exc_type=ImportError).fly
         for name in names
     }
 

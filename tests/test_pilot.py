@@ -11,16 +11,17 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
+from oracles.independent import fly as fly_independently
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign import cases, piece, pilot, search
-from sepmc.campaign.accuracy import SAFETY, achieved, decisive, errors, scene_scales
-from sepmc.campaign.flight import Flight, _is_like_trials
-from sepmc.campaign.remarks import unmet
-from sepmc.engine.door import Block
+from sepmc.campaign import cases
+from sepmc.campaign.execution import batch, step_search, step_selection
+from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
+from sepmc.campaign.execution.diagnostics import unmet
+from sepmc.campaign.execution.integration import Flight, _is_like_trials
+from sepmc.cli import app
+from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
-from sepmc.trust.independent import fly as fly_independently
 
 INF, NAN = np.inf, np.nan
 
@@ -31,7 +32,7 @@ def error(found, reference, units=None):
         np.atleast_2d(np.array(found, dtype=float)),
         np.atleast_2d(np.array(reference, dtype=float)),
     )
-    return pilot.relative_error(found, reference, units or ["m"] * reference.shape[1])
+    return step_selection.relative_error(found, reference, units or ["m"] * reference.shape[1])
 
 
 # -- corners
@@ -41,15 +42,17 @@ def error(found, reference, units=None):
 def test_corners_do_not_depend_on_the_seed(table2):
     """Nor on how many cases there are: how a campaign is flown is a matter of its scene and
     laws."""
-    base = pilot.corners(table2)
-    assert base.shape == (pilot.CORNERS + 1, len(table2.file.dispersions))
-    assert_array_equal(pilot.corners(table2.with_settings({"run.seed": 1, "run.cases": 5})), base)
+    base = step_selection.corners(table2)
+    assert base.shape == (step_selection.CORNERS + 1, len(table2.file.dispersions))
+    assert_array_equal(
+        step_selection.corners(table2.with_settings({"run.seed": 1, "run.cases": 5})), base
+    )
 
 
 def test_corners_are_the_nominal_and_the_edges(table2):
     """The middle of every law first; then of each parameter a thousandth of the probability from
     either end, both ends often."""
-    found = pilot.corners(table2) / table2.factors
+    found = step_selection.corners(table2) / table2.factors
     middle = [cases.quantile(d, np.array([0.5]))[0] for d in table2.file.dispersions]
     assert_allclose(found[0], middle, rtol=1e-12, atol=1e-12)
     for values, law in zip(found[1:].T, table2.file.dispersions, strict=True):
@@ -59,8 +62,8 @@ def test_corners_are_the_nominal_and_the_edges(table2):
         assert_allclose(
             np.unique(np.round((values - low) / (high - low), 9)), [0.0, 1.0], atol=1e-9
         )
-        assert 4 <= np.sum(values > 0.5 * (low + high)) <= pilot.CORNERS - 4
-    assert len(np.unique(found[1:] > found[0], axis=0)) == pilot.CORNERS
+        assert 4 <= np.sum(values > 0.5 * (low + high)) <= step_selection.CORNERS - 4
+    assert len(np.unique(found[1:] > found[0], axis=0)) == step_selection.CORNERS
 
 
 @pytest.mark.parametrize(
@@ -76,14 +79,14 @@ def test_corners_of_an_angle_all_round(table2, law, wide):
     """Both ends of a full turn are one direction: angles that spread over more than 90 deg are
     spaced over all of it."""
     found = np.sort(
-        pilot.corners(
+        step_selection.corners(
             table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}})
         )[1:, 0]
     )
     if not wide:
         assert len(np.unique(found)) == 2
         return
-    assert len(np.unique(found)) == pilot.CORNERS
+    assert len(np.unique(found)) == step_selection.CORNERS
     assert np.diff(found).max() <= 0.25 * (found[-1] - found[0])
     if law == {"uniform": [0.0, 360.0]}:
         assert_allclose(np.degrees(found), 7.5 + 15.0 * np.arange(24))
@@ -99,10 +102,10 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
         "body.lower.mass_kg": {"uniform": 25.0},
     }
     campaign = table2.with_settings({"dispersion": laws})
-    found = pilot.corners(campaign)
+    found = step_selection.corners(campaign)
     assert len(found) == 3 * 11 + 1
     assert [np.count_nonzero(found[1:, 0] == value) for value in values] == [3] * 11 + [0]
-    drawn = pilot.sample(campaign, 40)
+    drawn = step_selection.sample(campaign, 40)
     assert set(drawn[:, 0]) == set(values[:-1])
     assert set(drawn[:20, 0]) <= set(values[:10])
 
@@ -110,8 +113,8 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
 def test_the_sample_covers_every_law(table2):
     """A Latin hypercube in each half: one case in every share of the probability of each parameter;
     not of the seed."""
-    found = pilot.sample(table2, 32)
-    assert_array_equal(found, pilot.sample(table2.with_settings({"run.seed": 5}), 32))
+    found = step_selection.sample(table2, 32)
+    assert_array_equal(found, step_selection.sample(table2.with_settings({"run.seed": 5}), 32))
     for values, law, factor in zip(found.T, table2.file.dispersions, table2.factors, strict=True):
         low, high = law.numbers
         for half in (values[:16], values[16:]):
@@ -121,7 +124,10 @@ def test_the_sample_covers_every_law(table2):
 
 
 def test_corners_without_dispersion(table2):
-    assert pilot.corners(table2.with_settings({"dispersion": {}})).shape == (pilot.CORNERS + 1, 0)
+    assert step_selection.corners(table2.with_settings({"dispersion": {}})).shape == (
+        step_selection.CORNERS + 1,
+        0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -136,7 +142,7 @@ def test_corners_without_dispersion(table2):
 def test_corners_of_every_law(table2, law):
     """Finite: tails are cut at a thousandth, a discrete law gives its own values."""
     campaign = table2.with_settings({"dispersion": {"body.upper.mass_kg": law}})
-    found = pilot.corners(campaign)
+    found = step_selection.corners(campaign)
     assert np.isfinite(found).all()
     assert np.all((found > 400.0) & (found < 500.0))
     if "discrete" in law:
@@ -186,13 +192,13 @@ def test_error_of_zero():
 
 def test_error_of_no_cases():
     assert_array_equal(
-        pilot.relative_error(np.empty((0, 3)), np.empty((0, 3)), ["m"] * 3), [0.0] * 3
+        step_selection.relative_error(np.empty((0, 3)), np.empty((0, 3)), ["m"] * 3), [0.0] * 3
     )
 
 
 def test_error_does_not_change_what_it_is_given():
     found, reference = np.array([[1.0, NAN]]), np.array([[1.0, NAN]])
-    pilot.relative_error(found, reference, ["m", "m"])
+    step_selection.relative_error(found, reference, ["m", "m"])
     assert_array_equal(found, reference)
 
 
@@ -204,18 +210,18 @@ def test_bodies_that_turn_far_in_a_step():
     """In the eight steps that first tell how far outcomes spread no case can be vouched for: then
     more steps tell it."""
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
-    flight = pilot.plan_flight(campaign)
+    flight = step_selection.plan_flight(campaign)
     names = [column.name for column in campaign.outcome_columns]
     draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
     rate = names.index("A_omega_z_deg_s")
-    spread = pilot.fly(campaign, flight, draws).outcomes[:, rate].std()
+    spread = step_selection.fly(campaign, flight, draws).outcomes[:, rate].std()
     assert 0.5 * spread <= flight.scale[rate] <= 2.0 * spread
     assert flight.achieved.met
 
 
 def test_a_given_step_is_taken(table2):
     """No step is longer."""
-    flight = pilot.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
+    flight = step_selection.plan_flight(table2.with_settings({"solver.step_s": 0.0123}))
     assert (flight.step, flight.steps.tolist()) == (0.0123, [1, 1, 1])
     assert (flight.sharper().step, flight.sharper().steps.tolist()) == (0.00615, [2, 2, 2])
 
@@ -233,11 +239,11 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     """Half of the accuracy, over its own cases; the steps it chose are the fewest: one less in any
     phase is too few."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
-    flight = pilot.plan_flight(campaign)
+    flight = step_selection.plan_flight(campaign)
     assert flight.error <= 0.5 * accuracy
     assert_allclose(flight.usual.sum(), campaign.scene.run.end_time, rtol=1e-9)
     assert flight.usual[0] == pytest.approx(0.05, rel=1e-9)
-    again = pilot.plan_flight(campaign.with_settings({"run.seed": 8}))
+    again = step_selection.plan_flight(campaign.with_settings({"run.seed": 8}))
     assert_array_equal(again.steps, flight.steps)
     assert again.error == flight.error
 
@@ -252,10 +258,10 @@ def test_errors_are_shares_of_what_statistics_are_of():
         flown=np.array([True, True, True, False, True]),
         guarded=np.array([True, True, True, True, False]),
     )
-    assert_array_equal(pilot._ended(block, None), [[1.0], [1.2]])
-    assert_array_equal(pilot._ended(block, 0.1), [[1.0], [1.2], [1.4]])
+    assert_array_equal(step_selection._ended(block, None), [[1.0], [1.2]])
+    assert_array_equal(step_selection._ended(block, 0.1), [[1.0], [1.2], [1.4]])
     block.status[:] = [never, never, other, other, never]
-    assert_array_equal(pilot._ended(block, None), [[1.0], [50.0]])
+    assert_array_equal(step_selection._ended(block, None), [[1.0], [50.0]])
 
 
 # -- what a run tells
@@ -277,7 +283,10 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
     campaign = table2.with_settings({"run.history_step_s": 0.0} | settings)
     result = campaign.run(cases=80, out=tmp_path / "run")
     achieved, written = result.accuracy, told(tmp_path / "run", "manifest.json")["accuracy"]
-    assert (achieved.asked, achieved.cases) == (1e-9, pilot.CORNERS + 1 + pilot.SAMPLE)
+    assert (achieved.asked, achieved.cases) == (
+        1e-9,
+        step_selection.CORNERS + 1 + step_selection.SAMPLE,
+    )
     assert set(achieved.errors) == set(result.outcomes)
     name, worst = achieved.worst
     assert (
@@ -309,7 +318,7 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
         assert written["step_s"] == result.flight.step
     printed = (
         CliRunner()
-        .invoke(cli.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
+        .invoke(app.main, ["stats", str(tmp_path / "run")], catch_exceptions=False)
         .stdout
     )
     assert f"numerical error at most {worst:.1e} ({name})" in printed
@@ -347,11 +356,11 @@ def true_error(campaign, flight, count):
     )
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
-    here = pilot.fly(campaign, flight, drawn)
-    fine = pilot.fly(exact, flight.sharper().sharper().sharper(), drawn)
+    here = step_selection.fly(campaign, flight, drawn)
+    fine = step_selection.fly(exact, flight.sharper().sharper().sharper(), drawn)
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
-    return pilot.relative_error(
+    return step_selection.relative_error(
         here.outcomes[ok, :n], fine.outcomes[ok, :n], [c.unit for c in columns], scale
     ).max(), here.again
 
@@ -393,7 +402,7 @@ def test_the_error_of_failed_cases_does_not_count(table2):
     result = campaign.run(cases=64)
     failed = 64 - result.status_counts[Status.OK.label]
     assert 0 < failed < 30
-    assert 0.7 * pilot.SAMPLE < result.accuracy.cases < pilot.SAMPLE
+    assert 0.7 * step_selection.SAMPLE < result.accuracy.cases < step_selection.SAMPLE
     assert np.isfinite(result.accuracy.worst[1])
 
 
@@ -418,21 +427,21 @@ def test_the_program_tells_it(tmp_path):
         "--out",
         str(tmp_path / "run"),
     ]
-    found = CliRunner().invoke(cli.main, arguments, catch_exceptions=False)
+    found = CliRunner().invoke(app.main, arguments, catch_exceptions=False)
     assert found.exit_code == 0, found.output
     assert "numerical error at most" in found.output
     assert "asked 1e-09" in found.output
-    checked = CliRunner().invoke(cli.main, ["check", "table2.toml"], catch_exceptions=False).stdout
+    checked = CliRunner().invoke(app.main, ["check", "table2.toml"], catch_exceptions=False).stdout
     assert "1e-09" in checked
     code = (
         CliRunner()
-        .invoke(cli.main, ["check", "table2.toml", "--code"], catch_exceptions=False)
+        .invoke(app.main, ["check", "table2.toml", "--code"], catch_exceptions=False)
         .stdout
     )
     assert "# body1 upper, body2 lower" in code
     assert "def rates_phase2(w):" in code
     full = ["check", "table2.toml", "--code", "--set", "solver.formulation=full"]
-    assert "linear.eliminate" in CliRunner().invoke(cli.main, full, catch_exceptions=False).stdout
+    assert "linear.eliminate" in CliRunner().invoke(app.main, full, catch_exceptions=False).stdout
 
 
 def test_sepmc_load_is_not_slowed(table2):
@@ -447,7 +456,9 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     behind tells it."""
     calls = []
     monkeypatch.setattr(
-        piece, "fly", lambda *given, **named: calls.append("flown") or pilot.fly(*given, **named)
+        batch,
+        "fly",
+        lambda *given, **named: calls.append("flown") or step_selection.fly(*given, **named),
     )
 
     def stop(done, total, failures):
@@ -475,7 +486,7 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
     told."""
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": 1e-7} | settings)
     expected = campaign.run(cases=60)
-    monkeypatch.setattr(pilot, "_choose_steps", lambda *given: None)
+    monkeypatch.setattr(step_selection, "_choose_steps", lambda *given: None)
     result = campaign.run(cases=60)
     assert result.notes == []
     assert result.accuracy.met
@@ -486,13 +497,13 @@ def test_where_no_steps_suit_most_trial_cases(table2, monkeypatch, settings):
         for of in (result, expected)
     )
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
-    assert pilot.relative_error(one, two, [c.unit for c in columns], scale).max() <= 1e-7
+    assert step_selection.relative_error(one, two, [c.unit for c in columns], scale).max() <= 1e-7
 
 
 def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_path):
     """No number of steps below the most allowed meets the goal: as many as bring the cases to what
     the reference settles to, and said, on the command line by its exit code too."""
-    monkeypatch.setattr(search, "_MOST_STEPS", 16)
+    monkeypatch.setattr(step_search, "_MOST_STEPS", 16)
     settings = {"run.history_step_s": 0.0, "solver.accuracy": 1e-12, "solver.method": "dopri5"}
     result = table2.with_settings(settings).run(cases=20)
     coarse = table2.with_settings(settings | {"solver.accuracy": 1e-3}).run(cases=20)
@@ -507,8 +518,8 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
     arguments = ["campaign", "table2.toml", "--cases", "20", "--no-plots", "--out", tmp_path / "a"]
     for path, value in settings.items():
         arguments += ["--set", f"{path}={value}"]
-    found = CliRunner().invoke(cli.main, list(map(str, arguments)), catch_exceptions=False)
-    again = CliRunner().invoke(cli.main, ["stats", str(tmp_path / "a")], catch_exceptions=False)
+    found = CliRunner().invoke(app.main, list(map(str, arguments)), catch_exceptions=False)
+    again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "a")], catch_exceptions=False)
     for one in (found, again):
         assert one.exit_code == 3
         assert "the accuracy asked was not met" in one.stderr
@@ -519,10 +530,10 @@ def test_the_finest_affordable_steps_if_none_will_do(table2, monkeypatch, tmp_pa
 def test_fewer_trial_cases(table2, monkeypatch, corners, sample, settings):
     """Both numbers are read when they are needed, and may be small: for flights that are
     interpreted."""
-    monkeypatch.setattr(pilot, "CORNERS", corners)
-    monkeypatch.setattr(pilot, "SAMPLE", sample)
+    monkeypatch.setattr(step_selection, "CORNERS", corners)
+    monkeypatch.setattr(step_selection, "SAMPLE", sample)
     law = {"dispersion.body.upper.mass_kg": {"discrete": [450.0, 460.0]}, "run.history_step_s": 0.0}
-    flight = pilot.plan_flight(table2.with_settings(law | settings))
+    flight = step_selection.plan_flight(table2.with_settings(law | settings))
     assert flight.achieved.cases == max(corners, 6) + 1 + sample
 
 
@@ -579,13 +590,13 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     """A spring of constant force along a line that shrinks to nothing in one case of a thousand:
     such are seen and settled, or told."""
     campaign = pair(REEL | settings)
-    flight = pilot.plan_flight(campaign)
+    flight = step_selection.plan_flight(campaign)
     places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
     block, names = (
-        pilot.fly(campaign, flight, places),
+        step_selection.fly(campaign, flight, places),
         [column.name for column in campaign.outcome_columns],
     )
-    once = pilot.fly(campaign, replace(flight, limits=None, most=np.inf), places)
+    once = step_selection.fly(campaign, replace(flight, limits=None, most=np.inf), places)
     expected = [
         fly_independently(
             pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()
@@ -653,7 +664,7 @@ def shot(force, stiffness, stroke, time):
 def test_a_stroke_that_is_only_just_reached(pair, settings):
     """With 1e-5 ... 1e-2 to spare or to miss: a long step may jump over such a stroke."""
     campaign = pair(SHOT | settings)
-    flight = pilot.plan_flight(campaign)
+    flight = step_selection.plan_flight(campaign)
     stroke, beyond = campaign.scene.spring[0].stroke, np.geomspace(1e-5, 1e-2, 40)
     stiffness = 75.0 + 5.0 * np.sin(np.arange(80))
     force = 0.5 * stroke * stiffness * (1.0 + np.concatenate([beyond, -beyond]))
@@ -667,7 +678,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     )
     draws = np.where(places[0, :, 0], force[:, None], stiffness[:, None])
     block, names = (
-        pilot.fly(campaign, flight, draws),
+        step_selection.fly(campaign, flight, draws),
         [column.name for column in campaign.outcome_columns],
     )
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)
@@ -687,7 +698,7 @@ def test_a_trial_case_that_would_be_flown_again_tells_no_error():
     """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps
     what such a step gives."""
     campaign = sepmc.load(str(Path(__file__).parent / "grazing.toml"))
-    accuracy = pilot.plan_flight(campaign).achieved
+    accuracy = step_selection.plan_flight(campaign).achieved
     assert accuracy.met, accuracy.worst
 
 

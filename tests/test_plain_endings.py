@@ -10,8 +10,8 @@ import pytest
 
 import sepmc
 from sepmc import cache_folder, wording
-from sepmc.campaign import store
-from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.store import shards
+from sepmc.campaign.store.untrusted_files import StoreError
 from sepmc.scene.messages import RunWarning, SceneWarning
 
 FLY = ("campaign", "table2.toml", "--cases", "2", "--no-plots", "--quiet", "--out", "run")
@@ -59,7 +59,7 @@ def test_other_commands_with_no_threads(tmp_path):
 NOWHERE = """
 import sys, tempfile
 tempfile._candidate_tempdir_list = lambda: ["/proc/nowhere"]  # no temporary folder either
-from sepmc.cli import main
+from sepmc.cli.app import main
 if __name__ == "__main__":
     main(sys.argv[1:], prog_name="sepmc")
 """
@@ -102,19 +102,16 @@ def test_the_cache_says_what_moves_it(monkeypatch, tmp_path):
         cache_folder.cache_folder("name")
 
 
-def test_peers_that_are_missing_are_told_first(tmp_path, monkeypatch):
-    """Before the checks, which take minutes."""
+def test_missing_engines_are_told_first(monkeypatch):
+    """Before anything is flown."""
     from click.testing import CliRunner
-
-    from sepmc.cli import main
-    from sepmc.trust import verify
-    from sepmc.trust.peers import compare
+    from oracles.__main__ import main
+    from oracles.external_engines import compare
 
     monkeypatch.setattr(compare, "installed", lambda say: {})
-    monkeypatch.setattr(verify, "verify", lambda *given: pytest.fail("checks were flown first"))
-    said = CliRunner().invoke(main, ["verify", "--peers", "--brief"])
+    said = CliRunner().invoke(main, ["engines"])
     assert said.exit_code == 2
-    assert "--peers: none of heyoka, pinocchio, exudyn is installed" in said.output
+    assert "none of heyoka, pinocchio, exudyn is installed" in said.output
 
 
 # whose options
@@ -160,7 +157,7 @@ def test_errors_in_python_name_no_options_of_commands(tmp_path):
         assert "--" not in str(error.value), error.value
     (folder / "cases").joinpath(os.listdir(folder / "cases")[0]).unlink()
     with pytest.raises(StoreError, match="is gone") as error:
-        store.read_cases(folder)
+        shards.read_cases(folder)
     assert "--" not in str(error.value)
 
 

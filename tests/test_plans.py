@@ -9,19 +9,19 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from measure_until import coverage
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
 
 import sepmc
-from sepmc.analysis.precision import read_until
 from sepmc.analysis.proportions import interval
-from sepmc.analysis.rows import Rows
-from sepmc.campaign.numbers import Numbers, read
-from sepmc.campaign.own_files import StoreError
-from sepmc.campaign.pilot import kernel_text
-from sepmc.campaign.record import read_manifest
-from sepmc.cli import main
+from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.stopping import read_until
+from sepmc.campaign.case_selection import Numbers, read
+from sepmc.campaign.execution.step_selection import kernel_text
+from sepmc.campaign.store.manifests import read_manifest
+from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
-from sepmc.trust.gate.plain import flown_plainly
 
 # two bodies that a spring parts in empty space
 SPRUNG = """
@@ -290,7 +290,7 @@ def test_a_plan_meets_correlations(file, tmp_path):
 def test_until_a_statistic_is_known(file, tmp_path, monkeypatch):
     """A campaign ends with the first 64, 128, ... cases (2,048 and so on as it comes) whose
     interval is narrow enough, as the first cases of the whole, and says so."""
-    monkeypatch.setattr("sepmc.analysis.precision._FIRST_OF_MOMENTS", 64)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 64)
     campaign = sepmc.load(file)
     row = campaign.run(128).statistics().loc["separation_speed_m_s"]
     looks = 3  # at 64, 128 and 200 cases
@@ -374,8 +374,12 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     table, told = tmp_path / "plan.csv", {}
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
     more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
-    monkeypatch.setattr("sepmc.campaign.pilot.left_to_compile", lambda text: (1, 2))
-    monkeypatch.setattr("sepmc.engine.door.load_kernel", lambda text, say: told.update(text=text))
+    monkeypatch.setattr(
+        "sepmc.campaign.execution.step_selection.left_to_compile", lambda text: (1, 2)
+    )
+    monkeypatch.setattr(
+        "sepmc.engine.dispatch.load_kernel", lambda text, say: told.update(text=text)
+    )
     dry = call("campaign", file, *more, "--dry-run")
     assert dry.exit_code == 0, dry.output
     (line,) = [one for one in dry.output.splitlines() if "sepmc compile" in one]

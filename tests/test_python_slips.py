@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 import sepmc
-from sepmc.campaign.folders import StoreError
+from sepmc.campaign.store.folders import StoreError
 
 QUICK = {
     "solver.step_s": 0.1,

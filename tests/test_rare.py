@@ -14,11 +14,13 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import sepmc
-from sepmc import cli
-from sepmc.analysis import rare
-from sepmc.campaign import cases, flight_log, record, store
-from sepmc.campaign.folders import StoreError
-from sepmc.campaign.limit import Target, target
+from sepmc.analysis import subset_simulation
+from sepmc.campaign import cases
+from sepmc.campaign.execution import flight_log
+from sepmc.campaign.execution.limit_state import Target, target
+from sepmc.campaign.store import manifests, shards
+from sepmc.campaign.store.folders import StoreError
+from sepmc.cli import app
 from sepmc.report import rare_figures
 from sepmc.report.rare_figures import rare_figure
 from sepmc.scene.messages import InputError
@@ -31,7 +33,7 @@ SLOW = {"name": "slow", "metric": "separation_speed_m_s", "at_least": 0.378}
 
 def estimate(margin, dimensions, seed=0, most=FLIGHTS):
     """What is estimated of margins (n,) at scores (n, d); cases are told by their first score."""
-    return rare.estimate(
+    return subset_simulation.estimate(
         lambda u: (margin(u), u[:, :1]), dimensions, lambda what: cases.generator(seed, what), most
     )
 
@@ -76,7 +78,10 @@ def test_what_never_happens():
     assert known.probability == 0.0
     assert known.interval[0] == 0.0
     assert known.interval[1] < 1e-5
-    assert "did not come beyond the bound, only to a margin of 1" in rare.remarks(known)[0]
+    assert (
+        "did not come beyond the bound, only to a margin of 1"
+        in subset_simulation.remarks(known)[0]
+    )
     known, _, _ = estimate(lambda u: np.ones(len(u)), 2)  # as a constant outcome
     assert known.interval == pytest.approx((0.0, 3.9e-4), rel=0.1)
     assert math.isnan(known.spread)
@@ -106,7 +111,7 @@ def test_levels_are_told():
     assert all(0.3 < level.acceptance < 0.6 for level in known.levels[1:])
     steps = len(known.levels) - 1
     assert flights == pytest.approx(FLIGHTS, rel=0.03)
-    assert known.size * rare.REPLICAS * (1 + 0.9 * steps) <= FLIGHTS
+    assert known.size * subset_simulation.REPLICAS * (1 + 0.9 * steps) <= FLIGHTS
 
 
 def test_cases_without_a_margin_are_told_apart():
@@ -140,7 +145,7 @@ def test_what_is_doubtful_is_told():
         return np.minimum(6.0 - u[:, 0], late)
 
     known, _, _ = estimate(margin, 4, 3)
-    assert any("replicas disagree" in said for said in rare.remarks(known))
+    assert any("replicas disagree" in said for said in subset_simulation.remarks(known))
 
 
 def test_what_is_too_rare_for_so_few_flights():
@@ -148,7 +153,7 @@ def test_what_is_too_rare_for_so_few_flights():
     assert flights <= FLIGHTS
     assert known.probability == 0.0
     assert 1e-13 < known.interval[1] < 1e-5
-    assert "or take more flights" in rare.remarks(known)[0]
+    assert "or take more flights" in subset_simulation.remarks(known)[0]
 
 
 def test_scores_follow_the_laws(pair):
@@ -296,7 +301,7 @@ def folder(tmp_path_factory):
 
 
 def invoke(*words):
-    return CliRunner().invoke(cli.main, [str(word) for word in words], catch_exceptions=False)
+    return CliRunner().invoke(app.main, [str(word) for word in words], catch_exceptions=False)
 
 
 def test_a_folder(folder):
@@ -309,8 +314,8 @@ def test_a_folder(folder):
         "campaign.toml", "manifest.json", "checksums.jsonl", "rare.json", "rare.parquet",
         "rare.png",
     }  # fmt: skip
-    assert record.diagnose(run) == []
-    manifest = record.read_manifest(run)
+    assert manifests.diagnose(run) == []
+    manifest = manifests.read_manifest(run)
     assert manifest["rare"]["name"] == "slow"
     assert manifest["accuracy"]["met"]
     rows = pd.read_parquet(run / "rare.parquet")
@@ -326,7 +331,7 @@ def test_its_cases_fly_again(folder, tmp_path):
     again = invoke("campaign", run, "--plan", run / "rare.parquet", "--cases", 40, "--out",
                    tmp_path / "again", "--no-plots", "--quiet")  # fmt: skip
     assert again.exit_code == 0, again.output
-    rows, kept = store.read_cases(tmp_path / "again"), pd.read_parquet(run / "rare.parquet")
+    rows, kept = shards.read_cases(tmp_path / "again"), pd.read_parquet(run / "rare.parquet")
     for name in (column for column in rows if str(column).startswith("in_")):
         assert (rows[name] == kept[name][:40]).all()
     name = "separation_speed_m_s"
@@ -382,7 +387,7 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     campaign, folder = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
     for flights in (1, 5_000, 8_000):
         _interrupted(campaign, folder, flights)
-    assert not record.read_manifest(folder)["complete"]
+    assert not manifests.read_manifest(folder)["complete"]
     found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
     alone = campaign.rare("slow", FLIGHTS, 3)
     assert (found.replicas, found.statuses, found.flights) == (
@@ -390,11 +395,11 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     )  # fmt: skip
     assert found.notes == alone.notes
     pd.testing.assert_frame_equal(found.to_pandas(), alone.to_pandas(), check_exact=True)
-    manifest = record.read_manifest(folder)
+    manifest = manifests.read_manifest(folder)
     assert manifest["complete"]
     assert manifest["sessions"][-1]["cases_flown"] <= found.flights - 5_000
     assert not (folder / "counted").exists()
-    assert record.diagnose(folder) == []
+    assert manifests.diagnose(folder) == []
 
 
 def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
@@ -466,8 +471,8 @@ def test_what_is_not_rare_is_told(bound, told):
     campaign = sepmc.load("table2", {"requirement": [{**SLOW, "at_least": bound}]})
     found = campaign.rare("slow", most=FLIGHTS, announce=lambda said: None)
     assert any("this is not rare: " in said for said in found.notes) == told
-    assert rare.plain_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(7.7e7, rel=0.01)
-    assert math.isnan(rare.plain_cases(1e-6, (0.0, 1e-6)))
+    assert subset_simulation.plain_cases(1e-6, (0.8e-6, 1.25e-6)) == pytest.approx(7.7e7, rel=0.01)
+    assert math.isnan(subset_simulation.plain_cases(1e-6, (0.0, 1e-6)))
 
 
 def test_replicas_that_come_to_no_threshold_say_nothing():
@@ -488,7 +493,7 @@ def test_levels_at_one_margin_are_a_jump(tmp_path, monkeypatch):
     monkeypatch.setattr(rare_figures, "save", lambda figure, path: caught.append(figure))
     spread = np.array([0.9, 1.0, 1.1])
     levels = tuple(
-        rare.Level(margin, share, share, share * spread, 0.4, 9)
+        subset_simulation.Level(margin, share, share, share * spread, 0.4, 9)
         for margin, share in ((100.0, 0.4), (100.0 - 1e-7, 0.1), (40.0, 0.03), (0.0, 0.01))
     )
     found = SimpleNamespace(

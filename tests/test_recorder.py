@@ -6,9 +6,19 @@ import math
 import pytest
 
 from sepmc.engine import interpreted
-from sepmc.kernel.formulas import ZERO, air, guides, joints, loads, quat, scalar, vec3, vehicle
-from sepmc.kernel.recorder import SYMMETRIC, Scope, total, where
-from sepmc.kernel.text import Slabs, Text
+from sepmc.kernel.tracer.formulas import (
+    ZERO,
+    air,
+    guides,
+    joints,
+    loads,
+    quat,
+    scalar,
+    vec3,
+    vehicle,
+)
+from sepmc.kernel.tracer.text import Slabs, Text
+from sepmc.kernel.tracer.tracer import SYMMETRIC, Scope, total, where
 
 
 @pytest.fixture
@@ -246,7 +256,8 @@ def _expected(shape):
 
 @pytest.mark.parametrize(("module", "name"), ALL, ids=[name for _, name in ALL])
 def test_formulas_give_what_the_recorder_thinks(plain, module, name):
-    """Shapes are told by hand in `sepmc.kernel.formulas`: each against what the formula gives."""
+    """Shapes are told by hand in `sepmc.kernel.tracer.formulas`: each against what the formula
+    gives."""
     last = name.rpartition(".")[2]
     real = next(
         getattr(getattr(plain, home), last)

@@ -1,5 +1,5 @@
-"""The closed forms of `sepmc.trust.references` against scipy's DOP853 of the equations they solve;
-nothing here knows the engine."""
+"""The closed forms of `sepmc.validation.references` against scipy's DOP853 of the equations they
+solve; nothing here knows the engine."""
 
 import math
 
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sepmc.trust import references as ref
+from sepmc.validation import references as ref
 
 TIMES = np.linspace(0.0, 6.0, 13)
 TURNED = Rotation.from_euler("zyx", [0.4, -0.7, 1.1]).as_matrix()

@@ -4,9 +4,8 @@ import math
 
 import pytest
 from numpy.testing import assert_allclose
+from oracles import independent
 from turning_pair import BOTH, MID, TURNING, agrees, alone
-
-from sepmc.trust import independent
 
 PULL = {
     "name": "pull",

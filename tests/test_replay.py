@@ -9,9 +9,9 @@ from click.testing import CliRunner
 from PIL import Image
 
 import sepmc
-from sepmc.campaign import ledger, record, store
-from sepmc.cli import main
-from sepmc.cli_figures import marks_of
+from sepmc.campaign.store import ledger, manifests, shards
+from sepmc.cli.app import main
+from sepmc.cli.figures import marks_of
 from sepmc.report import animation, figures
 from sepmc.report.animation import _Shot
 from sepmc.report.style import sheet
@@ -67,9 +67,9 @@ def test_the_case_that_is_asked_for(folder, tmp_path, words, which):
     code, said = command("replay", folder, *words, "--out", out, "--no-plots", "--every-s", 0.01)
     number = int(which(folder))
     assert (code, f"row {number} is the same bit by bit" in said) == (0, True), said
-    told = record.read_manifest(out)
+    told = manifests.read_manifest(out)
     assert told["case"] == number
-    row = store.read_row(folder, number)
+    row = shards.read_row(folder, number)
     for name in ("separation_speed_m_s", "upper_omega_x_deg_s"):
         assert told["outcomes"][name] == pytest.approx(row[name], rel=1e-7)
 
@@ -78,7 +78,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     """One bit in one column of a row is found, and named, though the checksum is of what is
     there."""
     folder = shutil.copytree(folder, tmp_path / "run")
-    manifest, (one,) = record.read_manifest(folder), store.parts(folder, "cases")
+    manifest, (one,) = manifests.read_manifest(folder), shards.parts(folder, "cases")
     table = pd.read_parquet(folder / one.file)
     table.loc[table["case"] == 7, "upper_pitch_deg"] *= 1.0 + 2.0**-52
     table.to_parquet(folder / one.file)
@@ -87,7 +87,7 @@ def test_a_row_that_was_changed(folder, tmp_path):
     assert (code, "was changed" in said) == (2, True), said
     content = (folder / one.file).read_bytes()
     ledger.add(folder, ledger.entry(one.file, content, one.first, one.cases))
-    record.seal(folder, manifest)
+    manifests.seal(folder, manifest)
     code, said = command("replay", folder, *words, "--overwrite")
     assert (code, "row 7 differs in 1 columns: upper_pitch_deg" in said) == (1, True), said
 

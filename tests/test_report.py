@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
+from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc import cli
+from sepmc.cli import app
 from sepmc.physics.propulsion import thrust_arm, thrust_direction
 from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import _nozzle, drawing
 from sepmc.scene.read import shipped_campaigns
-from sepmc.trust.gate.plain import flown_plainly
 
 EVERYTHING = Path(__file__).parent / "everything.toml"
 REQUIRED = [
@@ -27,7 +27,7 @@ REQUIRED = [
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 import tomli_w
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc import cli
 from sepmc.analysis import requirements
 from sepmc.analysis.requirements import FAIL, NONE, NOT_SHOWN, PASS, Tally
-from sepmc.analysis.rows import Rows
-from sepmc.analysis.stream import Stream
+from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.streaming import Stream
+from sepmc.cli import app
 from sepmc.scene.messages import SceneError
 from sepmc.scene.model import Requirement
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
-from sepmc.trust.gate.plain import flown_plainly
 
 CLEAR = Requirement(name="clear", metric="gap_mm", at_least=5.0, probability=0.99, confidence=0.9)
 
@@ -251,24 +251,24 @@ def test_from_the_command_line(file, tmp_path):
     """The verdicts stand on the screen and in statistics.json, from the run and from its files;
     with --check one that is not passed ends with 1."""
     options = ["campaign", str(file), "--cases", "20", "--no-plots", "--out", str(tmp_path / "r")]
-    said = CliRunner().invoke(cli.main, [*options, "--check"])
+    said = CliRunner().invoke(app.main, [*options, "--check"])
     assert said.exit_code == 1, said.output
     assert "PASS        apart: separation_speed_m_s >= 0.1 m/s in 80 %" in said.stdout
     assert "FAIL        level" in said.stdout
     assert "error: the cases do not show all that is required" in said.stderr
-    again = CliRunner().invoke(cli.main, ["stats", str(tmp_path / "r")])
+    again = CliRunner().invoke(app.main, ["stats", str(tmp_path / "r")])
     assert again.exit_code == 0
-    assert CliRunner().invoke(cli.main, ["stats", str(tmp_path / "r"), "--check"]).exit_code == 1
+    assert CliRunner().invoke(app.main, ["stats", str(tmp_path / "r"), "--check"]).exit_code == 1
     for line in said.stdout[said.stdout.index("requirements") :].splitlines()[:6]:
         assert line in again.stdout
     told = json.loads((tmp_path / "r" / "statistics.json").read_text(encoding="utf-8"))
     assert [item["verdict"] for item in told["requirements"]] == [PASS, FAIL]
     loose = [*options, "--overwrite", "--set", "solver.step_s=0.05"]
-    assert CliRunner().invoke(cli.main, loose).exit_code == 0
+    assert CliRunner().invoke(app.main, loose).exit_code == 0
 
 
 def test_nothing_to_check():
-    said = CliRunner().invoke(cli.main, ["campaign", "table2", "--check"])
+    said = CliRunner().invoke(app.main, ["campaign", "table2", "--check"])
     assert (said.exit_code, "--check needs a [[requirement]]" in said.stderr) == (2, True)
 
 
@@ -375,10 +375,10 @@ def test_all_together_through_a_run(tmp_path):
     assert row["worst_case"] == rows["case"][either].min()
     cause = result.causes("clean")[0]
     assert cause.violations == either.sum()
-    told = CliRunner().invoke(cli.main, ["drivers", str(folder)])
+    told = CliRunner().invoke(app.main, ["drivers", str(folder)])
     assert told.exit_code == 0, told.output
     assert f"clean, {either.sum()} of 150 cases" in told.output
-    told = CliRunner().invoke(cli.main, ["report", str(folder), "--no-replay"])
+    told = CliRunner().invoke(app.main, ["report", str(folder), "--no-replay"])
     assert told.exit_code == 0, told.output
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "clean: no other requirement is violated" in page

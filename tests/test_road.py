@@ -10,16 +10,17 @@ import pytest
 from click.testing import CliRunner
 
 import sepmc
-from sepmc import cli
-from sepmc.analysis import rows
-from sepmc.campaign import chunks, forecast, ledger, record, store
-from sepmc.campaign.own_files import StoreError
+from sepmc.analysis import row_statistics
+from sepmc.campaign.execution import chunks, forecast
+from sepmc.campaign.store import ledger, manifests, shards
+from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.cli import app
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
     slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
     same(slow, result)
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
-    monkeypatch.setattr(store.CaseColumns, "KEPT", 10)  # column by column
+    monkeypatch.setattr(shards.CaseColumns, "KEPT", 10)  # column by column
     same(slow, result)
 
 
@@ -64,7 +65,7 @@ def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
 
 def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monkeypatch):
     folder = tmp_path / "run"
-    monkeypatch.setattr(rows, "EXACT", 10)
+    monkeypatch.setattr(row_statistics, "EXACT", 10)
     found = campaign.run(cases=50, seed=7, out=folder)
     pd.testing.assert_frame_equal(found.statistics(), result.statistics(), rtol=1e-9)
     before = campaign.run(cases=50, seed=7, out=tmp_path / "again").statistics()
@@ -126,8 +127,8 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
     monkeypatch.setattr(chunks, "_CALL_S", 0.0)
     with pytest.raises(KeyboardInterrupt):
         campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
-    assert store.cases_done(tmp_path).tolist() == list(range(25))
-    assert record.read_manifest(tmp_path)["cases_held"] == 25
+    assert shards.cases_done(tmp_path).tolist() == list(range(25))
+    assert manifests.read_manifest(tmp_path)["cases_held"] == 25
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
 
 
@@ -177,7 +178,7 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
     } <= names
     assert "counted" in names
     assert not names & {"cases", "histories", "separation_speed.png"}
-    manifest = record.read_manifest(folder)
+    manifest = manifests.read_manifest(folder)
     assert (
         manifest["complete"],
         manifest["stats_only"],
@@ -206,7 +207,7 @@ def test_histograms_of_statistics_only(campaign, tmp_path):
     options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
     assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
     counted = campaign.run(cases=300, stats_only=True).kept.summary
-    told, names = store.read_told(folder), campaign.outcome_columns
+    told, names = shards.read_told(folder), campaign.outcome_columns
     for name in (column.name for column in names):
         one, other = told.histogram(name), counted.histogram(name)
         assert (one is None) == (other is None)
@@ -236,7 +237,7 @@ def test_a_folder_of_statistics_only(tmp_path):
         said.exit_code,
         "was flown with --stats-only, and is to go on keeping failed" in said.stderr,
     ) == (2, True)
-    record.seal(folder, record.read_manifest(folder) | {"complete": False})
+    manifests.seal(folder, manifests.read_manifest(folder) | {"complete": False})
     assert "it was interrupted; to go on" in call("stats", folder).stderr
     assert (
         call(
@@ -272,7 +273,7 @@ def test_status_of_a_part_is_a_dictionary_of_what_occurs(result, campaign, tmp_p
     frame = pd.read_parquet(tmp_path / "cases")
     assert set(frame["status"].cat.categories) == {"ok", "never-released"}
     assert (frame["status"].to_numpy() == result.to_pandas()["status"].to_numpy()).all()
-    metadata = store.pq.read_metadata(tmp_path / "cases" / "part-0000000000.parquet").row_group(0)
+    metadata = shards.pq.read_metadata(tmp_path / "cases" / "part-0000000000.parquet").row_group(0)
     coded = {
         metadata.column(i).path_in_schema
         for i in range(metadata.num_columns)
@@ -288,8 +289,8 @@ def test_scipy_is_left_alone_where_nothing_needs_it():
     import sys
 
     program = (
-        "import sys, sepmc; sepmc.load('table2'); import sepmc.campaign.store, "
-        "sepmc.analysis.stream; print('scipy' in sys.modules)"
+        "import sys, sepmc; sepmc.load('table2'); import sepmc.campaign.store.shards, "
+        "sepmc.analysis.streaming; print('scipy' in sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -323,7 +324,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     assert stopped.stopped
     assert 2 < stopped.status_counts["never-released"] < failed
     assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
-    manifest = record.read_manifest(tmp_path / "run")
+    manifest = manifests.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
     assert manifest["cases_held"] == len(stopped.to_pandas()) < 50
     again = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=2)

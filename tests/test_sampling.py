@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose, assert_array_equal
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
-from sepmc import cli
 from sepmc.analysis import requirements
-from sepmc.analysis.rows import Rows
+from sepmc.analysis.row_statistics import Rows
 from sepmc.campaign import cases
 from sepmc.campaign.cases import Sampling, probabilities
-from sepmc.campaign.own_files import StoreError
+from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.cli import app
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement
-from sepmc.trust.gate.plain import flown_plainly
 
 PATHS = ["initial.yaw", "body.fore.mass", "body.aft.mass"]
 SAMPLERS = ["random", "lhs", "sobol"]
@@ -34,7 +34,7 @@ TOGETHER = {"parameters": ["body.fore.mass_kg", "body.aft.mass_kg"], "coefficien
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments])
+    return CliRunner().invoke(app.main, [str(a) for a in arguments])
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

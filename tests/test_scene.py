@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
-from sepmc.kernel.plan import make_plan
+from sepmc.kernel.spec.parameter_layout import make_plan
 from sepmc.scene import model
 from sepmc.scene.fields import fields_of
 from sepmc.scene.messages import SceneError

@@ -6,12 +6,12 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from oracles.independent import fly
 
-from sepmc.campaign import settle
-from sepmc.campaign.settle import longest_step
-from sepmc.kernel.heights import rows_step
+from sepmc.campaign.execution import step_refinement
+from sepmc.campaign.execution.step_refinement import longest_step
+from sepmc.kernel.spec.heights import rows_step
 from sepmc.schema import Status
-from sepmc.trust.independent import fly
 
 ONE = np.ones(2)
 BOTH = np.array([True, True])
@@ -36,7 +36,7 @@ def test_each_case_settles_by_itself():
     """An error of order 4, ten times as large in each case: the step told is the one each case was
     flown at last."""
     fly, flown = flier(lambda step, case: 10.0**case * step**4)
-    found = settle.settle(fly, 4, 0.1, 1e-9, ONE, BOTH)
+    found = step_refinement.settle(fly, 4, 0.1, 1e-9, ONE, BOTH)
     assert found.settled.all()
     assert np.all(np.diff(found.step) <= 0.0)
     assert found.step[3] < found.step[0]
@@ -50,7 +50,7 @@ def test_one_agreement_may_be_luck():
     """Halving changes nothing once, between 0.1 and 0.05, and a lot afterwards: that is not
     settled."""
     fly, _ = flier(lambda step, case: 1e-3 if step > 0.04 else step**4)
-    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
     assert found.step[0] ** 4 <= 1e-9
 
@@ -58,7 +58,7 @@ def test_one_agreement_may_be_luck():
 def test_a_case_that_does_not_settle_is_given_up():
     """Noise of 1e-6: not after all halvings, and its change is told."""
     fly, flown = flier(lambda step, case: 1e-6 * np.sin(1.0 / step))
-    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
     assert not found.settled[0]
     assert 1e-8 < found.change[0, 0] <= 2e-6
     assert len(flown[0]) < 8
@@ -73,7 +73,7 @@ def test_a_status_that_only_long_steps_give_is_no_result(status):
         outcomes = np.array([[1.0 + step**4, 2.0] for _ in which])
         return np.where(lost[:, None], np.nan, outcomes), np.where(lost, status, Status.OK)
 
-    found = settle.settle(fly, 2, 0.5, 1e-9, ONE, BOTH)
+    found = step_refinement.settle(fly, 2, 0.5, 1e-9, ONE, BOTH)
     assert_array_equal(found.status, [Status.OK, status])
     assert_array_equal(found.settled, [True, True])
     assert found.step[0] < 0.01 < found.step[1]
@@ -85,7 +85,7 @@ def test_a_case_that_ends_otherwise_has_not_settled():
             len(which), Status.OK if step < 0.06 else Status.NEVER_RELEASED
         )
 
-    found = settle.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
+    found = step_refinement.settle(fly, 1, 0.1, 1e-9, ONE, BOTH)
     assert found.settled[0]
     assert found.step[0] == 0.0125
 
@@ -94,11 +94,15 @@ def test_a_status_that_does_not_last_is_infinitely_wrong():
     ok, lost = np.zeros(1, dtype=int), np.array([Status.UNRESOLVED])
     same = np.ones((1, 2))
     assert_array_equal(
-        settle.changes(same, ok, same, lost, ONE, np.array([True, False])), [[np.inf, 0.0]]
+        step_refinement.changes(same, ok, same, lost, ONE, np.array([True, False])), [[np.inf, 0.0]]
     )
-    assert_array_equal(settle.changes(same, lost, 2.0 * same, lost, ONE, BOTH), [[1.0, 1.0]])
+    assert_array_equal(
+        step_refinement.changes(same, lost, 2.0 * same, lost, ONE, BOTH), [[1.0, 1.0]]
+    )
     invalid = np.array([Status.INVALID_INPUT])
-    assert_array_equal(settle.changes(same, invalid, 2.0 * same, invalid, ONE, BOTH), [[0.0, 0.0]])
+    assert_array_equal(
+        step_refinement.changes(same, invalid, 2.0 * same, invalid, ONE, BOTH), [[0.0, 0.0]]
+    )
 
 
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-9])

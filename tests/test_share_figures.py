@@ -8,8 +8,8 @@ from scipy import stats
 
 from sepmc.analysis.proportions import interval
 from sepmc.analysis.requirements import Tally, judge
-from sepmc.report import share_figures
-from sepmc.report.share_figures import _beyond, beyond_figure, convergence_figure, running
+from sepmc.report import convergence_figures
+from sepmc.report.convergence_figures import _beyond, beyond_figure, convergence_figure, running
 from sepmc.report.style import PRINTED, SCREEN, dots, sheet
 from sepmc.scene.model import Requirement
 
@@ -48,7 +48,9 @@ def test_cases_without_an_outcome_are_beyond():
 def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
     """The curve at margin 0 is the share that violates either bound, as the verdict counts it."""
     drawn = []
-    monkeypatch.setattr(share_figures, "save", lambda figure, path: drawn.append(figure) or path)
+    monkeypatch.setattr(
+        convergence_figures, "save", lambda figure, path: drawn.append(figure) or path
+    )
     x = np.arange(200.0)
     two = Requirement(name="both", metric="x", at_least=10.0, at_most=180.0, probability=0.9)
     one = Requirement(name="one", metric="x", at_most=180.0, probability=0.9)

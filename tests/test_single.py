@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
+from oracles.independent import fly
 from small_scenes import scene
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign import single
-from sepmc.engine import cache
-from sepmc.trust.independent import fly
+from sepmc.campaign.execution import single_case
+from sepmc.cli import app
+from sepmc.engine import kernel_cache
 
 
 @pytest.mark.slow
@@ -149,7 +149,7 @@ def test_many_steps_are_compiled(pair, monkeypatch):
     is told."""
     heard = []
     # as if nothing had been compiled before
-    monkeypatch.setattr(cache, "missing", lambda pieces: list(pieces.names))
+    monkeypatch.setattr(kernel_cache, "missing", lambda pieces: list(pieces.names))
     campaign = pair(
         {
             "phase": [{"name": "free"}],
@@ -167,9 +167,9 @@ def test_many_steps_are_compiled(pair, monkeypatch):
 
 def test_nothing_is_compiled(tmp_path, monkeypatch):
     """`sepmc run table1.toml` with an empty cache."""
-    monkeypatch.setattr(cache, "compile_apart", None)
+    monkeypatch.setattr(kernel_cache, "compile_apart", None)
     result = CliRunner().invoke(
-        cli.main,
+        app.main,
         ["run", "table1.toml", "--out", str(tmp_path / "one"), "--every-s", "0.05", "--no-plots"],
     )
     assert result.exit_code == 0, result.output
@@ -178,7 +178,7 @@ def test_nothing_is_compiled(tmp_path, monkeypatch):
 
 def test_a_long_flight_says_that_it_goes_on(pair, monkeypatch):
     """Now and then, with what it is at."""
-    monkeypatch.setattr(single, "EVERY_S", -1.0)
+    monkeypatch.setattr(single_case, "EVERY_S", -1.0)
     told = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(announce=told.append)
     assert told[0] == "still flying after 0 s, now in 2 steps a phase ..."

@@ -6,14 +6,14 @@ import warnings
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy.stats import norm
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign.record import read_manifest
-from sepmc.campaign.remarks import least_at_the_end, of_file
+from sepmc.campaign.execution.diagnostics import least_at_the_end, of_file
+from sepmc.campaign.store.manifests import read_manifest
+from sepmc.cli import app
 from sepmc.scene.read import shipped_campaigns
-from sepmc.trust.gate.plain import flown_plainly
 
 BACK = [-1.0, 0.0, 0.0]
 UNIT, OVERLAP, BACKWARD = "is it in another unit?", "overlap at the start", "the other way round?"
@@ -163,11 +163,11 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
     """The starter campaign as it is; ended while its nozzle is inside; a bound of the wrong
     side."""
     file = tmp_path / "rocket.toml"
-    assert CliRunner().invoke(cli.main, ["template", str(file)]).exit_code == 0
+    assert CliRunner().invoke(app.main, ["template", str(file)]).exit_code == 0
 
     def told(*settings):
         more = [word for setting in settings for word in ("--set", setting)]
-        return CliRunner().invoke(cli.main, ["check", str(file), *more]).stderr
+        return CliRunner().invoke(app.main, ["check", str(file), *more]).stderr
 
     assert told() == ""
     early = told("run.end_time_s=0.15")
@@ -181,7 +181,7 @@ def test_check_holds_the_nominal_case_against_what_is_required(tmp_path):
 def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
     """In the notes and in the manifest of a run that ends too early; not of one that does not."""
     file = tmp_path / "rocket.toml"
-    CliRunner().invoke(cli.main, ["template", str(file)])
+    CliRunner().invoke(app.main, ["template", str(file)])
     with flown_plainly(cases=2):
         early = sepmc.load(file, {"run.end_time_s": 0.15}).run(cases=3, out=tmp_path / "early")
         late = sepmc.load(file).run(cases=2)
@@ -194,15 +194,15 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
 def test_check_flies_the_nominal_case():
     """A retro motor the other way round, and a campaign without dispersions."""
     together = CliRunner().invoke(
-        cli.main,
+        app.main,
         ["check", "table2", "--set", "motor.retro.cant_deg=0", "--set", "run.end_time_s=2"],
     )
     assert together.exit_code == 0
     assert "nominal      " in together.stdout
     assert "never-released" in together.stdout or "ends with" in together.stderr
-    alone = CliRunner().invoke(cli.main, ["check", "table2", "--set", "dispersion={}"])
+    alone = CliRunner().invoke(app.main, ["check", "table2", "--set", "dispersion={}"])
     assert "nothing is dispersed" in alone.stderr
-    unflown = CliRunner().invoke(cli.main, ["check", "table2", "--no-flight"])
+    unflown = CliRunner().invoke(app.main, ["check", "table2", "--no-flight"])
     assert (unflown.exit_code, unflown.stderr) == (0, "")
     assert "nominal " not in unflown.stdout
 

@@ -9,8 +9,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from sepmc.kernel.splines import pack
-from sepmc.kernel.tables import sum_of_cell
+from sepmc.kernel.emit.tables import sum_of_cell
+from sepmc.kernel.spec.splines import pack
 from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.separation import widest_gap

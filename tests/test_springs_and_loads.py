@@ -10,8 +10,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from small_scenes import PUSH, REDUCED
 
-from sepmc.campaign.flight import Flight
-from sepmc.campaign.remarks import remarks
+from sepmc.campaign.execution.diagnostics import remarks
+from sepmc.campaign.execution.integration import Flight
 
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
 STILL = FREE | {"initial.speed_m_s": 0.0, "initial.altitude_m": 0.0}

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_array_equal
 from turning_pair import by_independent_flights
 
-from sepmc.campaign import pilot
-from sepmc.campaign.accuracy import scene_scales
+from sepmc.campaign.execution import step_selection
+from sepmc.campaign.execution.accuracy import scene_scales
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
 
@@ -79,7 +79,9 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_as_the_independent_flight(pair, name, monkeypatch):
     """It says the same of every case, and has the same outcomes of those that have any."""
-    monkeypatch.setattr(pilot, "SAMPLE", 64)  # how well trial cases tell the error is not tested
+    monkeypatch.setattr(
+        step_selection, "SAMPLE", 64
+    )  # how well trial cases tell the error is not tested
     settings, expected = SCENES[name]
     campaign = pair({"run.end_time_s": 0.5} | settings | {"solver": {"accuracy": 1e-8}})
     result = campaign.run(cases=CASES)
@@ -99,6 +101,8 @@ def test_as_the_independent_flight(pair, name, monkeypatch):
         units = [c.unit for c in columns]
         scale = scene_scales(campaign.scene, units)  # some outcomes are zero but for round-off
         assert (
-            pilot.relative_error(found[:COMPARED][there], outcomes[there], units, scale).max()
+            step_selection.relative_error(
+                found[:COMPARED][there], outcomes[there], units, scale
+            ).max()
             < 1e-6
         )

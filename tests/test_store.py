@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
-from sepmc import cli
-from sepmc.campaign import folders, ledger, record, store
-from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.own_files import StoreError
-from sepmc.campaign.replay import check_row, flown_before
+from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.execution.replay import check_row, flown_before
+from sepmc.campaign.store import folders, ledger, manifests, shards
+from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.cli import app
 from sepmc.schema import Column
 
 COLUMNS = [
@@ -132,25 +132,25 @@ def test_parts_are_named_by_their_first_case(run_folder):
             f"part-{first:010d}.parquet" for first in (0, 4, 8)
         ]
     assert not list(run_folder.rglob("*.tmp"))
-    assert store.cases_done(run_folder).tolist() == list(range(10))
+    assert shards.cases_done(run_folder).tolist() == list(range(10))
     pd.testing.assert_frame_equal(
-        store.read_cases(run_folder).drop(columns="status"),
+        shards.read_cases(run_folder).drop(columns="status"),
         pd.read_parquet(run_folder / "cases").drop(columns="status"),
     )
-    assert store.units(run_folder)["separation_distance_mm"] == "mm"
+    assert shards.units(run_folder)["separation_distance_mm"] == "mm"
 
 
 def test_table_round_trip(tmp_path):
     for first in (3, 0):  # written in any order, read in order of case
-        written = store.write_part(tmp_path, folders.CASES, first, 3, COLUMNS, part(first, 3), {})
-        store.note_parts(tmp_path, [written])
-    frame = store.read_cases(tmp_path)
+        written = shards.write_part(tmp_path, folders.CASES, first, 3, COLUMNS, part(first, 3), {})
+        shards.note_parts(tmp_path, [written])
+    frame = shards.read_cases(tmp_path)
     assert frame["case"].tolist() == list(range(6))
     assert frame["status"].tolist() == ["ok", "not-finite"] * 3
     np.testing.assert_array_equal(frame["speed_m_s"], part(0, 6)["speed_m_s"])
     # NaN is a number that is none, not null
-    assert pq.read_table(store.part_path(tmp_path, folders.CASES, 3))["speed_m_s"].null_count == 0
-    field = store.table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
+    assert pq.read_table(shards.part_path(tmp_path, folders.CASES, 3))["speed_m_s"].null_count == 0
+    field = shards.table(COLUMNS, part(0, 2)).schema.field("speed_m_s")
     assert field.metadata == {b"unit": b"m/s", b"meaning": b"speed"}
 
 
@@ -226,7 +226,7 @@ def test_broken_manifest(tmp_path, content):
     """Half a table, nothing, a list, binary junk."""
     (tmp_path / folders.MANIFEST).write_bytes(content)
     with pytest.raises(StoreError, match=r"manifest\.json"):
-        record.read_manifest(tmp_path)
+        manifests.read_manifest(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -270,7 +270,7 @@ def test_broken_part(tmp_path):
     (tmp_path / "cases" / "part-0000000000.parquet").write_bytes(junk)
     ledger.add(tmp_path, ledger.entry("cases/part-0000000000.parquet", junk, 0, 3))
     with pytest.raises(StoreError, match="cannot be read"):
-        store.read_cases(tmp_path)
+        shards.read_cases(tmp_path)
 
 
 def test_statistics_files(tmp_path):
@@ -279,8 +279,8 @@ def test_statistics_files(tmp_path):
         index=pd.Index(["speed_m_s", "release_time_s"], name="outcome"),
     )
     units = {"speed_m_s": "m/s", "release_time_s": "s"}
-    told = store.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
-    store.write_statistics(tmp_path, table, units, told)
+    told = shards.statistics_as_json(table, {"ok": 2}, units, pd.DataFrame())
+    shards.write_statistics(tmp_path, table, units, told)
     csv = (tmp_path / "statistics.csv").read_text(encoding="utf-8")
     assert csv.splitlines() == [
         "outcome,unit,n,mean",
@@ -330,19 +330,19 @@ def test_a_run_of_a_version_with_other_columns(run_folder, tmp_path):
     """Its statistics and replays stay, but it is not continued: parts would not fit together."""
     folder = tmp_path / "run"
     shutil.copytree(run_folder, folder)
-    manifest = record.read_manifest(folder)
-    for one in store.parts(folder, "cases"):
+    manifest = manifests.read_manifest(folder)
+    for one in shards.parts(folder, "cases"):
         path = folder / one.file
         pq.write_table(pq.ParquetFile(path).read().drop_columns(["error"]), path)
         ledger.add(folder, ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
-    record.seal(folder, manifest)
+    manifests.seal(folder, manifest)
     campaign = sepmc.load("table2", {"run.chunk": 4})
     with pytest.raises(StoreError, match="another version of sepmc, whose rows differ in error"):
         campaign.run(cases=12, out=folder, resume=True)
     again = sepmc.load(str(folder))
     found = check_row(again, flown_before(again), folder, 7, campaign.scene.run.seed, 10)
     assert (found.flown, found.columns) == (True, ())
-    assert CliRunner().invoke(cli.main, ["stats", str(folder)]).exit_code == 0
+    assert CliRunner().invoke(app.main, ["stats", str(folder)]).exit_code == 0
 
 
 def test_a_disk_that_is_full_at_once_leaves_nothing(table2, tmp_path, monkeypatch):

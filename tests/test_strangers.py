@@ -14,8 +14,8 @@ from fuzz.watch import spread
 from measure_damage import call, fly
 
 import sepmc
-from sepmc.campaign import folders, input_file, ledger, manifests, record, store
 from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.store import folders, ledger, manifest_schema, sample_file, shards
 from sepmc.scene import limits
 from sepmc.scene.messages import InputError, Problems, SceneError
 from sepmc.scene.read import parse_campaign, read_text
@@ -50,7 +50,7 @@ def small(**changes):
 def refused(tree):
     """What is said of a tree."""
     with pytest.raises(SceneError) as caught:
-        parse_campaign(tree, "x.toml", reader=input_file.read_input_table)
+        parse_campaign(tree, "x.toml", reader=sample_file.read_input_table)
     return str(caught.value)
 
 
@@ -137,13 +137,13 @@ def test_files_are_refused_by_their_size(tmp_path):
         sepmc.load(path)
     problems = Problems()
     for name in ("x.csv", "x.parquet"):
-        assert input_file.read_input_table(sparse(tmp_path / name, 10**11), problems) is None
+        assert sample_file.read_input_table(sparse(tmp_path / name, 10**11), problems) is None
     assert [p.count("has 100,000,000,000 bytes: must be at most 1,000,000,000") for p in problems]
 
 
 def read_plan(path):
     problems = Problems()
-    return input_file.read_input_table(path, problems), "; ".join(problems)
+    return sample_file.read_input_table(path, problems), "; ".join(problems)
 
 
 def test_a_small_table_that_unpacks_to_a_vast_one_is_refused(tmp_path):
@@ -296,9 +296,11 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
 )
 def test_a_forged_manifest_is_told(folder, changes, said):
     """With the checksum that it should have."""
-    run_folders._seal(folder, manifests.read((folder / folders.MANIFEST).read_bytes()) | changes)
+    run_folders._seal(
+        folder, manifest_schema.read((folder / folders.MANIFEST).read_bytes()) | changes
+    )
     with pytest.raises(folders.StoreError) as caught:
-        record.read_manifest(folder)
+        manifest_schema.read_manifest(folder)
     assert said in str(caught.value)
 
 
@@ -335,7 +337,7 @@ def test_forged_parts_are_told(folder, way, said):
     pq.write_table(_changed(pq.read_table(path), way), path)
     run_folders._reseal(folder)
     with pytest.raises(folders.StoreError, match=said):
-        store.CaseColumns(folder)["separation_distance_mm"]
+        shards.CaseColumns(folder)["separation_distance_mm"]
     for words in READERS[0], READERS[3]:
         assert call(words[0], str(folder)) == 2
 

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from sepmc.analysis import rows
-from sepmc.analysis.rows import Rows
-from sepmc.analysis.sketch import ROOM, Sketch
+from sepmc.analysis import row_statistics
+from sepmc.analysis.quantile_sketch import ROOM, Sketch
+from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import PERCENTILES
-from sepmc.analysis.stream import GRAIN, NAMED, Stream
+from sepmc.analysis.streaming import GRAIN, NAMED, Stream
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
 
@@ -253,9 +253,9 @@ def test_a_table_too_long_to_be_sorted_is_streamed(monkeypatch):
                 )
 
     stored = Stored(table(codes, data))
-    whole = rows.summarise(stored, *COLUMNS)
-    monkeypatch.setattr(rows, "EXACT", 499)
-    other = rows.summarise(stored, *COLUMNS)
+    whole = row_statistics.summarise(stored, *COLUMNS)
+    monkeypatch.setattr(row_statistics, "EXACT", 499)
+    other = row_statistics.summarise(stored, *COLUMNS)
     assert isinstance(whole, Rows)
     assert isinstance(other, Stream)
     pd.testing.assert_frame_equal(other.statistics(), whole.statistics(), rtol=1e-12)

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from sepmc.schema import AUDIT_BOUNDS
-from sepmc.trust import references, stress
-from sepmc.trust.stresses.line import ACCURATE, FLAGGED, SILENT, Bound, Stress
+from sepmc.validation import references, stress
+from sepmc.validation.stresses.line import ACCURATE, FLAGGED, SILENT, Bound, Stress
 
 LINE = Stress("input", "quantity", 1e-12, Bound(1e-10, "reason"), "ok")
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
 import sepmc
-from sepmc.campaign.overshoot import overshooting
+from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.physics.atmosphere import sound_speed, us1976
 
 COEFFICIENTS = ("axial", "normal", "side", "roll", "yaw", "pitch")

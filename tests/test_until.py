@@ -5,17 +5,17 @@ import json
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
 from test_plans import SPRUNG
 
 import sepmc
-from sepmc import cli_figures
-from sepmc.campaign import chunks
-from sepmc.campaign.record import read_manifest
-from sepmc.cli import main
-from sepmc.report import share_figures
+from sepmc.campaign.execution import chunks
+from sepmc.campaign.store.manifests import read_manifest
+from sepmc.cli import figures
+from sepmc.cli.app import main
+from sepmc.report import convergence_figures
 from sepmc.scene.messages import InputError, RunWarning
-from sepmc.trust.gate.plain import flown_plainly
 
 CASES = 160
 LOOKS = 5  # at 16, 32, 64, 128 and 160 cases
@@ -44,8 +44,8 @@ def stopping(most):
 @pytest.fixture(autouse=True)
 def _plainly(monkeypatch):
     """Small first looks and pieces, and what is counted is written after each."""
-    monkeypatch.setattr("sepmc.analysis.precision._FIRST_OF_MOMENTS", 16)
-    monkeypatch.setattr("sepmc.analysis.precision._FIRST", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST_OF_MOMENTS", 16)
+    monkeypatch.setattr("sepmc.analysis.stopping._FIRST", 16)
     for name, value in (("_SAVE_S", 0.0), ("_PART_S", 0.0), ("_FIRST", 8), ("_CALL_S", 1e-9)):
         monkeypatch.setattr(chunks, name, value)
     with flown_plainly():
@@ -158,7 +158,7 @@ def test_workers_are_refused_before_anything_is_flown(written, tmp_path):
 def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_path, monkeypatch):
     """In the terminal, in statistics.json, and on the figure of convergence."""
     titles = []
-    monkeypatch.setattr(share_figures, "entitle", lambda figure, text: titles.append(text))
+    monkeypatch.setattr(convergence_figures, "entitle", lambda figure, text: titles.append(text))
     rare = '"spring.push.factor" = { discrete = [1.0, 0.5], weights = [0.998, 0.002] }\n'
     called = CliRunner().invoke(
         main,
@@ -172,7 +172,7 @@ def test_values_that_were_rarely_drawn_are_told_beside_statistics(written, tmp_p
     assert said in " ".join(called.stderr.split())
     (told,) = json.loads((tmp_path / "run" / "statistics.json").read_text())["rarely_drawn"]
     assert said in told
-    cli_figures._share_figures(
+    figures._share_figures(
         tmp_path / "run",
         sepmc.load(tmp_path / "run"),
         (),

@@ -5,12 +5,13 @@ import dataclasses
 import math
 
 import pytest
+from oracles import shipped_campaigns
 
 from sepmc.physics import joints
-from sepmc.trust import lagrange, references, verify
-from sepmc.trust.line import Line, table, worst
+from sepmc.validation import lagrange, references, verify
+from sepmc.validation.line import Line, table, worst
 
-SLOW = ("top", "scenes", "campaigns", "orders")  # those of ten seconds and more
+SLOW = ("top", "orders")  # those of ten seconds and more
 
 
 @pytest.mark.parametrize(
@@ -20,6 +21,17 @@ def test_check(name):
     """All lines of one check, within tolerances set beforehand."""
     lines = verify.verify([name])
     print(table(lines))
+    assert lines
+    assert all(line.passes for line in lines), "\n" + table(
+        [line for line in lines if not line.passes]
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("check", [shipped_campaigns.scenes, shipped_campaigns.campaigns])
+def test_as_independent_flights(check):
+    """Every outcome of the scenes of this suite, and of cases of shipped campaigns."""
+    lines = check()
     assert lines
     assert all(line.passes for line in lines), "\n" + table(
         [line for line in lines if not line.passes]

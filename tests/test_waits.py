@@ -5,18 +5,18 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from oracles.random_scenes.interpreted import flown_plainly
 
 import sepmc
-from sepmc import cli
 from sepmc.analysis.requirements import missing_text
-from sepmc.analysis.rows import Rows
+from sepmc.analysis.row_statistics import Rows
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign.limit import Flights, target
-from sepmc.campaign.record import read_manifest
-from sepmc.campaign.waits import awaited
+from sepmc.campaign.execution.limit_state import Flights, target
+from sepmc.campaign.execution.missing_events import awaited
+from sepmc.campaign.store.manifests import read_manifest
+from sepmc.cli import app
 from sepmc.scene.model import Requirement
 from sepmc.schema import Status
-from sepmc.trust.gate.plain import flown_plainly
 
 # A spring of dispersed force pushes a body off along a rail: in some cases it comes 20 mm far, and
 # the event, the cap's release and the motor, which all wait for that, come; in others not.
@@ -93,7 +93,7 @@ WAITED = ("event.far", "joint.bolt", "motor.kick")
 
 
 def call(*arguments):
-    return CliRunner().invoke(cli.main, [str(a) for a in arguments], catch_exceptions=False)
+    return CliRunner().invoke(app.main, [str(a) for a in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def run(file):
 @pytest.fixture(scope="module")
 def expected(run):
     """In how many ok cases each of these does not come, from the rows."""
-    rows = sepmc.campaign.store.read_cases(run[0])
+    rows = sepmc.campaign.store.shards.read_cases(run[0])
     ok = rows[rows["status"] == "ok"]
     columns = {"event.far": "far", "joint.bolt": "bolt_release", "motor.kick": "kick_ignition"}
     found = {name: int(ok[f"{start}_time_s"].isna().sum()) for name, start in columns.items()}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from sepmc import cli, cli_checks
-from sepmc.campaign import pilot, single
-from sepmc.campaign.search import Search
+from sepmc.campaign.execution import single_case, step_selection
+from sepmc.campaign.execution.step_search import Search
+from sepmc.cli import app, checks
 from sepmc.scene.messages import nobody
 
 # a mote of 1e-4 kg on 1e5 kg that turn 50 times a second
@@ -54,11 +54,11 @@ def test_check_tells_what_it_knows_before_it_flies(tmp_path, monkeypatch):
     file = tmp_path / "mote.toml"
     file.write_text(MOTE + '[[load]]\nname = "idle"\nbody = "fore"\n')
     flown = Campaign.simulate
-    monkeypatch.setattr(cli_checks, "_WORK", 1e6)
+    monkeypatch.setattr(checks, "_WORK", 1e6)
     monkeypatch.setattr(
         Campaign, "simulate", lambda *given, **more: (seen.append(1), flown(*given, **more))[1]
     )
-    result = CliRunner().invoke(cli.main, ["check", str(file)])
+    result = CliRunner().invoke(app.main, ["check", str(file)])
     assert result.exit_code == 0
     assert seen
     assert "load.idle does nothing" in result.stderr
@@ -74,7 +74,7 @@ def test_work_is_counted_alike_each_time(pair):
     """In lines of kernels; no seconds are in it."""
     texts = []
     for _ in range(2):
-        with pytest.raises(single.UnknownError) as told:
+        with pytest.raises(single_case.UnknownError) as told:
             pair(TURNING).simulate(step_s=0.5, announce=nobody, plain_work=2e5)
         texts.append(str(told.value))
     assert texts[0] == texts[1]
@@ -84,23 +84,25 @@ def test_work_is_counted_alike_each_time(pair):
 def test_a_step_that_is_far_too_short(pair):
     """The sentence names it, and how far the flight came."""
     campaign = pair({"solver": {"step_s": 1e-5}})
-    with pytest.raises(single.UnknownError, match=r"in steps of 1e-05 s.*give a longer solver"):
+    with pytest.raises(
+        single_case.UnknownError, match=r"in steps of 1e-05 s.*give a longer solver"
+    ):
         campaign.simulate(step_s=0.5, announce=nobody, plain_work=2e5)
 
 
 def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
     """Its status stands, its error is told as it is, and a note says why."""
-    monkeypatch.setattr(single, "_COMPILED_WORK", 1e4)
-    monkeypatch.setattr(single, "_PLAIN_WORK", 1e4)
+    monkeypatch.setattr(single_case, "_COMPILED_WORK", 1e4)
+    monkeypatch.setattr(single_case, "_PLAIN_WORK", 1e4)
     heard = []
 
     def plainly(text, announce=None):
         heard.append("compiled")
-        with single.interpreted():
+        with single_case.interpreted():
             return load(text)
 
-    load = single.load_kernel
-    monkeypatch.setattr(single, "load_kernel", plainly)
+    load = single_case.load_kernel
+    monkeypatch.setattr(single_case, "load_kernel", plainly)
     found = pair(
         TURNING | {"initial.omega_deg_s": [180.0, 0.0, 90.0], "solver": {"accuracy": 1e-12}}
     ).simulate(step_s=0.5, announce=heard.append)
@@ -112,15 +114,15 @@ def test_a_case_whose_work_is_spent_says_so(pair, monkeypatch):
 
 def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
     """Its work is spent before a body turns no more than it may in a step."""
-    monkeypatch.setattr(single, "_PLAIN_WORK", 2e5)
-    monkeypatch.setattr(single, "_COMPILED_WORK", 2e5)
-    load = single.load_kernel
+    monkeypatch.setattr(single_case, "_PLAIN_WORK", 2e5)
+    monkeypatch.setattr(single_case, "_COMPILED_WORK", 2e5)
+    load = single_case.load_kernel
 
     def plainly(text, announce=None):
-        with single.interpreted():
+        with single_case.interpreted():
             return load(text)
 
-    monkeypatch.setattr(single, "load_kernel", plainly)
+    monkeypatch.setattr(single_case, "load_kernel", plainly)
     found = pair(TURNING | {"initial.omega_deg_s": [1.8e6, 0.0, 0.0]}).simulate(
         step_s=0.5, announce=nobody
     )
@@ -130,7 +132,7 @@ def test_a_case_that_no_steps_suffice_is_unresolved(pair, monkeypatch):
 
 def test_a_long_flight_is_foretold(pair, monkeypatch):
     """How many seconds, before it begins."""
-    monkeypatch.setattr(single, "_LONG_S", 0.0)
+    monkeypatch.setattr(single_case, "_LONG_S", 0.0)
     heard = []
     pair({"solver": {"accuracy": 1e-9}}).simulate(step_s=0.1, announce=heard.append)
     assert any(
@@ -140,21 +142,21 @@ def test_a_long_flight_is_foretold(pair, monkeypatch):
 
 def test_trial_cases_are_flown_no_more_than_needed(plainly, pair, monkeypatch):
     """All of the sample twice, in the steps found and in half of these, histories among it."""
-    flights, fly_cases = [], pilot.fly_cases
+    flights, fly_cases = [], step_selection.fly_cases
 
     def counted(kernel, plan, steps, usual, slots, draws, *more, **named):
         flights.append(len(draws))
         return fly_cases(kernel, plan, steps, usual, slots, draws, *more, **named)
 
-    monkeypatch.setattr(pilot, "fly_cases", counted)
-    monkeypatch.setattr("sepmc.campaign.flight.fly_cases", counted)
+    monkeypatch.setattr(step_selection, "fly_cases", counted)
+    monkeypatch.setattr("sepmc.campaign.execution.integration.fly_cases", counted)
     campaign = pair(
         {"solver": {"accuracy": 1e-6}, "run.history_step_s": 0.1,
          "dispersion": {"body.aft.mass_kg": {"uniform": 0.1}}}
     )  # fmt: skip
-    found = pilot.plan_flight(campaign, history=True)
-    all_of_them = pilot.CORNERS + 1 + pilot.SAMPLE
-    assert sum(n >= pilot.SAMPLE for n in flights) == 2
+    found = step_selection.plan_flight(campaign, history=True)
+    all_of_them = step_selection.CORNERS + 1 + step_selection.SAMPLE
+    assert sum(n >= step_selection.SAMPLE for n in flights) == 2
     assert flights.count(all_of_them) == 2
     assert np.isfinite(found.achieved.history)
 
@@ -175,7 +177,7 @@ def test_a_search_of_steps_that_is_spent_makes_do(monkeypatch):
 
     steps, error, whole = found()
     assert error <= 1e-8
-    monkeypatch.setattr("sepmc.campaign.search._MOST_SEARCH", whole // 2)
+    monkeypatch.setattr("sepmc.campaign.execution.step_search._MOST_SEARCH", whole // 2)
     fewer, error, work = found()
     assert error <= 1e-8
     assert (fewer >= steps).all()

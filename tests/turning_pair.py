@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 from numpy.testing import assert_allclose
-
-from sepmc.trust import independent
+from oracles import independent
 
 BOTH = ["fore", "aft"]
 PUSH = {

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.analysis.state import Arrays, scalars, set_scalars
+from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 
 
 class Group(NamedTuple):

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import (
     allowed,
     at_least,
@@ -26,7 +27,6 @@ from sepmc.analysis.proportions import (
     interval,
     needed,
 )
-from sepmc.analysis.state import Arrays, scalars, set_scalars
 from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
@@ -40,7 +40,7 @@ _NEAR = 65536
 
 
 # of outcomes by name, as shares of their size or of a scale if that is larger; and these scales, in
-# their units (`sepmc.campaign.accuracy.errors`)
+# their units (`sepmc.campaign.execution.accuracy.errors`)
 Errors = Mapping[str, tuple[float, float]]
 
 

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import constants
+from sepmc.analysis import constant_outcomes
+from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
-from sepmc.analysis.state import Arrays, scalars, set_scalars
 from sepmc.schema import is_yes_or_no
 
 OK = "ok"
@@ -427,7 +427,7 @@ def summary_text(
     ----------
     stats : DataFrame
         From `statistics`; with ``ref_*`` columns a table beside the reference follows. Constant
-        outcomes (`sepmc.analysis.constants`) have a line each, before the table.
+        outcomes (`sepmc.analysis.constant_outcomes`) have a line each, before the table.
     counts : mapping of status to number of cases
         From `status_counts`.
     units : mapping of outcome to unit, optional
@@ -442,7 +442,7 @@ def summary_text(
         to two.
     """
     parts = [_counts_line(counts, width)]
-    for lines in (share_lines(stats), constants.lines(stats, units)):
+    for lines in (share_lines(stats), constant_outcomes.lines(stats, units)):
         parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_shares(stats)]
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
@@ -454,7 +454,7 @@ def summary_text(
             "the two outermost values."
         )
         parts.append(fill(said, width))
-    stats = constants.settled(stats)
+    stats = constant_outcomes.settled(stats)
     compared = (
         stats[stats[[f"ref_{name}" for name in REFERENCED]].notna().any(axis=1)]
         if "ref_mean" in stats
@@ -500,7 +500,7 @@ def groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
     """The main table of `statistics` in text: columns as (heading, {column: cells})."""
-    stats = constants.settled(stats)
+    stats = constant_outcomes.settled(stats)
 
     def column(name: str) -> list[str]:
         return [

@@ -2,6 +2,7 @@
 folder."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,24 +12,21 @@ import pandas as pd
 
 from sepmc.bench import (
     bits,
-    engines,
+    command_stages,
     features,
     machine,
     row_errors,
     scaling,
-    stages,
     text,
     work_precision,
 )
 from sepmc.bench.folder import SUMMARY, open_folder
-from sepmc.bench.peers.inputs import check
-from sepmc.bench.peers.race import left_out
-from sepmc.bench.reference import make_reference, reference_times
+from sepmc.bench.reference import Reference, make_reference, reference_times
 from sepmc.bench.study import Say, Study, drawn
-from sepmc.campaign import folders
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.pilot import plan_flight
-from sepmc.engine.door import check_threads, use_threads, using_threads
+from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.store import folders
+from sepmc.engine.dispatch import check_threads, use_threads, using_threads
 from sepmc.engine.threads import max_threads
 from sepmc.scene.messages import SceneWarning
 
@@ -46,7 +44,7 @@ def bench(
     repeats: int | None = None,
     threads: int | None = None,
     quick: bool = False,
-    peers: bool = False,
+    peers: Callable[[Study, Reference], pd.DataFrame] | None = None,
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """Measure speed and accuracy of a scene on this machine.
@@ -61,8 +59,8 @@ def bench(
         10,000 and 7; 1000 and 3 if ``quick``, which also leaves out what takes minutes.
     threads : int, optional
         All if None.
-    peers : bool
-        Let other engines fly the same cases.
+    peers : callable, optional
+        Measures other engines on the same cases (columns of the table ``peers``).
 
     Returns
     -------
@@ -74,12 +72,8 @@ def bench(
     StoreError
         If the folder cannot be used.
     ValueError
-        If the other engines do not fly such a scene, or there are not so many threads.
+        If there are not so many threads.
     """
-    if peers:
-        check(campaign.scene)
-        for said in left_out(engines.QUICK if quick else None):
-            say(said)
     threads = check_threads(threads) or max_threads()
     folder = open_folder(out, overwrite)
     with warnings.catch_warnings(), using_threads(threads):
@@ -120,7 +114,10 @@ def _study(
 
 
 def _parts(
-    study: Study, history: float, peers: bool, folder: Path
+    study: Study,
+    history: float,
+    peers: Callable[[Study, Reference], pd.DataFrame] | None,
+    folder: Path,
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Every part in turn, told and written as soon as it is there."""
     told: dict[str, Any] = {
@@ -164,7 +161,7 @@ def _parts(
     keep("row_errors", rows)
     keep("features", features.measure(study, history))
     keep("scaling", scaling.measure(study))
-    keep("stages", stages.measure(study, history))
+    keep("stages", command_stages.measure(study, history))
     told["same_bits"] = bits.same_bits(study)
     study.say(
         "same bits: "
@@ -173,7 +170,7 @@ def _parts(
         )
     )
     if peers:
-        keep("peers", engines.measure(study, reference))
+        keep("peers", peers(study, reference))
     told["headlines"] = _headlines(study, frames)
     study.say("\n" + text.headlines(told["headlines"]))
     write()

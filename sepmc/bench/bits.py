@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from sepmc.bench.study import Study, Way
-from sepmc.engine.door import use_threads
+from sepmc.engine.dispatch import use_threads
 
 MOST = 2000  # cases flown each time
 CHUNKS = (1, 7, 64, 1000)

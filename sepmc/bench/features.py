@@ -16,9 +16,9 @@ from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import FULL, Study
 from sepmc.bench.work_precision import PER
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.flight import by_name
-from sepmc.campaign.pilot import kernel_text, stage_names
-from sepmc.engine.door import fly_cases, load_kernel, use_threads
+from sepmc.campaign.execution.integration import by_name
+from sepmc.campaign.execution.step_selection import kernel_text, stage_names
+from sepmc.engine.dispatch import fly_cases, load_kernel, use_threads
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign
 

@@ -20,17 +20,17 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.bench import apart
+from sepmc.bench import subprocess_calls
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.flight import Flight, by_name
-from sepmc.campaign.pilot import kernel_text
-from sepmc.engine import cache, interpreted
-from sepmc.engine.door import fly_cases
+from sepmc.campaign.execution.integration import Flight, by_name
+from sepmc.campaign.execution.step_selection import kernel_text
+from sepmc.engine import interpreted, kernel_cache
+from sepmc.engine.dispatch import fly_cases
 from sepmc.jit import BARE
-from sepmc.kernel.context import Context
-from sepmc.kernel.methods import method
-from sepmc.kernel.pieces import ALIKE, split
-from sepmc.kernel.structure import make_shape
+from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.context import Context
+from sepmc.kernel.spec.methods import method
+from sepmc.kernel.spec.structure import make_shape
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import NO_HISTORY
 from sepmc.scene.read import parse_campaign
@@ -77,7 +77,7 @@ def count(campaign: Campaign, flight: Flight) -> Flops | None:
     names, each = list(called), {name: found[written] for name, written in called.items()}
     asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.usual.tolist()]
     asked += [solver, flight.method_names]
-    taken = apart.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
+    taken = subprocess_calls.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)
     sums = 0.0
     for stage, name in zip(shape.stages, flight.method_names, strict=True):
@@ -97,11 +97,11 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
     found: dict[str, float | None] = {}
     for phase, stage in flown.items():
         piece = texts[f"rates_{stage}"]
-        kept = cache.CACHE_FOLDER / f"{cache.write([piece])[0]}.flops.json"
+        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write([piece])[0]}.flops.json"
         if kept.is_file():
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
-        found[phase] = apart.call("flops:flops_here", [piece], {BARE: "1"})
+        found[phase] = subprocess_calls.call("flops:flops_here", [piece], {BARE: "1"})
         if found[phase] is not None:
             kept.write_text(json.dumps(found[phase]), encoding="utf-8")
     return {phase: flops for phase, flops in found.items() if flops is not None}
@@ -109,7 +109,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
 
 def flops_here(piece: str) -> float | None:
     """Flops of an evaluation by a piece of a kernel, which is compiled here."""
-    module = cache.module(cache.write([piece])[0])
+    module = kernel_cache.module(kernel_cache.write([piece])[0])
     return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
 
 

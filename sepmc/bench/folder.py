@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sepmc.campaign.folders import StoreError, make_writable
+from sepmc.campaign.store.folders import StoreError, make_writable
 
 SUMMARY = "bench.json"
 

@@ -7,7 +7,7 @@ from statistics import median
 from typing import Any
 
 from sepmc.bench.clock import rounds
-from sepmc.campaign import record
+from sepmc.campaign.store import manifests
 from sepmc.engine import fma_peak as peak
 from sepmc.engine.threads import max_threads, use_threads
 
@@ -21,7 +21,7 @@ def describe(threads: int) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "threads_available": max_threads(),
         "threads": threads,
-        **record.versions(),
+        **manifests.versions(),
     }
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sepmc.bench.study import FULL, Study, Way
-from sepmc.campaign.pilot import plan_flight
+from sepmc.campaign.execution.step_selection import plan_flight
 from sepmc.schema import Status
 
 METHOD = "dop853"

@@ -5,7 +5,7 @@ import pandas as pd
 
 from sepmc.bench.reference import Reference
 from sepmc.bench.study import Study
-from sepmc.campaign.accuracy import decisive, errors
+from sepmc.campaign.execution.accuracy import decisive, errors
 
 _QUANTILES = (0.01, 0.5, 0.99)
 

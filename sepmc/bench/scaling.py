@@ -9,11 +9,11 @@ from typing import Any
 
 import pandas as pd
 
-from sepmc.bench import apart
+from sepmc.bench import subprocess_calls
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.study import Study
 from sepmc.campaign.campaign import Campaign
-from sepmc.engine.door import use_threads
+from sepmc.engine.dispatch import use_threads
 from sepmc.scene.messages import nobody
 from sepmc.scene.read import parse_campaign
 
@@ -37,7 +37,9 @@ def _by_cases(study: Study) -> list[dict[str, Any]]:
             break
         repeats = study.repeats if each * cases < 1.0 else 1
         study.say(f"flying {cases} cases ...")
-        found = apart.call("scaling:flown_here", [tree, name, cases, study.threads, repeats])
+        found = subprocess_calls.call(
+            "scaling:flown_here", [tree, name, cases, study.threads, repeats]
+        )
         each = found["kernel_s"] / cases
         rows.append(
             {

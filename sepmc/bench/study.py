@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.campaign.accuracy import decisive, scene_scales
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.pilot import Flight, fly, relative_error, unpacked
-from sepmc.engine.door import Block
+from sepmc.campaign.execution.accuracy import decisive, scene_scales
+from sepmc.campaign.execution.step_selection import Flight, fly, relative_error, unpacked
+from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
 
 Say = Callable[[str], None]

@@ -11,9 +11,9 @@ import pandas as pd
 from sepmc.bench.clock import rounds, spread
 from sepmc.bench.reference import METHOD, Reference
 from sepmc.bench.study import FULL, Study, Way
-from sepmc.campaign.pilot import Flight, plan_flight
-from sepmc.engine.door import Block, now_and_then
-from sepmc.kernel.methods import AUTO, METHODS
+from sepmc.campaign.execution.step_selection import Flight, plan_flight
+from sepmc.engine.dispatch import Block, now_and_then
+from sepmc.kernel.spec.methods import AUTO, METHODS
 
 # asked of the pilot, to get steps that a user might fly with
 ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)

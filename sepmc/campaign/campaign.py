@@ -10,25 +10,26 @@ from typing import Any
 import pandas as pd
 
 from sepmc import schema
-from sepmc.analysis.precision import Until, read_until
-from sepmc.campaign import folders, going_on, record, store
+from sepmc.analysis.stopping import Until, read_until
+from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.chunks import Chunks, Earlier, Orders
 from sepmc.campaign.definition import Case, Definition
-from sepmc.campaign.forecast import forecast
-from sepmc.campaign.input_file import read_input_table
-from sepmc.campaign.keep import ALL, Keep, read_keep
+from sepmc.campaign.execution import previous_run
+from sepmc.campaign.execution.batch import Draws
+from sepmc.campaign.execution.chunks import Chunks, Earlier, Orders
+from sepmc.campaign.execution.diagnostics import together
+from sepmc.campaign.execution.forecast import forecast
+from sepmc.campaign.execution.limit_state import target
+from sepmc.campaign.execution.rare_event import MOST, Rare, seek
+from sepmc.campaign.execution.single_case import fly_single, invalid
+from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.work_ranges import Crew
 from sepmc.campaign.label import as_text
-from sepmc.campaign.limit import target
-from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.piece import Draws
-from sepmc.campaign.pilot import plan_flight
-from sepmc.campaign.rare import MOST, Rare, seek
-from sepmc.campaign.remarks import together
 from sepmc.campaign.result import Result
-from sepmc.campaign.single import fly_single, invalid
-from sepmc.campaign.work import Crew
-from sepmc.engine.door import (
+from sepmc.campaign.store import folders, manifests, shards
+from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
+from sepmc.campaign.store.sample_file import read_input_table
+from sepmc.engine.dispatch import (
     check_every,
     check_threads,
     note_of_threads,
@@ -36,8 +37,8 @@ from sepmc.engine.door import (
     using_threads,
     whole,
 )
-from sepmc.kernel.plan import make_plan
-from sepmc.places import place
+from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.paths import place
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
@@ -72,8 +73,8 @@ def load(
     before: dict[str, str] = {}  # what was set when it was flown
     if file.name == folders.CAMPAIGN and folders.is_run(file.parent):
         if verify:
-            record.read_manifest(file.parent)
-        before = record.made_by(file.parent).get("settings", {})
+            manifests.read_manifest(file.parent)
+        before = manifests.made_by(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
     return Campaign(read, before | as_text(settings or {}))
 
@@ -120,18 +121,18 @@ class Campaign(Definition):
         of. Its outcomes are those of the campaign's row to that accuracy; one that has not settled
         when its work is spent has a note. With ``plain_work``, lines of its kernel that plain
         Python may fly (1e7 in 5 s), nothing is compiled, and what takes more raises
-        `sepmc.campaign.single.UnknownError`. A case is flown as its ``scene`` has it,
-        whatever this campaign has; one of a campaign with other columns raises InputError.
+        `sepmc.campaign.execution.single_case.UnknownError`. A case is flown as its ``scene`` has
+        it, whatever this campaign has; one of a campaign with other columns raises InputError.
 
         Returns
         -------
         history : DataFrame
             time_s, phase, then the columns of `sepmc.schema.history_columns`. ``attrs`` holds
             ``units``, the ``outcomes`` of the case, their ``errors`` (relative, see
-            `sepmc.campaign.accuracy.errors`: at a given step twice the change at half of it, else
-            the last change), its ``status``, whether its kernel was ``compiled``, ``notes``,
-            sentences on what deserves a look, and the times (s) of ``releases`` by joint and of
-            ``events`` by name, NaN of those that did not come.
+            `sepmc.campaign.execution.accuracy.errors`: at a given step twice the change at half of
+            it, else the last change), its ``status``, whether its kernel was ``compiled``,
+            ``notes``, sentences on what deserves a look, and the times (s) of ``releases`` by joint
+            and of ``events`` by name, NaN of those that did not come.
         """
         check_every(step_s, self.scene)
         if isinstance(case, Case):
@@ -231,18 +232,18 @@ class Campaign(Definition):
         stats_only : bool
             Keep statistics, histograms, audit and counts only, in memory that does not grow with
             the cases: no rows, no histories. Percentiles are exact up to 65,536
-            cases, then within 0.41 % of sigma; see `sepmc.analysis.sketch`.
+            cases, then within 0.41 % of sigma; see `sepmc.analysis.quantile_sketch`.
         until : str, optional
             Fly no more of the cases than it takes to know a statistic:
             ``"separation_speed_m_s:0.01"``, half of the 95 % interval of its mean in its unit, or
             ``:1%``; of ``.sigma`` or a percentile, ``.p99``, instead of the mean; of the share of a
             status. A mean or a sigma is not known before every value that the file gives a
-            probability occurred; see `sepmc.analysis.precision`.
+            probability occurred; see `sepmc.analysis.stopping`.
         keep : str, optional
             Statistics of all cases as with ``stats_only``, and of some also their rows, into the
             folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
             a requirement, the ``"worst:20"`` of each, ``"every:1000"``, ``"all"``, or several with
-            commas between; see `sepmc.campaign.keep.Keep`.
+            commas between; see `sepmc.campaign.store.row_selection.Keep`.
         keep_columns : str, optional
             Patterns of the names of columns that are kept of these: ``"in_*,separation_*"``.
         float32 : bool
@@ -274,7 +275,7 @@ class Campaign(Definition):
         run stops as it would have.
         """
         if resume and cases is None and out is not None:
-            cases = going_on.own_cases(self, place(out))
+            cases = previous_run.own_cases(self, place(out))
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
@@ -284,7 +285,7 @@ class Campaign(Definition):
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept, until = going_on.as_it_began(place(out), stats_only, kept, until)
+            stats_only, kept, until = previous_run.as_it_began(place(out), stats_only, kept, until)
         stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
         orders = Orders(
@@ -311,7 +312,7 @@ class Campaign(Definition):
             orders.until,
         )
         earlier, wanted = (
-            going_on.earlier(self, folder, draws, stats_only, announce)
+            previous_run.earlier(self, folder, draws, stats_only, announce)
             if folder and resume
             else (Earlier(), numbers)
         )
@@ -340,7 +341,7 @@ class Campaign(Definition):
         chunks = Chunks(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
-                store.write_input_table(folder, self.file.input_table, self.input_columns)
+                shards.write_input_table(folder, self.file.input_table, self.input_columns)
             chunks.write_manifest(complete=False)
         try:
             with chunks:
@@ -407,7 +408,7 @@ class Campaign(Definition):
         announce: Callable[[str], None] | None = None,
     ) -> Rare:
         """How rarely a requirement is violated, where plain cases are too few to count: subset
-        simulation, see `sepmc.analysis.rare`.
+        simulation, see `sepmc.analysis.subset_simulation`.
 
         Parameters
         ----------

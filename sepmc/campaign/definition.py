@@ -12,14 +12,14 @@ import msgspec
 import numpy as np
 
 from sepmc import schema
-from sepmc.analysis.indices import LHS, PLAN
-from sepmc.analysis.occurrences import Rare, rare_values
+from sepmc.analysis.rare_values import Rare, rare_values
+from sepmc.analysis.variance_indices import LHS, PLAN
 from sepmc.campaign import cases
+from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
-from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.numbers import read as read_numbers
-from sepmc.engine.door import whole
-from sepmc.kernel.plan import Plan, apart, make_plan
+from sepmc.engine.dispatch import whole
+from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -255,8 +255,9 @@ class Definition:
         return Numbers.first(self.scene.run.cases) if inputs is None else Numbers.of(inputs.numbers)
 
     def asked(self, cases: Any = None) -> tuple[Numbers, int]:
-        """Cases that are asked for, as `sepmc.campaign.numbers.read` takes them or as the file has
-        them, and how many they are drawn of. Raises InputError if there are no such cases."""
+        """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the
+        file has them, and how many they are drawn of. Raises InputError if there are no such
+        cases."""
         own, inputs = self.numbers, self.file.input_table
         found = own if cases is None else read_numbers(cases)
         if isinstance(found, int):
@@ -284,8 +285,8 @@ class Definition:
 
     @property
     def design(self) -> str:
-        """How cases are drawn, a key of `sepmc.analysis.indices.ESTIMATORS`: a sampler, or a plan
-        whose other inputs are drawn at random."""
+        """How cases are drawn, a key of `sepmc.analysis.variance_indices.ESTIMATORS`: a sampler, or
+        a plan whose other inputs are drawn at random."""
         sampler = self.scene.run.sampler
         return PLAN if self.file.input_table and sampler in ("random", LHS) else sampler
 

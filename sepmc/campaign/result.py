@@ -9,17 +9,23 @@ import msgspec
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis import causes, constants, drivers, laws, requirements
-from sepmc.analysis.given import in_words, names_of, where
-from sepmc.analysis.rows import by_case
+from sepmc.analysis import (
+    constant_outcomes,
+    distributions,
+    failure_attribution,
+    requirements,
+    sensitivity,
+)
+from sepmc.analysis.row_filter import in_words, names_of, where
+from sepmc.analysis.row_statistics import by_case
 from sepmc.analysis.statistics import ok_rows, statistics
-from sepmc.campaign import store
-from sepmc.campaign.accuracy import Achieved, with_errors, with_scales
+from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.definition import Case
-from sepmc.campaign.flight import Flight
-from sepmc.campaign.numbers import Numbers
-from sepmc.campaign.sinks import Kept
-from sepmc.engine.door import text, whole
+from sepmc.campaign.execution.accuracy import Achieved, with_errors, with_scales
+from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.sinks import Kept
+from sepmc.campaign.store import shards
+from sepmc.engine.dispatch import text, whole
 from sepmc.scene.limits import CASES
 from sepmc.scene.messages import InputError, RunWarning, nearest, warn
 from sepmc.scene.model import Requirement
@@ -64,7 +70,7 @@ class Result:
         from html import escape  # noqa: PLC0415
 
         columns = ["n", "mean", "sigma", "min", "p50", "max", "case_min", "case_max"]
-        table = constants.settled(self.statistics())[columns]
+        table = constant_outcomes.settled(self.statistics())[columns]
         return f"<p>{escape(repr(self))}</p>{table.to_html()}"
 
     @property
@@ -95,14 +101,14 @@ class Result:
         is 0. Raises StoreError if the folder no longer holds what this run wrote."""
         self._rows()
         if self.folder:
-            return store.read_histories(self.folder, held=self.kept.history_parts)
+            return shards.read_histories(self.folder, held=self.kept.history_parts)
         return None if self.kept.histories is None else pd.DataFrame(dict(self.kept.histories))
 
     def statistics(self, *given: str) -> pd.DataFrame:
         """Statistics of every outcome, see `sepmc.analysis.statistics.statistics`, with its
         numerical ``error``, that in its unit, and whether it is ``constant``
-        (`sepmc.analysis.constants`): of all cases, or of those for which all terms ``given`` hold,
-        such as ``"joint.bolt.fails=1"``."""
+        (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
+        ``given`` hold, such as ``"joint.bolt.fails=1"``."""
         if given:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
             for term in given:
@@ -131,27 +137,27 @@ class Result:
 
     def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.drivers.drivers`, which raises ValueError if the outcome does not vary by
-        more than its numerical error."""
+        `sepmc.analysis.sensitivity.drivers`, which raises ValueError if the outcome does not vary
+        by more than its numerical error."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
-        within = constants.reach(self.statistics(), outcome)
-        return drivers.drivers(
+        within = constant_outcomes.reach(self.statistics(), outcome)
+        return sensitivity.drivers(
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 
     def laws(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.laws.laws`."""
+        `sepmc.analysis.distributions.laws`."""
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
-        alike = [name for name in numbers if constants.is_constant(table, name)]
-        return laws.laws(self._rows(), numbers, alike)
+        alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
+        return distributions.laws(self._rows(), numbers, alike)
 
-    def causes(self, name: str) -> list[causes.Cause]:
+    def causes(self, name: str) -> list[failure_attribution.Cause]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.causes.causes`."""
+        a status; see `sepmc.analysis.failure_attribution.causes`."""
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         statuses = [status.label for status in Status if status is not Status.OK]
         if name not in known and name not in statuses:
@@ -159,7 +165,7 @@ class Result:
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
-        return causes.of_requirement(item, rows, self._inputs, others, design)
+        return failure_attribution.of_requirement(item, rows, self._inputs, others, design)
 
     @property
     def _inputs(self) -> list[str]:

@@ -15,8 +15,8 @@ import numpy as np
 from numba import get_thread_id, prange, types
 from numba.extending import intrinsic
 
-from sepmc.engine import objects, threads
-from sepmc.engine.written import Kernel
+from sepmc.engine import cache_files, threads
+from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import compiled, machine_code
 from sepmc.routines.lanes import LANES
 
@@ -154,14 +154,14 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 def compile_blocks() -> None:
     """Compile the loop over blocks into the cache folder."""
     signature = types.void(*5 * (types.int64,))
-    objects.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
+    cache_files.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
 
 
 @cache
 def _loop() -> Any:
     """The loop over blocks; it is compiled if it is not in the cache folder."""
     threads.in_use()  # which lets machine code find Numba's threads
-    return PYFUNCTYPE(None, *5 * (c_int64,))(objects.link_or_make(NAME, compile_blocks))
+    return PYFUNCTYPE(None, *5 * (c_int64,))(cache_files.link_or_make(NAME, compile_blocks))
 
 
 __all__ = ["NAME", "compile_blocks", "fly"]

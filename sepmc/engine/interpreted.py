@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.engine.work import SEARCHES, counts
-from sepmc.engine.written import Kernel
+from sepmc.engine.work_budget import SEARCHES, counts
+from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
 _AGAIN = ("sepmc.jit", "sepmc.physics", "sepmc.routines")  # what is imported a second time

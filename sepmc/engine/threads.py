@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from numba import get_num_threads, set_num_threads
 from numba.np.ufunc import parallel
 
-from sepmc.engine.hosts import at_fork
+from sepmc.engine.host_process import at_fork
 from sepmc.jit import config
 from sepmc.scene.messages import InputError
 

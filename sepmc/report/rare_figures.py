@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.analysis.rare import interval
-from sepmc.campaign.rare import Rare
+from sepmc.analysis.subset_simulation import interval
+from sepmc.campaign.execution.rare_event import Rare
 from sepmc.report.style import BLUE, BOUND, REQUIRED, entitle, in_words, made, save, sheet
 
 _INPUTS = 10  # drawn

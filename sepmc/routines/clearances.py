@@ -17,8 +17,8 @@ import math
 
 from sepmc.jit import keep_apart, routine
 from sepmc.physics import outlines, quat, vec3
-from sepmc.physics.lips import lip_gap, lip_least
 from sepmc.physics.rims import rim_gap
+from sepmc.physics.shell_edge import lip_gap, lip_least
 from sepmc.routines import layout as at
 from sepmc.routines.lanes import LANES
 

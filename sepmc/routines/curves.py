@@ -12,7 +12,7 @@ from sepmc.routines.layout import AT_POINT, GRAIN
 def fit(w, points, joints, count, matrix, length, curves, stride):
     """The polynomials of a step, by powers of its share gone by, of values, rates and accelerations
     at its beginning, at points within and at its end; ``matrix`` is the method's
-    (`sepmc.kernel.methods.Method.curve`), ``stride`` how many numbers a curve has."""
+    (`sepmc.kernel.spec.methods.Method.curve`), ``stride`` how many numbers a curve has."""
     size = AT_POINT * joints
     end = points + (count - 1) * size * LANES
     for j in range(joints):

@@ -1,9 +1,9 @@
 """Smooth tables: value of cubic splines on a grid of up to three axes.
 
-A pack stands in a flat array as ``sepmc.kernel.splines`` wrote it: the number of functions; for
-each of three axes its spans q, q + 1 breaks and, for each span, four basis functions as cubics in
-the distance from the span's start; the coefficients, the last axis fastest, the functions side by
-side. An axis of one point has no span and one coefficient, the others have q + 3.
+A pack stands in a flat array as ``sepmc.kernel.spec.splines`` wrote it: the number of functions;
+for each of three axes its spans q, q + 1 breaks and, for each span, four basis functions as cubics
+in the distance from the span's start; the coefficients, the last axis fastest, the functions side
+by side. An axis of one point has no span and one coefficient, the others have q + 3.
 """
 
 import math

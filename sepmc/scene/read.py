@@ -11,13 +11,14 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from sepmc.places import PlaceError, place
+from sepmc.paths import PlaceError, place
 from sepmc.scene.checks import check_dispersion, check_scene, inertia_fault, inertia_tensor
 from sepmc.scene.contents import contents
 from sepmc.scene.correlation import Copula
 from sepmc.scene.correlation import resolve as resolve_correlations
 from sepmc.scene.dispersion import Dispersion, resolve
 from sepmc.scene.fields import fields_of, to_si
+from sepmc.scene.initial_rates import check_swings
 from sepmc.scene.input_table import CASE, InputTable, Reader
 from sepmc.scene.limits import CAMPAIGN_BYTES, NAME, check_keys, check_tree, content
 from sepmc.scene.messages import (
@@ -43,7 +44,6 @@ from sepmc.scene.model import (
 from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.setting_checks import NAMES, check_settings, parts
 from sepmc.scene.shape_checks import check_shapes
-from sepmc.scene.swings import check_swings
 from sepmc.scene.tables import read_array, read_table
 from sepmc.scene.units import UNITS, split_unit
 from sepmc.schema import Status, is_yes_or_no, outcome_columns

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from fuzz import mutate
 from fuzz.watch import Wrong, turns
-from sepmc.campaign import chunks, pilot, remarks
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.input_file import read_input_table
-from sepmc.kernel import describe
+from sepmc.campaign.execution import chunks, diagnostics, step_selection
+from sepmc.campaign.store.sample_file import read_input_table
+from sepmc.kernel.spec import describe
 from sepmc.scene.messages import SceneError
 from sepmc.scene.read import parse_campaign, read_text
 
@@ -99,9 +99,9 @@ def checked(campaign):
     drawn(campaign)
     numbers, total = campaign.asked()
     describe.lines(campaign.plan)
-    pilot.stage_names(campaign)
-    remarks.of_file(campaign)
-    list(remarks.sampled(campaign, numbers))
+    step_selection.stage_names(campaign)
+    diagnostics.of_file(campaign)
+    list(diagnostics.sampled(campaign, numbers))
     chunks.implausible_note(campaign.implausible_inertias(campaign.draw(0, 1, None, total)), 1)
 
 
@@ -136,7 +136,7 @@ def mutate_words():
 
 def written(campaign, names):
     """The kernel of a campaign holds nothing that its file calls its items."""
-    text = pilot.kernel_text(campaign, history=campaign.has_histories)
+    text = step_selection.kernel_text(campaign, history=campaign.has_histories)
     ast.parse(text)
     body = text.split('"""', 2)[2]
     if "Zq" in body or "__import__" in body or any(name in body for name in names):

@@ -7,16 +7,16 @@ import tomllib
 from functools import partial
 
 import numpy as np
+from oracles.random_scenes import compare
 
 from fuzz import mutate
 from fuzz.watch import Wrong, turns
-from sepmc.campaign import pilot
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.flight import fly
+from sepmc.campaign.execution import step_selection
+from sepmc.campaign.execution.integration import fly
 from sepmc.scene.messages import SceneError, nobody
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
-from sepmc.trust.gate import compare
 
 # campaigns whose kernels are compiled for it, once
 SCENES = ("campaigns/table2.toml", "campaigns/spring-pushers.toml", "tests/scenes/gust.toml")
@@ -40,7 +40,7 @@ def rows(rng, count, until, tried):
     flights = []
     for tree in _trees().values():
         campaign = _campaign(tree)
-        flights.append((campaign, pilot.plan_flight(campaign, announce=nobody)))
+        flights.append((campaign, step_selection.plan_flight(campaign, announce=nobody)))
     for _ in turns(count, until, tried):
         campaign, flight = rng.choice(flights)
         draws = campaign.in_si(campaign.draw(rng.randrange(10**6), 64))
@@ -68,7 +68,7 @@ def numbers(rng, count, until, tried):
     """Campaigns with other numbers, by the kernels that are there."""
     trees = _trees()
     for tree in trees.values():
-        pilot.plan_flight(_campaign(tree), announce=nobody)
+        step_selection.plan_flight(_campaign(tree), announce=nobody)
     for _ in turns(count, until, tried):
         name = rng.choice(list(trees))
         tree = pickle.loads(pickle.dumps(trees[name]))
@@ -86,11 +86,11 @@ def numbers(rng, count, until, tried):
                 node[key] = rng.choice(mutate.NUMBERS) if odd else mutate.scaled(node[key], rng)
         try:
             campaign = _campaign(tree)
-            text = pilot.kernel_text(campaign, history=campaign.has_histories)
+            text = step_selection.kernel_text(campaign, history=campaign.has_histories)
         except SceneError:
             tried.counts["refused"] += 1
             continue
-        if pilot.left_to_compile(text)[0]:
+        if step_selection.left_to_compile(text)[0]:
             tried.counts["another kernel"] += 1
             continue
         tried.look(tree, lambda c=campaign: _flown(c, tried), _SLOW_S, works=True)

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = ("campaigns", "sepmc/trust/scenes", "tests/scenes", "tests", "sepmc")
+FOLDERS = ("campaigns", "sepmc/validation/scenes", "tests/scenes", "tests", "sepmc")
 NAMES = (
     "", "x", "..", "../../x", "/etc/passwd", "a/b", "a\0b", "a\nb", "'", '"', '"""', "}{", "{x}",
     "__import__('os').system('true')", "\N{SNOWMAN}", "\u202e", "\x1b[2J", "ground", "free", "none",

@@ -16,8 +16,8 @@ from fuzz import mutate
 from fuzz.places import scratch
 from fuzz.tables import _METADATA, damage
 from fuzz.watch import Wrong, turns
-from sepmc import cli
-from sepmc.campaign import folders, ledger, record
+from sepmc.campaign.store import folders, ledger, manifests
+from sepmc.cli import app
 from sepmc.scene.messages import InputError
 
 _SETTINGS = ["--set=run.chunk=4", "--set=run.history_step_s=0.1"]
@@ -52,7 +52,7 @@ def run_folders(rng, count, until, tried):
 
 def call(words):
     """Run a command; InputError if it refused, whatever else is wrong as it is."""
-    done = CliRunner().invoke(cli.main, words)
+    done = CliRunner().invoke(app.main, words)
     if done.exception and not isinstance(done.exception, SystemExit):
         raise done.exception
     if "Traceback" in done.output or "\x1b" in done.output or "Warning:" in done.output:
@@ -75,7 +75,7 @@ def _whole(place):
         [*fly[:2], "--plan", plan, "--quiet", "--no-plots", "--out", str(found["plan"])],
         [*fly, "--stats-only", "--out", str(found["stats"])],
     ):
-        done = CliRunner().invoke(cli.main, words)
+        done = CliRunner().invoke(app.main, words)
         if done.exit_code:
             raise RuntimeError(done.output) from done.exception
     return found
@@ -262,7 +262,7 @@ def _seal(folder, manifest):
     if "campaign_sha256" in manifest:
         sealed["campaign_sha256"] = campaign
     try:
-        text = json.dumps({**sealed, "sha256": record._seal(sealed)}, default=str)
+        text = json.dumps({**sealed, "sha256": manifests._seal(sealed)}, default=str)
     except (ValueError, TypeError, OverflowError):
         return
     _own(folder / folders.MANIFEST).write_text(text)

@@ -13,7 +13,7 @@ from fuzz import mutate
 from fuzz.places import scratch
 from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.input_file import read_input_table
+from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.scene.read import parse_campaign
 
 SCENE = mutate.SMALL

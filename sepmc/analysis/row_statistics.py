@@ -1,0 +1,152 @@
+"""Statistics of cases whose rows are there, column by column."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sepmc.analysis import statistics as of
+from sepmc.analysis.proportions import CONFIDENCE, ranked
+from sepmc.analysis.requirements import (
+    Errors,
+    Tally,
+    Verdict,
+    design_value,
+    doubt,
+    has_two_bounds,
+    judge,
+    margins,
+    tallies,
+    tally_all,
+)
+from sepmc.analysis.streaming import NAMED, Stream
+from sepmc.scene.model import Requirement
+from sepmc.schema import Status
+
+# cases whose columns are sorted whole, 4 MB each; of more the percentiles are those of a `Sketch`
+EXACT = 500_000
+
+
+def by_case(columns: Mapping[str, Any]) -> pd.DataFrame:
+    """A table of cases, a row each, whose index is their number."""
+    table = pd.DataFrame(columns)
+    table.index = pd.Index(table["case"].to_numpy())
+    return table
+
+
+class Rows:
+    """Statistics, audit and histograms of a case table; one column is looked at at a time.
+
+    Parameters
+    ----------
+    cases : mapping of name to column, shape (n_cases,)
+    outcomes, audits : names of its columns
+    bounds : bound of each audit column that has one
+    requirements : what verdicts are given on
+    """
+
+    def __init__(
+        self,
+        cases: Mapping[str, Any],
+        outcomes: Sequence[str],
+        audits: Sequence[str],
+        bounds: Mapping[str, float],
+        requirements: Sequence[Requirement] = (),
+    ):
+        self.cases, self.outcomes, self.audits, self.bounds = cases, outcomes, audits, bounds
+        self.requirements = requirements
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Cases of each status: ok first, then the failures, most frequent first."""
+        return of.status_counts(self.cases)
+
+    @cached_property
+    def failed(self) -> dict[str, list[int]]:
+        """Numbers of the first cases of each status but ok."""
+        statuses, numbers = np.asarray(self.cases["status"]), np.asarray(self.cases["case"])
+        return {
+            label: numbers[statuses == label][:NAMED].tolist()
+            for label in self.counts
+            if label != of.OK
+        }
+
+    def statistics(
+        self,
+        reference: Mapping[str, Mapping[str, float]] | None = None,
+        confidence: float = CONFIDENCE,
+    ) -> pd.DataFrame:
+        """See `sepmc.analysis.statistics.statistics`."""
+        return of.statistics(self.cases, self.outcomes, reference, confidence)
+
+    def audit(self) -> pd.DataFrame:
+        """See `sepmc.analysis.statistics.audit`."""
+        return of.audit(self.cases, self.bounds, self.audits)
+
+    def verdicts(
+        self, errors: Errors, audit: pd.DataFrame, sampler: str = "random"
+    ) -> list[Verdict]:
+        """Verdicts on the requirements, given the ``audit`` and how cases were drawn; outcomes have
+        such numerical ``errors``."""
+        why, every = doubt(audit, sampler), tallies(self.requirements)
+        labels = np.asarray(self.cases["status"])
+
+        def values(name: str) -> np.ndarray | None:
+            return of.column(self.cases, name) if name in self.outcomes else None
+
+        tally_all(
+            every,
+            np.asarray(self.cases["case"]),
+            self._ok,
+            values,
+            lambda name: labels == name,
+        )
+        return [
+            judge(tally, errors, self._design(tally, x), why, self._lacking(x))
+            for tally in every
+            for x in (values(tally.requirement.metric),)
+        ]
+
+    def _lacking(self, values: np.ndarray | None) -> int:
+        """How many ok cases have no value; 0 if there are no values."""
+        return 0 if values is None else int(np.count_nonzero(self._ok & np.isnan(values)))
+
+    def _design(self, tally: Tally, values: np.ndarray | None) -> float:
+        if values is None:
+            return np.nan
+        known = values[self._ok & ~np.isnan(values)]
+        if has_two_bounds(tally.requirement):
+            known = margins(known, tally.requirement)
+        return design_value(tally, len(known), partial(ranked, known))
+
+    def histogram(self, name: str) -> of.Histogram | None:
+        """Histogram of the finite values of an outcome, or None if it has none."""
+        return of.histogram(of.column(self.cases, name)[self._ok])
+
+    @cached_property
+    def _ok(self) -> np.ndarray:
+        return of.ok_rows(self.cases)
+
+
+def summarise(
+    cases: Any,
+    outcomes: Sequence[str],
+    audits: Sequence[str],
+    bounds: Mapping[str, float],
+    requirements: Sequence[Requirement] = (),
+) -> Rows | Stream:
+    """Statistics of a stored case table (`sepmc.campaign.store.shards.CaseColumns`): exact up to
+    `EXACT` cases, from then on by a `Stream`."""
+    if cases.rows <= EXACT:
+        return Rows(cases, outcomes, audits, bounds, requirements)
+    stream = Stream(outcomes, audits, bounds, requirements)
+    code_of = {status.label: int(status) for status in Status}
+    for numbers, statuses, columns in cases.batches([*outcomes, *audits]):
+        stream.add(
+            numbers,
+            np.array([code_of[label] for label in statuses.categories])[statuses.codes],
+            columns,
+        )
+    return stream

@@ -1,0 +1,446 @@
+"""How a campaign is flown once that is decided: by which kernel, in how many steps; and cases that
+its kernel cannot vouch for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sepmc.campaign.definition import Definition
+from sepmc.campaign.execution.accuracy import (
+    SAFETY,
+    SMALL,
+    Achieved,
+    decisive,
+    errors,
+    scene_scales,
+)
+from sepmc.campaign.execution.error_estimate import Estimate
+from sepmc.campaign.execution.step_refinement import (
+    AGREEMENTS,
+    DOUBTFUL,
+    HALVINGS,
+    TOO_LONG,
+    Settled,
+    settle,
+)
+from sepmc.engine.dispatch import Again, Block, fly_cases, one_of
+from sepmc.engine.written_kernel import Kernel
+from sepmc.kernel.spec.methods import method
+from sepmc.routines.layout import (
+    ANY_ORDER,
+    BODY_OUTCOMES,
+    FINER_STEPS,
+    FLOW_ANGLES,
+    LEAST_SQUARES,
+    USUAL,
+)
+from sepmc.scene.model import Scene
+from sepmc.schema import Status
+
+SAFE = 0.5  # share of the accuracy asked for that trial cases may use
+_TO_LEARN = 64  # times finer steps tell how long the phases of a case last
+_AT_ONCE = 1e-9  # of a flight
+_MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare kernel may fly it
+_NO_CALLS = np.zeros(0, dtype=np.int64)
+EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Spare:
+    """A kernel for cases that the one of a flight does not vouch for, because it takes more
+    ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
+    numbers of the phases that the stages of the flight belong to."""
+
+    care: int
+    make: Callable[["Say | None"], Kernel]
+    phases: np.ndarray
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How a campaign is flown.
+
+    ``steps`` (stages,) are those of its ``kernel``, by the ``methods`` (stages,) of these numbers,
+    or the most exact ones, for ``stages`` (phases, and joints that are
+    late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
+    which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
+    to, see `sepmc.campaign.execution.accuracy.errors`. ``limits`` (g,) are what guards of a case
+    may be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size,
+    rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about
+    at once. Within these the ``estimate`` tells what the error of a case is; more than ``most`` is
+    too much. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
+    ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
+    What the kernel does not vouch for is left to ``spares``, one after the other; it takes some
+    ``care`` itself.
+    """
+
+    kernel: Kernel
+    steps: np.ndarray
+    usual: np.ndarray
+    stages: list[str] = field(default_factory=list)
+    step: float | None = None
+    scale: np.ndarray | None = None
+    limits: np.ndarray | None = None
+    angles: dict[int, float] = field(default_factory=dict)
+    estimate: Estimate | None = None
+    most: float = np.inf
+    error: float = np.nan
+    achieved: Achieved | None = None
+    nominal: np.ndarray | None = None
+    notes: list[str] = field(default_factory=list)
+    spares: tuple[Spare, ...] = ()
+    methods: np.ndarray | None = None
+    care: int = USUAL
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy holds, in another process too: `packed`."""
+        return {**vars(self), "spares": ()}
+
+    @property
+    def packed(self) -> "Flight":
+        """The same without what another process has to load for itself; see `pilot.unpacked`."""
+        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
+
+    @property
+    def method_names(self) -> list[str]:
+        """Names of the methods by which the stages are flown."""
+        numbers = np.zeros(self.kernel.stages, int) if self.methods is None else self.methods
+        return [names[number] for names, number in zip(self.kernel.methods, numbers, strict=True)]
+
+    @property
+    def one_method(self) -> str | None:
+        """The name of the method by which all stages are flown; None if there are several."""
+        names = set(self.method_names)
+        return names.pop() if len(names) == 1 else None
+
+    @property
+    def evaluations(self) -> int:
+        """How many a case takes; with a step that is given, only in proportion."""
+        return sum(
+            int(steps) * method(name).stages
+            for steps, name in zip(self.steps, self.method_names, strict=True)
+        )
+
+    @property
+    def has_pacing_spare(self) -> bool:
+        """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
+        in which an event comes late than ever finer steps."""
+        return any(spare.care == ANY_ORDER for spare in self.spares)
+
+    def by(self, spare: Spare, announce: Say | None) -> "Flight":
+        """The same by a spare kernel, whose stages are the phases."""
+        kernel = spare.make(announce)
+        steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
+        usual = np.bincount(spare.phases, self.usual, kernel.stages)
+        return replace(
+            self,
+            kernel=kernel,
+            steps=np.maximum(steps, 1),
+            usual=usual,
+            spares=(),
+            methods=None,
+        )
+
+    def sharper(self, times: int = 2) -> "Flight":
+        """The same at so many times the resolution."""
+        return replace(
+            self, steps=times * self.steps, step=None if self.step is None else self.step / times
+        )
+
+
+def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
+    """Numbers (stages,) of the methods with these names in a kernel; of the most exact ones where
+    it has not got them."""
+    pairs = zip(kernel.methods, names, strict=True)
+    return np.array([has.index(name) if name in has else 0 for has, name in pairs], dtype=np.int64)
+
+
+def fly(
+    campaign: Definition,
+    flight: Flight,
+    draws: np.ndarray,
+    room: int = 0,
+    announce: Say | None = None,
+) -> Block:
+    """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
+    seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
+    shorter steps; by spare kernels, if that does not tell. What none vouches for has no
+    outcomes."""
+    block = fly_once(campaign, flight, draws, room)
+    like = _is_like_trials(flight, block)
+    told = _estimated(campaign, flight, block, like)
+    beyond = like & (block.error > flight.most)
+    hard = _doubtful(campaign, block) | (block.flown & ~like)
+    again = told.with_others(
+        _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
+    ).with_others(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
+    bodies = len(campaign.plan.bodies)
+    for spare in flight.spares:
+        finite = motion_is_finite(block.outcomes, bodies)
+        lost = np.flatnonzero(helped(block.status, spare.care, finite))
+        if len(lost):
+            other = flight.by(spare, announce)
+            _put(block, lost, fly_once(campaign, other, draws[lost], room))
+            hard = (_doubtful(campaign, block) | block.flown)[lost]
+            again = again.with_others(_fly_hard(campaign, other, draws, room, block, lost[hard]))
+            again.spare += len(lost)
+    lost = np.flatnonzero(block.status < 0)
+    finite = motion_is_finite(block.outcomes[lost], bodies)
+    block.status[lost] = final_status(block.status[lost], finite)
+    # the audit stays
+    block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
+    block.again = again
+    return block
+
+
+def helped(status: np.ndarray, care: int, finite: np.ndarray) -> np.ndarray:
+    """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
+    steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
+    finer = (status == FINER_STEPS) & finite
+    return (status < 0) & (status >= care) & ~(finer & (care == LEAST_SQUARES))
+
+
+def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
+    """How cases (n,) end that no kernel vouches for, given what the last one said of them, and
+    whether their outcomes are numbers."""
+    told = np.where(lost == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
+    return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
+
+
+def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
+    """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages,
+    n), of which some are ``sound`` (n,). One that usually is over as it begins lasts as long as in
+    the cases, sound or not, in which it is not."""
+    usual, lengths = (
+        np.diff(np.median(ends[:, sound], axis=1), prepend=0.0),
+        np.diff(ends, axis=0, prepend=0.0),
+    )
+    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
+        lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
+        usual[k] = np.median(lasting) if len(lasting) else 0.0
+    return usual
+
+
+def history_rows(scene: Scene) -> int:
+    """Rows of the stored history of a case."""
+    return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
+
+
+def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
+    """Fly draws at the flight's steps, and none of them again."""
+    return fly_cases(
+        flight.kernel,
+        campaign.plan,
+        flight.steps,
+        flight.usual,
+        campaign.slots,
+        draws,
+        room,
+        flight.methods,
+    )[0]
+
+
+def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
+    """Whether the rates and attitudes of so many bodies at the end are numbers, (n,), given
+    outcomes (n, o); the angles of the flow are of no value in still air."""
+    of_bodies = outcomes[:, : BODY_OUTCOMES * bodies].reshape(-1, bodies, BODY_OUTCOMES)
+    return np.asarray(np.isfinite(of_bodies[:, :, FLOW_ANGLES:]).all(axis=(1, 2)))
+
+
+def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
+    """Which cases (n,) are no harder to integrate than trial cases."""
+    assert block.guards is not None
+    if flight.limits is None:
+        return np.ones(len(block.status), dtype=bool)
+    like = block.guarded & (block.guards <= flight.limits).all(axis=1)
+    for column, limit in flight.angles.items():
+        like &= ~(np.abs(block.outcomes[:, column]) > limit)  # NaN: no angle that could be wrong
+    return np.asarray(like)
+
+
+def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndarray) -> Again:
+    """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
+    Returns what is to be told of those that need not fly again."""
+    nothing = Again(np.zeros(len(campaign.outcome_columns)))
+    if flight.estimate is None:
+        return nothing
+    assert block.guards is not None
+    known = like & block.flown
+    guards = _some(block.guards, known)
+    error = flight.estimate.of_cases(guards)
+    block.error[known] = error
+    settled = _some(guards, ~(error > flight.most))
+    leading = flight.estimate.of_leading(settled)
+    return Again(
+        leading, guards=settled.max(axis=0, initial=0.0) if len(settled) else nothing.guards
+    )
+
+
+def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Rows of guards (n, g) that are stored by column, all or some of them."""
+    return guards if which.all() else guards.T[:, which].T
+
+
+def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
+    """Which cases (n,) may end otherwise at shorter steps, if none is given."""
+    return one_of(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
+        campaign.scene.solver.step is None
+    )
+
+
+def _fly_hard(
+    campaign: Definition,
+    flight: Flight,
+    draws: np.ndarray,
+    room: int,
+    block: Block,
+    hard: np.ndarray,
+    agreements: int = AGREEMENTS,
+) -> Again:
+    """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled;
+    with a step that is given, only to learn their error. Returns what is to be told of them."""
+    given = campaign.scene.solver.step is not None
+    columns = campaign.outcome_columns
+    if not len(hard):
+        return Again(np.zeros(len(columns)))
+    before = _rows(block, hard)
+    found = _settle(
+        campaign,
+        flight,
+        block,
+        hard,
+        lambda sharper, some: fly_once(campaign, sharper, draws[some], room),
+        agreements,
+        before,
+    )
+    decides = decisive(columns)
+    if given:
+        assert flight.scale is not None
+        n = len(flight.scale)
+        change = np.maximum(
+            found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale)
+        )
+        _put(block, hard, before)
+        flown = block.flown[hard]
+        block.error[hard[flown]] = _told(flight, change[flown], decides)
+        return Again(SAFETY * _largest(change), finer=len(hard))
+    finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
+    left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
+    for number in left:
+        own = _alone(campaign, flight, draws, room, block, hard[number])
+        found.change[number], found.settled[number] = own.change[0], own.settled[0]
+    flown = block.flown[hard]
+    block.error[hard[flown]] = _told(flight, found.change[flown], decides)
+    return Again(
+        SAFETY * _largest(found.change[flown]),
+        finer=len(hard),
+        unsettled=int(np.count_nonzero(flown & ~found.settled)),
+    )
+
+
+def _told(flight: Flight, change: np.ndarray, decides: np.ndarray) -> np.ndarray:
+    """What is told of the errors of cases (n,) whose outcomes the last halvings changed, (n, o): no
+    less than of any other case."""
+    least = flight.estimate.floor if flight.estimate else np.zeros(change.shape[1])
+    return np.asarray(np.maximum(SAFETY * change, least)[:, decides].max(axis=1, initial=0.0))
+
+
+def _alone(
+    campaign: Definition, flight: Flight, draws: np.ndarray, room: int, block: Block, number: int
+) -> Settled:
+    """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
+    event is looked for far too early: what they last is learnt from a flight of its own."""
+    one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
+    _, ends = fly_cases(
+        flight.kernel,
+        campaign.plan,
+        sharp.steps,
+        flight.usual,
+        campaign.slots,
+        one,
+        methods=flight.methods,
+    )
+    own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
+    return _settle(
+        campaign,
+        own,
+        block,
+        np.array([number]),
+        lambda sharper, _: fly_once(campaign, sharper, one, room),
+    )
+
+
+def _settle(
+    campaign: Definition,
+    flight: Flight,
+    block: Block,
+    which: np.ndarray,
+    flown: Callable[[Flight, np.ndarray], Block],
+    agreements: int = AGREEMENTS,
+    before: Block | None = None,
+) -> Settled:
+    """Fly cases into their rows of a block, by ``flown`` (flight, cases), at twice the resolution
+    and so on until they have settled; what they gave ``before`` in the steps of the flight, if that
+    is known, is not flown again."""
+    columns = campaign.outcome_columns
+
+    def fly_some(share: float, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if share == 1.0 and before is not None:
+            again = _rows(before, some)
+        else:
+            again = flown(flight.sharper(round(1.0 / share)), which[some])
+        _put(block, which[some], again)
+        return again.outcomes[:, : len(columns)].copy(), np.where(
+            (again.status < 0) | again.turns_unclear, Status.UNRESOLVED, again.status
+        )
+
+    scale = (
+        SMALL * scene_scales(campaign.scene, [c.unit for c in columns])
+        if flight.scale is None
+        else flight.scale
+    )
+    return settle(
+        fly_some,
+        len(which),
+        1.0,
+        SAFE * campaign.scene.solver.accuracy,
+        scale,
+        decisive(columns),
+        _MOST_LOST if flight.has_pacing_spare else HALVINGS,
+        agreements,
+    )
+
+
+def _rows(block: Block, which: np.ndarray) -> Block:
+    """Some rows of a block."""
+    guards = None if block.guards is None else block.guards[which]
+    return Block(
+        block.outcomes[which],
+        block.status[which],
+        block.times[which],
+        block.phases[which],
+        block.history[which],
+        block.rows[which],
+        guards,
+    )
+
+
+def _put(block: Block, which: np.ndarray, rows: Block) -> None:
+    """Put the rows of a block in place of some of another."""
+    block.outcomes[which], block.status[which] = rows.outcomes, rows.status
+    block.history[which], block.rows[which] = rows.history, rows.rows
+    if (
+        block.guards is not None
+        and rows.guards is not None
+        and block.guards.shape[1] == rows.guards.shape[1]
+    ):
+        block.guards[which] = rows.guards
+
+
+def _largest(change: np.ndarray) -> np.ndarray:
+    """Largest of the changes (n, o) of every outcome."""
+    return np.asarray(change.max(axis=0, initial=0.0))

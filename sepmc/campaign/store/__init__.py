@@ -1,0 +1,1 @@
+"""Run folders: names, files, checksums, manifest, Parquet shards, guards against foreign files."""

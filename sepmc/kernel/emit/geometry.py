@@ -1,0 +1,327 @@
+"""A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two
+bodies."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.tracer.formulas import UNIT, ZERO, joints, quat, square_root, vec3
+from sepmc.kernel.tracer.tracer import Scope, Value, product, where
+from sepmc.routines import layout as at
+from sepmc.scene.model import GROUND, Spring
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Between points of two bodies A and B: d = r_B - r_A and d', arms and rates, all in ground
+    axes."""
+
+    d: Any
+    d_rate: Any
+    rho_a: Any
+    rho_b: Any
+    spin_a: Any
+    spin_b: Any
+
+
+@dataclass(frozen=True)
+class Slide:
+    """Between two bodies that turn as one, in the axes of the group that a ``leader`` leads: r =
+    R^T (x_B - x_A), r', and what their turning takes from r'' besides that of angular acceleration:
+    r'' = R^T (x_B'' - x_A'') - omega' x r - turning."""
+
+    leader: str
+    r: Any
+    rate: Any
+    turning: Any
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of action: direction e, arms of both bodies, the part gamma of its second derivative,
+    length and its rate. Along an axis that turns with both bodies also the direction and the lever
+    of the group in its ``own`` axes."""
+
+    e: Any
+    arm_a: Any
+    arm_b: Any
+    gamma: Any
+    length: Any
+    rate: Any
+    own: "Own | None" = None
+
+
+@dataclass(frozen=True)
+class Own:
+    """A direction along which two bodies that turn as one may slide, and the lever e x r by which
+    their group feels a force between them, in its axes."""
+
+    leader: str
+    e: Any
+    lever: Any
+
+
+class State:
+    """The state at ``slab`` (S of a stage of a step, Y at its end, or another kept with its
+    ``time``) of the bodies in a phase."""
+
+    def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str, time: str = ""):
+        self.c, self.scope, self.stage, self.slab = c, scope, stage, slab
+        self.clock = time or ("CLOCK" if slab == "S" else "T")
+        self.shape, self.case = c.shape, c.case
+
+    @property
+    def time(self) -> Value:
+        """Time of the state, s."""
+        return self.scope.load(self.clock)
+
+    def place(self, body: str) -> Any:
+        """Place of a mass centre, seen from what moves with the vehicle's first speed."""
+        if body == GROUND:  # its axes start at the mass centre of the start
+            return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
+        return self.scope.load(f"{self.slab} + X_{body}", 3).called(f"x_{body}")
+
+    def speed(self, body: str) -> Any:
+        """Its velocity, seen from there."""
+        if body == GROUND:
+            return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
+        return self.scope.load(f"{self.slab} + V_{body}", 3).called(f"v_{body}")
+
+    def stream(self, body: str) -> Any:
+        """What the flow around a body has besides its own speed: that of the start, less the
+        wind."""
+        if self.shape.scene.environment.wind.profile is None:
+            return self.case.stream
+        along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
+        gust = self.case.gust
+        if gust is not None:
+            along, across = (
+                along * gust[0] - across * gust[2],
+                along * gust[2] + across * gust[0],
+            )
+        return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
+
+    def quaternion(self, leader: str) -> Value:
+        """Attitude quaternion of the group that a body leads."""
+        return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")
+
+    def rate(self, leader: str) -> Value:
+        """Angular rate in body axes."""
+        return self.scope.load(f"{self.slab} + OMEGA_{leader}", 3).called(f"omega_{leader}")
+
+    def attitude(self, body: str) -> Any:
+        """Matrix from a body's axes to the ground's."""
+        leader = self.stage.leader(body)
+        if leader == GROUND:
+            return quat.matrix(self.case.attitude).called("r_ground")
+        return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
+
+    def spin(self, body: str) -> Any:
+        """Angular rate of a body in ground axes."""
+        leader = self.stage.leader(body)
+        return (
+            ZERO
+            if leader == GROUND
+            else vec3.rotate(self.attitude(leader), self.rate(leader)).called(f"spin_{leader}")
+        )
+
+    def axis(self, joint: str, k: int, second: bool = False) -> Any:
+        """Axis k of a joint as its first (or second) body carries it, ground axes."""
+        r = self.attitude(self.shape.scene.joint[joint].bodies[int(second)])
+        if self.shape.plain_axes(joint):
+            return (r[k], r[k + 3], r[k + 6])
+        return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
+
+    def pair(self, bodies: tuple[str, str], end_a: Any, end_b: Any) -> Pair:
+        """Between two points, given by their arms in body axes."""
+        a, b = bodies
+        rho_a = vec3.rotate(self.attitude(a), end_a).called("rho")
+        rho_b = vec3.rotate(self.attitude(b), end_b).called("rho")
+        spin_a, spin_b = self.spin(a), self.spin(b)
+        gap = joints.between(
+            self.place(a), self.speed(a), rho_a, spin_a, self.place(b), self.speed(b), rho_b, spin_b
+        )
+        d, d_rate = gap.called("gap")
+        return Pair(d, d_rate, rho_a, rho_b, spin_a, spin_b)
+
+    def slide(self, bodies: tuple[str, str]) -> Slide | None:
+        """Between two bodies, if they turn as one."""
+        a, b = bodies
+        leader = self.stage.leader(a)
+        if leader == GROUND or self.stage.leader(b) != leader:
+            return None
+        attitude, omega = self.attitude(leader), self.rate(leader)
+        r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
+        across = vec3.cross(omega, r).called("swept")
+        speed = vec3.unrotate(attitude, vec3.sub(self.speed(b), self.speed(a)))
+        rate = vec3.sub(speed, across).called("slide")
+        turning = vec3.cross(omega, vec3.add(vec3.add(rate, rate), across)).called("turning")
+        return Slide(leader, r, rate, turning)
+
+    def sliding_line(self, joint: str, k: int) -> Line | None:
+        """Along axis k of a joint whose bodies turn as one; its length is that of the gap."""
+        slide = self.slide(self.shape.scene.joint[joint].bodies)
+        if slide is None:
+            return None
+        plain = self.shape.plain_axes(joint)
+        e: Any = UNIT[k] if plain else self.case.joint_axis(joint, k)
+        end_a, end_b, _ = self.case.joint_ends(joint)
+        r = slide.r
+        lever = tuple(
+            e[(i + 1) % 3] * r[(i + 2) % 3] - e[(i + 2) % 3] * r[(i + 1) % 3] for i in range(3)
+        )
+        ends = vec3.sub(end_b, end_a).called("ends")
+        pair, along = self.joint(joint), self.axis(joint, k)
+        arm_a, arm_b, _ = translation(pair, along)
+        return Line(
+            along,
+            arm_a,
+            arm_b,
+            product(e, slide.turning),
+            product(e, r) + product(e, ends),
+            product(e, slide.rate),
+            Own(slide.leader, e, lever),
+        )
+
+    def joint(self, name: str) -> Pair:
+        """Between the points of a joint."""
+        end_a, end_b, _ = self.case.joint_ends(name)
+        return self.pair(self.shape.scene.joint[name].bodies, end_a, end_b)
+
+    def separation(self, joint: str) -> Line:
+        """Along the x axis of a joint; its length is the separation distance."""
+        apart = self.case.apart(joint)
+        start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
+        line = self.sliding_line(joint, 0)
+        if line is not None:
+            distance = (apart * (line.length - start)).called("distance")
+            return replace(line, length=distance, rate=apart * line.rate)
+        pair, e = self.joint(joint), self.axis(joint, 0)
+        arm_a, arm_b, gamma = translation(pair, e)
+        distance = apart * (vec3.dot(pair.d, e) - start)
+        return Line(
+            e, arm_a, arm_b, gamma, distance.called("distance"), apart * translation_rate(pair, e)
+        )
+
+    def sliding(self, joint: str) -> Any:
+        """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
+        may."""
+        return self.while_held(joint, self.stage.sliding(joint))
+
+    def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
+        """1 while a joint holds one of some kinds, 0 before or after."""
+        if len(kinds) == len(self.stage.may[joint]):
+            return 1.0
+        kind, found = self.scope.load(f"KIND_{joint}"), None
+        for number in kinds:
+            found = (
+                kind.equals(float(number)) if found is None else found | kind.equals(float(number))
+            )
+        assert found is not None
+        return where(found, 1.0, 0.0).called("held")
+
+    def friction(self, joint: str) -> Any:
+        """Friction on the second body of a joint, N, in the direction of separation; None if there
+        is none."""
+        rubbing = self.shape.rubbing(self.stage)
+        return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
+
+    def lengthening(
+        self,
+        bodies: tuple[str, str],
+        line: Line,
+        accelerations: dict[str, Any],
+        spin_rates: dict[str, Any],
+        moving: bool = True,
+    ) -> Any:
+        """Second derivative of a distance along a line, from accelerations of bodies and angular
+        accelerations of groups; or what these add to it, apart from what bodies do that are
+        ``moving``."""
+        apart = relative_acceleration(accelerations, bodies)
+        if line.own is not None:
+            found = product(line.own.e, vec3.unrotate(self.attitude(line.own.leader), apart))
+            found = found - line.gamma if moving else found
+            return found + product(line.own.lever, spin_rates[line.own.leader])
+        found = vec3.dot(line.e, apart)
+        found = found - line.gamma if moving else found
+        for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
+            leader = self.stage.leader(body)
+            if leader != GROUND:
+                found = found + vec3.dot(
+                    vec3.unrotate(self.attitude(leader), arm), spin_rates[leader]
+                )
+        return found
+
+    def lengthening_by(self, slab: str, bodies: tuple[str, str], line: Line) -> Any:
+        """Second derivative of a distance along a line, from the derivative of the state in a
+        slab."""
+        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.shape.bodies}
+        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.stage.leaders}
+        return self.lengthening(bodies, line, moving, turning)
+
+    def rod(self, pair: Pair) -> Line:
+        """Along the line between two points."""
+        e, arm_a, arm_b, gamma = joints.rod(
+            pair.d, pair.d_rate, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
+        ).called("line")
+        return Line(
+            e, arm_a, arm_b, gamma, square_root(vec3.dot(pair.d, pair.d)), vec3.dot(pair.d_rate, e)
+        )
+
+    def spring(self, spring: Spring) -> Line:
+        """The line of action of a spring."""
+        end_a, end_b, _ = self._spring_ends(spring)
+        pair = self.pair(spring.bodies, end_a, end_b)
+        if spring.axis is None:
+            return self.rod(pair)
+        r = self.attitude(spring.bodies[0])
+        e = (r[0], r[3], r[6])
+        if self._spring_axis_place(spring) is not None or tuple(spring.axis) != (1.0, 0.0, 0.0):
+            e = vec3.rotate(r, self._spring_axis(spring)).called("e")
+        arm_a, arm_b, gamma = translation(pair, e)
+        return Line(e, arm_a, arm_b, gamma, vec3.dot(pair.d, e), translation_rate(pair, e))
+
+    def spring_start(self, spring: Spring) -> Any:
+        """Length of a spring at the start."""
+        gap = self._spring_ends(spring)[2]
+        if spring.axis is None:
+            return square_root(vec3.dot(gap, gap)).called("spring_start")
+        return vec3.dot(gap, self._spring_axis(spring)).called("spring_start")
+
+    def _spring_ends(self, spring: Spring) -> tuple[Any, Any, Any]:
+        start = int(self.c.model.springs_p) + at.SPRING_SIZE * self._number(spring)
+        return self.case.ends(start, spring.bodies, spring.second_point is not None)
+
+    def _spring_axis_place(self, spring: Spring) -> int | None:
+        """Where the axis of a spring stands in a case, if it is dispersed."""
+        return self.shape.plan.slots.get(f"spring.{spring.name}.axis.x")
+
+    def _spring_axis(self, spring: Spring) -> Value:
+        if (place := self._spring_axis_place(spring)) is not None:
+            return vec3.unit(self.case.vector(place)).called("axis")
+        return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
+
+    def _number(self, spring: Spring) -> int:
+        return [s.name for s in self.shape.scene.spring].index(spring.name)
+
+
+def translation(pair: Pair, e: Any) -> Any:
+    """Arms and gamma of a translation along e."""
+    return joints.translation(
+        pair.d, pair.d_rate, e, pair.rho_a, pair.rho_b, pair.spin_a, pair.spin_b
+    ).called("row")
+
+
+def translation_rate(pair: Pair, e: Any) -> Any:
+    """Rate of a distance along e."""
+    return joints.translation_rate(pair.d, pair.d_rate, e, pair.spin_a)
+
+
+def relative_acceleration(accelerations: dict[str, Any], bodies: tuple[str, str]) -> Any:
+    """Acceleration of the second body's mass centre less that of the first's; the ground has
+    none."""
+    of_a, of_b = (ZERO if body == GROUND else accelerations[body] for body in bodies)
+    if of_a is ZERO:
+        return of_b
+    return vec3.scale(-1.0, of_a) if of_b is ZERO else vec3.sub(of_b, of_a)

@@ -1,0 +1,1 @@
+"""What a scene needs of a kernel: structure, events, parameters, tables, methods."""

@@ -1,0 +1,371 @@
+"""A scene as the arrays a kernel reads: its structure (`Model`), its nominal numbers, and the place
+of each number."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sepmc.kernel.spec import packing
+from sepmc.kernel.spec.conditions import Conditions, make_conditions
+from sepmc.kernel.spec.packing import Pool
+from sepmc.routines import layout as at
+from sepmc.scene.contents import contents
+from sepmc.scene.kinds import centres, joint_axes, toward_second
+from sepmc.scene.model import GROUND, XYZ, Scene
+from sepmc.scene.parameters import value
+from sepmc.schema import Contents
+
+WIND_FACTOR, WIND_TURN = "environment.wind.profile.factor", "environment.wind.profile.turn"
+_LEVEL = 1e-12  # m, or of the coordinates
+
+
+def _vector(key: str, start: int, names: tuple[str, ...] = XYZ) -> dict[str, int]:
+    return {f"{key}.{name}": start + i for i, name in enumerate(names)}
+
+
+_HEAD = {
+    "environment.surface_gravity": at.SURFACE_GRAVITY,
+    "environment.wind.speed": at.WIND_SPEED,
+    "environment.wind.direction": at.WIND_DIRECTION,
+    "environment.density_factor": at.DENSITY_FACTOR,
+    "initial.altitude": at.ALTITUDE,
+    "initial.speed": at.SPEED,
+    **_vector("initial.omega", at.OMEGA),
+    "initial.alpha": at.ALPHA,
+    "initial.pitch": at.PITCH,
+    "initial.yaw": at.YAW,
+    "initial.roll": at.ROLL,
+    "initial.path_yaw": at.PATH_YAW,
+    "run.end_time": at.END_TIME,
+}
+_BODY = {
+    "mass": at.MASS,
+    **_vector("inertia", at.INERTIA, ("xx", "yy", "zz")),
+    **_vector("inertia_products", at.PRODUCTS, ("xy", "xz", "yz")),
+    "inertia_factor": at.INERTIA_FACTOR,
+    **_vector("cg", at.CG),
+}
+_AERO = {
+    "reference_area": at.AREA,
+    "reference_length": at.LENGTH,
+    "force_factor": at.FORCE_FACTOR,
+    "moment_factor": at.MOMENT_FACTOR,
+}
+_MOTOR = {
+    "thrust": at.THRUST,
+    "build_up": at.BUILD_UP,
+    "ignition": at.IGNITION,
+    "delay": at.IGNITION_DELAY,
+    "burn": at.BURN,
+    "tail_off": at.TAIL_OFF,
+    "station": at.STATION,
+    "radius": at.RADIUS,
+    "cant": at.CANT,
+    "clock": at.CLOCK,
+    **_vector("offset", at.OFFSET, ("y", "z")),
+    "deflection": at.DEFLECTION,
+    "deflection_clock": at.DEFLECTION_CLOCK,
+}
+_JOINT = {
+    **_vector("point", at.POINT),
+    **_vector("omega", at.SWING),
+    "delay": at.DELAY,
+    "fails": at.FAILS,
+}
+_GUIDE = {
+    "circle": at.CIRCLE,
+    "clock": at.PIN_CLOCK,
+    "engaged": at.ENGAGED,
+    "friction": at.FRICTION,
+    "slip_speed": at.SLIP_SPEED,
+}
+_SPRING = {
+    **_vector("point", at.POINT),
+    "force": at.SPRING_FORCE,
+    "stiffness": at.STIFFNESS,
+    "damping": at.DAMPING,
+    "stroke": at.STROKE,
+    "factor": at.SPRING_FACTOR,
+}
+_LOAD = {
+    **_vector("force", at.LOAD_FORCE),
+    **_vector("moment", at.LOAD_MOMENT),
+    "start": at.LOAD_START,
+    "end": at.LOAD_END,
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a kernel needs to fly a scene.
+
+    ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
+    ``bodies`` are those that move. ``outlines`` : place in ``nominal`` of the parts of every
+    outline that varies from case to case, at.PART_SIZE numbers each. ``extremes`` are the scene
+    with every dispersed parameter at its least, and at its largest.
+    """
+
+    scene: Scene
+    model: at.Model
+    nominal: np.ndarray
+    slots: dict[str, int]
+    bodies: list[str]
+    joints: dict[str, tuple[str, str]]
+    phases: list[str]
+    contents: Contents
+    outlines: dict[str, int] = field(default_factory=dict)
+    extremes: tuple[Scene, ...] = ()
+
+
+def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
+    """Pack a scene.
+
+    ``dispersed`` : paths of the parameters that vary from case to case. What only they make
+        possible is in the plan too.
+    """
+    conditions = make_conditions(scene, dispersed)
+    order = body_order(scene)
+    slots, nominal, starts = _parameters(scene, order, conditions)
+    varied, outlines, numbers = _varied(scene, dispersed, len(nominal))
+    slots, nominal = slots | varied, np.append(nominal, numbers)
+    for path, slot in slots.items():
+        nominal[slot] = value(scene, path)
+    reference = scene.initial.path_reference
+    nominal[at.PATH_REFERENCE] = (
+        scene.initial.pitch - scene.initial.alpha if reference is None else reference
+    )
+    for i, motor in enumerate(scene.motor):
+        if motor.profile is not None and math.isinf(motor.burn):
+            nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
+    model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots)
+    pairs = {j: joint.bodies for j, joint in scene.joint.items()}
+    return Plan(
+        scene,
+        model,
+        nominal,
+        slots,
+        list(scene.body),
+        pairs,
+        [phase.name for phase in scene.phase],
+        contents(scene),
+        outlines,
+    )
+
+
+def body_order(scene: Scene) -> list[str]:
+    """Bodies in the order of a kernel: those that move, then the ground if anything names it."""
+    return [*scene.body, GROUND] if is_ground_named(scene) else list(scene.body)
+
+
+def is_ground_named(scene: Scene) -> bool:
+    """Whether a joint or a spring connects a body to the ground."""
+    pairs = [j.bodies for j in scene.joint.values()] + [s.bodies for s in scene.spring]
+    return any(GROUND in bodies for bodies in pairs)
+
+
+def _parameters(
+    scene: Scene, order: list[str], conditions: Conditions
+) -> tuple[dict[str, int], np.ndarray, dict[str, int]]:
+    """Place of every parameter by path, a vector for their nominal values, and the starts of their
+    blocks."""
+    sizes = {
+        "motors_p": at.MOTOR_SIZE * len(scene.motor),
+        "joints_p": at.JOINT_SIZE * len(scene.joint),
+        "springs_p": at.SPRING_SIZE * len(scene.spring),
+        "loads_p": at.LOAD_SIZE * len(scene.load),
+        "leaves_p": len(conditions.leaves),
+        "proximity_p": len(scene.proximity),
+        "terms_p": len(packing.aero_terms(scene)),
+    }
+    first = at.HEAD + at.BODY_SIZE * len(order)
+    ends = np.cumsum([first, *sizes.values()]).tolist()
+    starts = dict(zip(sizes, ends, strict=False))
+    nominal = np.zeros(ends[-1])
+
+    slots = dict(_HEAD)
+    unset: list[int] = []  # vectors that default to another point
+    for b, name in enumerate(scene.body):
+        start, aero = at.HEAD + at.BODY_SIZE * b, scene.body[name].aerodynamics
+        slots |= {f"body.{name}.{key}": start + offset for key, offset in _BODY.items()}
+        if aero is not None:
+            slots |= {
+                f"body.{name}.aerodynamics.{key}": start + offset for key, offset in _AERO.items()
+            }
+            slots |= _optional(
+                f"body.{name}.aerodynamics.moment_point",
+                aero.moment_point,
+                start + at.MOMENT_POINT,
+                unset,
+            )
+    for i, motor in enumerate(scene.motor):
+        start = starts["motors_p"] + at.MOTOR_SIZE * i
+        slots |= {f"motor.{motor.name}.{key}": start + offset for key, offset in _MOTOR.items()}
+        if motor.trigger is not None:
+            slots[f"motor.{motor.name}.ignition.delay"] = slots.pop(f"motor.{motor.name}.ignition")
+    for i, (name, joint) in enumerate(scene.joint.items()):
+        start = starts["joints_p"] + at.JOINT_SIZE * i
+        slots |= {f"joint.{name}.{key}": start + offset for key, offset in _JOINT.items()}
+        slots |= _optional(
+            f"joint.{name}.second_point", joint.second_point, start + at.SECOND_POINT, unset
+        )
+        if joint.guide is not None:
+            slots |= {f"joint.{name}.guide.{key}": start + offset for key, offset in _GUIDE.items()}
+    for i, spring in enumerate(scene.spring):
+        start = starts["springs_p"] + at.SPRING_SIZE * i
+        slots |= {f"spring.{spring.name}.{key}": start + offset for key, offset in _SPRING.items()}
+        slots |= _optional(
+            f"spring.{spring.name}.second_point",
+            spring.second_point,
+            start + at.SECOND_POINT,
+            unset,
+        )
+    for i, load in enumerate(scene.load):
+        start = starts["loads_p"] + at.LOAD_SIZE * i
+        slots |= {f"load.{load.name}.{key}": start + offset for key, offset in _LOAD.items()}
+        slots |= _optional(f"load.{load.name}.point", load.point, start + at.LOAD_POINT, unset)
+    for i, leaf in enumerate(conditions.leaves):
+        if leaf.path is not None:
+            slots[leaf.path] = starts["leaves_p"] + i
+    for i, entry in enumerate(scene.proximity):
+        slots[f"proximity.{entry.name}.factor"] = starts["proximity_p"] + i
+    slots |= {term.path: starts["terms_p"] + i for i, term in enumerate(packing.aero_terms(scene))}
+    nominal[unset] = math.nan
+    return slots, nominal, starts
+
+
+def _varied(
+    scene: Scene, dispersed: frozenset[str], start: int
+) -> tuple[dict[str, int], dict[str, int], list[float]]:
+    """What all cases share unless some of it is dispersed: axes of joints and of springs, outlines,
+    what multiplies and turns the wind over height.
+
+    Returns places by path from ``start`` on, those where outlines of bodies start (numbers of a
+    part as `sepmc.routines.clearances.hold_outline` has them), and the numbers.
+    """
+    slots, outlines, numbers = dict[str, int](), dict[str, int](), list[float]()
+
+    def varies(*stems: str) -> bool:
+        return any(path.startswith(f"{stem}.") for path in dispersed for stem in stems)
+
+    def add(run: Sequence[float], named: dict[str, int]) -> None:
+        slots.update({path: start + len(numbers) + i for path, i in named.items()})
+        numbers.extend(map(float, run))
+
+    for name, joint in scene.joint.items():
+        x, y = f"joint.{name}.x_axis", f"joint.{name}.y_axis"
+        if varies(x, y):
+            add((*joint.x_axis, *joint.y_axis), _vector(x, 0) | _vector(y, 3))
+    for spring in scene.spring:
+        if spring.axis is not None and varies(path := f"spring.{spring.name}.axis"):
+            add(spring.axis, _vector(path, 0))
+    profile = scene.environment.wind.profile
+    if profile is not None and not dispersed.isdisjoint({WIND_FACTOR, WIND_TURN}):
+        add((profile.factor, profile.turn), {WIND_FACTOR: 0, WIND_TURN: 1})
+    for name, body in scene.body.items():
+        if not varies(f"body.{name}.outline"):
+            continue
+        outlines[name] = start + len(numbers)
+        for number, part in enumerate(body.outline):
+            stem = f"body.{name}.outline.{number}"
+            if part.stations is not None and part.radii is not None:
+                keys = ("stations.0", "offset.y", "offset.z", "stations.1", "radii.0", "radii.1")
+                first, last = part.stations
+                add(
+                    (float(part.hollow), first, *part.offset, last, *part.radii),
+                    {f"{stem}.{key}": i for i, key in enumerate(keys, 1)},
+                )
+            for k, point in enumerate(part.points):
+                add((0.0, *point, math.nan, 0.0, 0.0), _vector(f"{stem}.points.{k}", 1))
+    return slots, outlines, numbers
+
+
+def _optional(
+    path: str, point: tuple[float, float, float] | None, start: int, unset: list[int]
+) -> dict[str, int]:
+    """Places of a point that may be given; if it is not, its numbers are NaN and nothing can name
+    them."""
+    if point is None:
+        unset += range(start, start + 3)
+        return {}
+    return _vector(path, start)
+
+
+def _model(
+    scene: Scene, order: list[str], starts: dict[str, int], size_p: int, gusty: bool
+) -> at.Model:
+    """The scene's structure, and the layout of a case's array: parameters first, then what
+    stretches of time know. ``gusty`` : the wind over height is multiplied and turned by case."""
+    joints = list(scene.joint)
+    pool = Pool()
+    pool.add(
+        [
+            x
+            for j in joints
+            for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))
+        ]
+    )
+    springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
+    air_x, wind_x = packing.add_air(pool, scene), packing.add_wind(pool, scene, gusty)
+    tables = {
+        "profile_i": [x for motor in scene.motor for x in packing.add_profile(pool, motor)],
+        "aero_table_i": [packing.add_aero_table(pool, scene, b) for b in order],
+        "proximity_i": [packing.add_proximity(pool, entry) for entry in scene.proximity],
+        "parts_i": [x for b in order for x in packing.add_outline(pool, scene, b)],
+    }
+    table_starts = dict(
+        zip(
+            tables,
+            np.cumsum([0, *(len(table) for table in tables.values())]).tolist(),
+            strict=False,
+        )
+    )
+    behind = {
+        "work": 0,
+        "motors_w": at.MOTOR_WORK * len(scene.motor),
+        "loads_w": at.LOAD_WORK * len(scene.load),
+        "size_w": 0,
+    }
+    starts |= dict(zip(behind, np.cumsum([size_p, *behind.values()]).tolist(), strict=False))
+    structure = dict(
+        ground=len(order) - 1 if order[-1] == GROUND else -1,
+        n_motors=len(scene.motor),
+        n_loads=len(scene.load),
+        n_terms=len(packing.aero_terms(scene)),
+        n_proximity=len(scene.proximity),
+        pivot_joint=_pivot_joint(scene),
+        **starts,
+        **table_starts,
+        springs_x=springs_x,
+        air_x=air_x,
+        wind_x=wind_x,
+    )
+    record = np.zeros(1, dtype=at.STRUCTURE)
+    for name, number in structure.items():
+        record[name] = number
+    return at.Model(
+        record,
+        np.array([x for table in tables.values() for x in table], dtype=np.int64),
+        pool.array(),
+    )
+
+
+def _pivot_joint(scene: Scene) -> int:
+    """The joint about which the vehicle turns at the start: the first that holds it to the ground;
+    -1 if none does."""
+    for number, (name, joint) in enumerate(scene.joint.items()):
+        if GROUND in joint.bodies and scene.phase[0].joints.get(name, "free") != "free":
+            return number
+    return -1
+
+
+def apart(scene: Scene, name: str) -> int:
+    """Sign that makes the separation positive when the second body moves away from the first along
+    the joint's x axis. Mass centres that are level with each other but for round-off (of units)
+    count as level: then it is 1."""
+    joint = scene.joint[name]
+    if joint.apart is not None:
+        return joint.apart
+    level = _LEVEL * max(1.0, *(abs(x) for centre in centres(scene, joint) for x in centre))
+    return 1 if toward_second(scene, joint) >= -level else -1

@@ -1,0 +1,1 @@
+"""Tracing: formulas called on symbolic values become lines of a kernel."""

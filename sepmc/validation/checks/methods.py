@@ -1,0 +1,80 @@
+"""Every integrator proves its order, with and without an event in the flight."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sepmc.validation import lagrange
+from sepmc.validation import references as ref
+from sepmc.validation.flights import NominalFlight, campaign, tensor
+from sepmc.validation.line import Line
+
+# By method: its order, how far below it a fitted slope may lie, the longest step (s) of the smooth
+# flight, others following by half octaves, and how many steps fit until the release: a kernel makes
+# its steps so long that a whole number of them does. Over all these errors stand clear of
+# round-off, and no body turns too far in a step.
+STUDIES = {
+    "rk4": (4.0, 0.3, 0.05, (12, 16, 24, 32, 48)),
+    "dop853": (8.0, 0.7, 0.28, (2, 3, 4, 5, 6)),
+}
+COUNT = 5
+SMOOTH = {"initial.omega_rad_s": [2.4, 1.0, -1.6], "run.end_time_s": 20.0}
+RELEASE = {
+    "phase": [
+        {
+            "name": "guided",
+            "joints": {"link": "slider"},
+            "until": {"joint": "link", "stroke_m": 0.3},
+        },
+        {"name": "free"},
+    ],
+    "initial.omega_rad_s": [3.6, -2.0, 2.8],
+    "run.end_time_s": 5.0,
+}
+
+
+def _order(case: str, method: str, steps: np.ndarray, error: Callable[[dict], float]) -> Line:
+    """Slope of log error over log step."""
+    order, allowed, *_ = STUDIES[method]
+    errors = [error({"solver.method": method, "solver.step_s": float(step)}) for step in steps]
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    return Line(case, f"order of {method}, at least", order, float(slope), allowed, at_least=True)
+
+
+def orders() -> list[Line]:
+    """A free body's rates and attitude against the closed form; after a release, against Newton and
+    Euler."""
+    smooth, event = campaign("free_body", SMOOTH), campaign("two_bodies", RELEASE)
+    w, r = ref.asymmetric_top(
+        smooth.scene.run.end_time, tensor(smooth.scene, "stone"), smooth.scene.initial.omega
+    )
+    expected = lagrange.fly(event.nominal().to_dict())
+    names = (
+        "release_time_s",
+        *(f"{body}_omega_{axis}_deg_s" for body in ("fore", "aft") for axis in "xyz"),
+    )
+
+    def of_smooth(settings: dict) -> float:
+        stone = NominalFlight(smooth.with_settings(settings), smooth.scene.run.end_time).body(
+            "stone"
+        )
+        return float(max(np.abs(stone.w[-1] - w[0]).max(), np.abs(stone.r[-1] - r[0]).max()))
+
+    def of_event(settings: dict) -> float:
+        found = NominalFlight(event.with_settings(settings), event.scene.run.end_time).outcomes
+        return float(max(abs(found[name] - expected[name]) / abs(expected[name]) for name in names))
+
+    lines = []
+    for method, (_, _, longest, counts) in STUDIES.items():
+        lines.append(
+            _order("smooth flight", method, longest / 2.0 ** (0.5 * np.arange(COUNT)), of_smooth)
+        )
+        lines.append(
+            _order(
+                "flight with a release",
+                method,
+                expected["release_time_s"] / np.array(counts),
+                of_event,
+            )
+        )
+    return lines

@@ -1,0 +1,120 @@
+"""Scenes of the checks, flown as plain Python, and their histories as arrays in ground axes."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.execution import step_selection
+from sepmc.campaign.result import Result
+from sepmc.engine.dispatch import interpreted
+from sepmc.scene.messages import nobody
+from sepmc.scene.model import GROUND
+from sepmc.scene.read import parse_campaign
+
+Array = np.ndarray
+SCENES = Path(__file__).parent / "scenes"
+# What counts as large in scenes whose lengths are about 1 m and rates about 1 rad/s, by unit.
+SIZES = {"m": 1.0, "mm": 1e3, "m/s": 1.0, "m/s2": 1.0, "deg": 57.3, "deg/s": 57.3, "s": 1.0}
+_CORNERS, _SAMPLE = 3, 24  # trial cases of the pilot, in plain Python
+
+
+class Track(NamedTuple):
+    """One body over time: places and velocities of its mass centre (n, 3), attitudes (n, 3, 3), all
+    ground; rates (n, 3), body axes."""
+
+    x: Array
+    v: Array
+    r: Array
+    w: Array
+
+
+def campaign(name: str, settings: dict[str, Any] | None = None) -> Campaign:
+    """A scene of ``scenes/`` with other values put in place by TOML path."""
+    return Campaign(
+        parse_campaign(
+            tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8")), name, settings
+        )
+    )
+
+
+class NominalFlight:
+    """The nominal case of a campaign: its history, a row every ``every`` seconds, its outcomes and
+    its status."""
+
+    def __init__(self, flown: Campaign, every: float = 0.01):
+        self.scene = flown.scene
+        self.history = flown.simulate(step_s=every, announce=nobody)
+        self.outcomes, self.status = self.history.attrs["outcomes"], self.history.attrs["status"]
+        self.t, self.phase = (
+            self.history["time_s"].to_numpy(),
+            self.history["phase"].to_numpy(dtype=str),
+        )
+
+    def columns(self, pattern: str) -> Array:
+        """Three columns whose names differ in the axis, written *."""
+        return self.history[[pattern.replace("*", axis) for axis in "xyz"]].to_numpy(dtype=float)
+
+    def body(self, name: str) -> Track:
+        """A body's motion. The ground keeps the attitude that the vehicle had; its place is not
+        asked for and left zero."""
+        n = len(self.t)
+        if name == GROUND:
+            i = self.scene.initial
+            r = Rotation.from_euler("ZYX", [i.pitch, i.yaw, i.roll]).as_matrix()
+            return Track(
+                np.zeros((n, 3)), np.zeros((n, 3)), np.tile(r, (n, 1, 1)), np.zeros((n, 3))
+            )
+        angles = self.history[
+            [f"{name}_{angle}_deg" for angle in ("pitch", "yaw", "roll")]
+        ].to_numpy(dtype=float)
+        r = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
+        return Track(*self.places(name), r, np.radians(self.columns(f"{name}_omega_*_deg_s")))
+
+    def places(self, name: str) -> tuple[Array, Array]:
+        """Places and velocities of a body's mass centre (n, 3), ground axes."""
+        return self.columns(f"{name}_*_m"), self.columns(f"{name}_v*_m_s")
+
+    def wrench(self, joint: str, body: str) -> tuple[Array, Array]:
+        """Constraint force and moment of a joint on a body, at that body's copy of the joint point,
+        ground axes."""
+        r = self.body(self.scene.joint[joint].bodies[0]).r
+        force, moment = (
+            self.columns(f"{joint}_force_on_{body}_*_N"),
+            self.columns(f"{joint}_moment_on_{body}_*_N_m"),
+        )
+        return np.einsum("nij,nj->ni", r, force), np.einsum("nij,nj->ni", r, moment)
+
+
+def run_plainly(flown: Campaign, cases: int) -> Result:
+    """Run a campaign, its kernel as plain Python. The pilot then has few trial cases, for each
+    takes as long as a case."""
+    usual = step_selection.CORNERS, step_selection.SAMPLE
+    step_selection.CORNERS, step_selection.SAMPLE = _CORNERS, _SAMPLE
+    try:
+        with interpreted():
+            return flown.run(cases=cases, announce=nobody)
+    finally:
+        step_selection.CORNERS, step_selection.SAMPLE = usual
+
+
+def to_ground(r: Array, vectors: Array) -> Array:
+    """Body components (n, 3) or (3,) in ground axes."""
+    return np.einsum("nij,nj->ni", r, np.broadcast_to(vectors, (len(r), 3)))
+
+
+def arm(scene: Any, body: str, layout: Any) -> Array:
+    """Body-axes vector (m) from a body's mass centre to a layout point; see CONVENTIONS.md."""
+    return (np.asarray(layout, float) - np.asarray(scene.body[body].cg)) * (-1.0, 1.0, 1.0)
+
+
+def tensor(scene: Any, body: str) -> Array:
+    """Inertia tensor of a body about its mass centre, kg m2."""
+    data = scene.body[body]
+    xy, xz, yz = data.inertia_products
+    return data.inertia_factor * (
+        np.diag(data.inertia) - np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    )

@@ -1,0 +1,82 @@
+"""`sepmc stress`: numerical stability on hard inputs made for it, in one table.
+
+A line is an input, the error of a quantity, the bound set for it beforehand and why, and whether
+status or audit told of an error.
+"""
+
+from collections.abc import Callable, Iterable
+
+from sepmc.validation.stresses import (
+    drift,
+    edges,
+    events,
+    inputs,
+    ratios,
+    redundant,
+    springs,
+    strokes,
+    turning,
+)
+from sepmc.validation.stresses.drift import hours_table
+from sepmc.validation.stresses.line import Stress, brief, table
+
+__all__ = ["STRESSES", "Stress", "brief", "hours_table", "stress", "table"]
+
+STRESSES: dict[str, Callable[[], list[Stress]]] = {
+    given.__name__: given
+    for given in (
+        ratios.masses,
+        ratios.light_link,
+        ratios.inertias,
+        ratios.needles,
+        ratios.nearly_singular,
+        ratios.arms,
+        ratios.long_pendulum,
+        turning.resolved_spins,
+        turning.long_steps,
+        turning.step_lengths,
+        turning.hinged_steps,
+        turning.angles,
+        turning.angles_at_long_steps,
+        drift.hour,
+        strokes.strokes,
+        strokes.grazing,
+        strokes.slow,
+        strokes.spent_springs,
+        events.peak_loads,
+        events.angle_limits,
+        events.simultaneous,
+        events.under_load,
+        springs.stiff,
+        springs.unresolved,
+        springs.hidden,
+        redundant.welds,
+        redundant.triangle,
+        redundant.four_bar,
+        redundant.two_balls,
+        redundant.near_parallel,
+        redundant.short_rods,
+        edges.aero_tables,
+        edges.air,
+        edges.wind,
+        edges.proximity,
+        inputs.not_finite,
+        inputs.not_physical,
+        inputs.absurd,
+        inputs.rods_without_length,
+        inputs.refused,
+    )
+}
+
+
+def stress(names: Iterable[str] | None = None) -> list[Stress]:
+    """Run the stresses and return their lines.
+
+    Parameters
+    ----------
+    names : of `STRESSES`; all if None
+    """
+    lines = []
+    for name in STRESSES if names is None else names:
+        lines += STRESSES[name]()
+    return lines

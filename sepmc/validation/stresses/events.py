@@ -1,0 +1,288 @@
+"""Events at one instant, on peaks of a load and at angle limits; releases under load."""
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from sepmc.schema import AUDIT_BOUNDS
+from sepmc.validation import references as ref
+from sepmc.validation.flights import NominalFlight
+from sepmc.validation.stresses.drift import invariants
+from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, relative
+from sepmc.validation.stresses.scenes import Tree, body, fly, held, joint, pushed, scene
+from sepmc.validation.stresses.strokes import ROOT, located
+
+
+def _swung(condition: dict[str, float], step: float) -> Tree:
+    """A body on a hinge to the ground that swings from 80 deg beside straight down; let go on a
+    condition, or at 1 s."""
+    bob = body(2.0, [0.1, 0.3, 0.3], [1.0, 0.0, 0.0])
+    hinge = joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
+    until = {"any": [{"joint": "hinge", **condition}, {"time_s": 1.0}]}
+    phases: list[Tree] = [
+        {"name": "swinging", "joints": {"hinge": "revolute"}, "until": until},
+        {"name": "free"},
+    ]
+    return scene({"bob": bob}, {"hinge": hinge}, phases, 1.2, step,
+    environment={"gravity": "constant"},
+                 initial={"pitch_deg": 10.0}, output={"loads": ["hinge"]})  # fmt: skip
+
+
+def _load(angle: float, start: float) -> float:
+    """Force of the hinge, N, of the swing that starts at rest at ``start``, rad: along the arm, and
+    across it. m = 2, L = 1, J = 2.3."""
+    weight, share = 2.0 * 9.80665, 2.0 / 2.3
+    along = weight * (math.cos(angle) + 2.0 * share * (math.cos(angle) - math.cos(start)))
+    return math.hypot(along, weight * (1.0 - share) * math.sin(angle))
+
+
+def peak_loads() -> list[Stress]:
+    """A break load just below, and just above, the greatest load of a swing, which lies within a
+    step."""
+    frequency, start = math.sqrt(2.0 * 9.80665 / 2.3), math.radians(-80.0)
+    lowest, peak = 0.25 * ref.pendulum_period(frequency, start), _load(0.0, start)
+    lines = []
+    for step in (0.005, 0.02, 0.05, 0.1):
+        for margin in (1e-2, 1e-3, 1e-4, 1e-6, -1e-6, -1e-3):
+            limit, time, bound = peak * (1.0 - margin), 1.0, located(1.0)
+            found = fly(_swung({"force_N": limit}, step))
+            if margin > 0.0:
+                time = brentq(
+                    lambda t, f=limit: (
+                        _load(float(ref.pendulum(t, frequency, start)[0]), start) - f
+                    ),
+                    0.0,
+                    lowest,
+                    xtol=1e-15,
+                )
+                slope = (
+                    limit - _load(float(ref.pendulum(time - 1e-6, frequency, start)[0]), start)
+                ) / 1e-6
+                # of the load: what is asked of a resolved swing
+                share = FORM.value if step <= 0.05 else AUDIT_BOUNDS["energy_residual"]
+                bound = Bound(ROOT + peak * share / slope, f"{share:.0e} of the load / slope")
+            error = abs(found.outcomes["release_time_s"] - time)
+            lines.append(
+                judge(
+                    f"load {margin:+.0e} below peak, h {step:g} s",
+                    "release, s",
+                    error,
+                    bound,
+                    found,
+                    True,
+                )
+            )
+    return lines
+
+
+def angle_limits() -> list[Stress]:
+    """A hinge let go at an angle just below, at and beyond half a turn, where the angle between two
+    bodies turns back."""
+    lines = []
+    for degrees in (1e-6, 90.0, 179.0, 179.999, 180.0):
+        for step in (0.05, 0.013):
+            stone = body(1.0, [1.0, 1.0, 1.0], [0.0, 0.0, 0.0])
+            phases: list[Tree] = [
+                {
+                    "name": "turning",
+                    "joints": {"hinge": "revolute"},
+                    "until": {"joint": "hinge", "angle_deg": degrees},
+                },
+                {"name": "free"},
+            ]
+            hinge = joint("ground", "stone", [0.0, 0.0, 0.0], x_axis=[0.0, 0.0, 1.0])
+            found = fly(
+                scene({"stone": stone}, {"hinge": hinge}, phases, 5.0, step, [0.0, 0.0, 1.0])
+            )
+            error = abs(found.outcomes["release_time_s"] - math.radians(degrees))
+            # the angle comes from the sine of its half, whose slope is cos(angle / 2)
+            bound = Bound(
+                ROOT + 50.0 * EPS / max(math.cos(0.5 * math.radians(degrees)), math.sqrt(EPS)),
+                "50 eps / cos(angle / 2)",
+            )
+            lines.append(
+                judge(
+                    f"hinge until {degrees:g} deg, h {step:g} s", "release, s", error, bound, found
+                )
+            )
+    return lines
+
+
+def _boosters(releases: list[Tree], phases: list[Tree]) -> NominalFlight:
+    """A core with two boosters beside it on sliders, pushed back alike."""
+    bodies = {"core": body(4.0, [2.0, 5.0, 5.0], [2.0, 0.0, 0.0])}
+    joints, springs = {}, []
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        point = [2.0, side, 0.0]
+        bodies[name] = body(1.0, [0.2, 1.0, 1.0], point)
+        joints[name] = joint("core", name, point, apart=-1)
+        springs.append(
+            {
+                "name": f"push_{name}",
+                "bodies": ["core", name],
+                "point_m": point,
+                "axis": [-1.0, 0.0, 0.0],
+                "force_N": 2.0,
+            }
+        )
+    return fly(scene(bodies, joints, phases, 0.5, 0.05, spring=springs, release=releases))
+
+
+def simultaneous() -> list[Stress]:
+    """Two joints that let go at one instant; a stroke reached at a time given too; conditions met
+    before their phase begins."""
+    lines = []
+    # 2 N on 1 kg, and 4 N on 4 kg the other way: 3 m/s2
+    stroke, time = 0.0375, math.sqrt(2.0 * 0.0375 / 3.0)
+    own = [
+        {"name": f"go_{j}", "joint": j, "when": {"joint": j, "stroke_m": stroke}}
+        for j in ("left", "right")
+    ]
+    until = {"all": [release["when"] for release in own]}
+    at_once: list[Tree] = [
+        {"name": "on", "joints": {"left": "slider", "right": "slider"}, "until": until},
+        {"name": "off"},
+    ]
+    for given, releases, phases in (
+        ("two joints, each on its own stroke", own, held(left="slider", right="slider")),
+        ("two joints, one phase, both strokes", [], at_once),
+    ):
+        found = _boosters(releases, phases)
+        for j in ("left", "right"):
+            error = abs(found.outcomes[f"{j}_release_time_s"] - time)
+            lines.append(
+                judge(given, f"release of {j}, s", error, located(3.0 * time), found, True)
+            )
+        lines.append(
+            judge(
+                given,
+                "sideways rates",
+                float(np.max(np.abs(found.body("core").w))),
+                FORM,
+                found,
+                True,
+            )
+        )
+    lines += [
+        _line("stroke reached at a time given", {"time_s": 0.5}, 0.25, 0.5),
+        _line("time given 1e-13 s before the stroke", {"time_s": 0.5 - 1e-13}, 0.25, 0.5),
+    ]
+    lines.append(_line("time given 1e-9 s after the stroke", {"time_s": 0.5 + 1e-9}, 0.25, 0.5))
+    lines.append(_line("event at 0 s", {"time_s": 0.0}, 0.25, 0.0))
+    lines += _cascade()
+    return lines
+
+
+def _line(given: str, until: dict[str, Any], stroke: float, time: float) -> Stress:
+    found = fly(pushed(stroke, **until))
+    return judge(
+        given,
+        "release, s",
+        abs(found.outcomes["release_time_s"] - time),
+        located(2.0 * max(time, 0.1)),
+        found,
+        True,
+    )
+
+
+def _cascade() -> list[Stress]:
+    """Phases whose conditions are met before they begin are passed at one instant; a joint that
+    lets go late does so after its delay."""
+    tree = pushed(0.04)
+    at = {"joint": "link", "stroke_m": 0.04}
+    tree["phase"] = [
+        {"name": "fixed", "joints": {"link": "fixed"}, "until": {"time_s": 0.1}},
+        {"name": "guided", "joints": {"link": "slider"}, "until": at},
+        {
+            "name": "looser",
+            "joints": {"link": "point-on-line"},
+            "until": {"joint": "link", "stroke_m": 0.03},
+        },
+        {"name": "free"},
+        {"name": "freer", "until": {"any": [{"time_s": 0.2}, at]}},
+        {"name": "last"},
+    ]
+    tree["phase"][3]["until"] = at
+    found = fly(tree)
+    lines = [
+        judge(
+            "three events at one instant",
+            "release, s",
+            abs(found.outcomes["release_time_s"] - 0.3),
+            located(0.4),
+            found,
+            True,
+        )
+    ]
+    late = pushed(0.04)
+    late["joint"]["link"]["delay_s"] = 0.1
+    found = fly(late)
+    return [
+        *lines,
+        judge(
+            "late by two steps",
+            "release, s",
+            abs(found.outcomes["release_time_s"] - 0.3),
+            located(0.4),
+            found,
+            True,
+        ),
+    ]
+
+
+def under_load() -> list[Stress]:
+    """A weld that carries up to 1e9 N lets go: momentum and energy stay, and each mass centre goes
+    on along its tangent."""
+    lines = []
+    for rate in (1.0, 100.0, 1e4):
+        bodies = {
+            "fore": body(2e3, [1e3, 1e3, 1e3], [0.0, 0.0, 0.0]),
+            "aft": body(1e3, [1e3, 1e3, 1e3], [3.0, 0.0, 0.0]),
+        }
+        phases: list[Tree] = [
+            {"name": "held", "joints": {"link": "fixed"}, "until": {"time_s": 0.5 / rate}},
+            {"name": "free"},
+        ]
+        found = fly(
+            scene(
+                bodies,
+                {"link": joint("fore", "aft", [1.0, 0.0, 0.0])},
+                phases,
+                1.0 / rate,
+                0.05 / rate,
+                [0.0, 0.0, rate],
+            )
+        )
+        energy, spin = invariants(found)
+        given = f"release under {1e3 * rate**2 * 2.0:.0e} N"
+        error = relative([found.body(b).w[-1] for b in ("fore", "aft")], [0.0, 0.0, rate])
+        lines.append(judge(given, "rates", error, FORM, found, True))
+        lines.append(
+            judge(
+                given,
+                "energy",
+                relative(energy, np.full_like(energy, energy[0])),
+                FORM,
+                found,
+                True,
+            )
+        )
+        lines.append(
+            judge(
+                given,
+                "angular momentum",
+                relative(spin, np.broadcast_to(spin[0], spin.shape)),
+                FORM,
+                found,
+                True,
+            )
+        )
+        angle = np.minimum(rate * found.t, 0.5)
+        # aft is 2 m behind the mass centre
+        along = np.stack([np.sin(angle), -np.cos(angle), np.zeros_like(angle)], axis=1) * 2.0 * rate
+        lines.append(
+            judge(given, "velocity", relative(found.body("aft").v, along), FORM, found, True)
+        )
+    return lines

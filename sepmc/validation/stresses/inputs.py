@@ -1,0 +1,233 @@
+"""Case rows that no dispersion should draw: not finite, not physical, absurdly large; and scenes
+that must be refused."""
+
+import copy
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sepmc.campaign.campaign import Campaign
+from sepmc.campaign.execution import step_selection
+from sepmc.engine.dispatch import Block, interpreted, load_kernel
+from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import SceneError
+from sepmc.scene.parameters import Parameter
+from sepmc.scene.read import parse_campaign
+from sepmc.schema import Status
+from sepmc.validation.stresses.line import EXACT, FORM, NONE, Bound, Stress, beyond
+from sepmc.validation.stresses.scenes import Tree, make, pair, pushed
+
+HUGE, TINY = 1e300, 1e-300
+
+
+class _Varied:
+    """A scene in which every number varies that a file may let vary, and its kernel as plain
+    Python, in steps of the scene's own length."""
+
+    def __init__(self, tree: Tree):
+        file = parse_campaign(copy.deepcopy(tree), "stress", None)
+        plan = make_plan(file.scene)
+        self.nominal = {
+            path: float(plan.nominal[slot])
+            for path, slot in plan.slots.items()
+            if not path.startswith("run.")
+        }
+        laws = [
+            Dispersion(Parameter(path, path, "", 1.0, None), "constant", (value,))
+            for path, value in self.nominal.items()
+        ]
+        self.campaign = Campaign(replace(file, dispersions=tuple(laws)))
+        with interpreted():
+            kernel = load_kernel(step_selection.kernel_text(self.campaign))
+        one, usual = np.ones(kernel.stages, dtype=np.int64), np.full(kernel.stages, math.inf)
+        self.flight = step_selection.Flight(
+            kernel=kernel, steps=one, usual=usual, step=file.scene.solver.step
+        )
+
+    def fly(self, changed: list[dict[str, float]]) -> Block:
+        """Cases that differ from the scene in some numbers, SI, each by its path."""
+        return step_selection.fly(
+            self.campaign,
+            self.flight,
+            np.array([list((self.nominal | values).values()) for values in changed]),
+        )
+
+    def row(self, block: Block, i: int) -> dict[str, float]:
+        """Outcomes and audit of a case."""
+        return {
+            c.name: x for c, x in zip(self.campaign.result_columns, block.outcomes[i], strict=True)
+        }
+
+    def line(
+        self,
+        given: str,
+        quantity: str,
+        error: float,
+        bound: Bound,
+        block: Block,
+        i: int,
+        resolved: bool = False,
+    ) -> Stress:
+        """The line of a case."""
+        status = Status(int(block.status[i])).label
+        return Stress(
+            given,
+            quantity,
+            error,
+            bound,
+            status,
+            beyond(self.row(block, i)) if status == Status.OK.label else (),
+            resolved,
+        )
+
+
+def _varied() -> _Varied:
+    """A scene with many parameters: two bodies with air, a motor, a spring with a stroke, a load,
+    and a joint that is released."""
+    tree = pushed(0.04, end=0.4, spring={"stroke_m": 0.1, "stiffness_N_per_m": 1.0})
+    air = {
+        "reference_area_m2": 0.1,
+        "reference_length_m": 1.0,
+        "axial": {"const": 0.3},
+        "normal": {"alpha": 1.0},
+    }
+    tree["body"]["aft"]["aerodynamics"] = air
+    tree["environment"] = {"atmosphere": "us1976", "gravity": "inverse-square"}
+    tree["initial"] |= {"altitude_m": 20_000.0, "speed_m_s": 500.0}
+    tree["motor"] = [
+        {
+            "name": "retro",
+            "body": "aft",
+            "thrust_N": 5.0,
+            "build_up_s": 0.1,
+            "burn_s": 0.2,
+            "tail_off_s": 0.1,
+            "station_m": 3.5,
+        }
+    ]
+    tree["load"] = [
+        {"name": "side", "body": "aft", "force_N": [0.0, 0.1, 0.0], "start_s": 0.1, "end_s": 0.3}
+    ]
+    return _Varied(tree)
+
+
+def not_finite() -> list[Stress]:
+    """NaN and infinities in every parameter in turn, with a fair case before and after all of them,
+    which must not notice."""
+    varied, lines = _varied(), []
+    count, alone = len(varied.nominal), varied.fly([{}])
+    for value in (math.nan, math.inf, -math.inf):
+        block = varied.fly([{}, *({path: value} for path in varied.nominal), {}])
+        for i, path in enumerate(varied.nominal, 1):
+            if int(block.status[i]) == Status.OK:
+                lines.append(varied.line(f"{path} = {value}", "any", math.nan, NONE, block, i))
+        lines.append(
+            varied.line(
+                f"{value} in {count} parameters in turn", "any", math.nan, NONE, block, count
+            )
+        )
+        error = float(np.nanmax(np.abs(block.outcomes[[0, -1]] - alone.outcomes)))
+        lines.append(
+            varied.line(f"fair cases beside {value}", "all outcomes", error, EXACT, block, 0, True)
+        )
+    return lines
+
+
+def not_physical() -> list[Stress]:
+    """Masses and inertias no body has: each is told."""
+    varied, lines = _varied(), []
+    for path, values in (
+        ("body.aft.mass", (0.0, -0.0, -1.0)),
+        ("body.aft.inertia.xx", (0.0, -1.0)),
+        ("body.aft.inertia_products.xy", (2.0, 1e6)),
+        ("body.aft.inertia_factor", (0.0, -1.0)),
+    ):
+        block = varied.fly([{path: value} for value in values])
+        lines += [
+            varied.line(f"{path} = {value:g}", "any", math.nan, NONE, block, i)
+            for i, value in enumerate(values)
+        ]
+    return lines
+
+
+def absurd() -> list[Stress]:
+    """Every parameter in turn at +-1e300 and 1e-300: what is called ok has finite outcomes."""
+    varied, lines = _varied(), []
+    # without trial cases there is no estimate of errors
+    needed = [
+        c.name
+        for c in varied.campaign.result_columns
+        if not c.name.endswith("release_time_s") and c.name != "error"
+    ]
+    for value in (HUGE, -HUGE, TINY):
+        block, faults = varied.fly([{path: value} for path in varied.nominal]), []
+        for i, path in enumerate(varied.nominal):
+            row = varied.row(block, i)
+            if (
+                int(block.status[i]) == Status.OK
+                and not beyond(row)
+                and not all(math.isfinite(row[name]) for name in needed)
+            ):
+                faults.append(path)
+        given = f"{value:.0e} in {len(varied.nominal)} parameters" + (
+            f", {faults[0]}" if faults else ""
+        )
+        lines.append(
+            Stress(given, "ok, not finite: cases", float(len(faults)), EXACT, Status.OK.label)
+        )
+    return lines
+
+
+def rods_without_length() -> list[Stress]:
+    """A rod whose ends a dispersion brings together, or nearly: told in flight. By file it is
+    refused."""
+    tree = pair("rod", end=0.2, step=0.01)
+    tree["joint"]["link"]["second_point_m"] = [2.5, 0.1, 0.0]
+    varied, lines = _Varied(tree), []
+    lengths = (0.5, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 0.0)
+    block = varied.fly([{"joint.link.point.x": 2.5 - length} for length in lengths])
+    for i, length in enumerate(lengths):
+        error = varied.row(block, i)["joint_gap_residual_m"]
+        lines.append(
+            varied.line(
+                f"rod dispersed to {length:g} m", "length, m", error, FORM, block, i, length >= 1e-3
+            )
+        )
+    return lines
+
+
+def _refusal(given: str, tree: Tree) -> Stress:
+    """The line of a scene that must not be read."""
+    try:
+        make(tree)
+    except SceneError:
+        return Stress(given, "any", math.nan, NONE, "refused")
+    return Stress(given, "any", math.nan, NONE, Status.OK.label)
+
+
+def refused() -> list[Stress]:
+    """Scenes that can only be wrong are refused when they are read."""
+
+    def with_(path: str, value: Any) -> Tree:
+        tree = copy.deepcopy(pair("fixed"))  # its bodies are those of other stresses too
+        *keys, last = path.split(".")
+        node = tree
+        for key in keys:
+            node = node[key]
+        node[last] = value
+        return tree
+
+    rod = pair("rod")
+    rod["joint"]["link"]["second_point_m"] = rod["joint"]["link"]["point_m"]
+    return [
+        _refusal("rod without length, by file", rod),
+        _refusal("singular inertia, by file", with_("body.aft.inertia_kg_m2", [0.0, 1.0, 1.0])),
+        _refusal("inertia of no body, by file", with_("body.aft.inertia_kg_m2", [1.0, 1.0, 3.0])),
+        _refusal("mass NaN, by file", with_("body.aft.mass_kg", math.nan)),
+        _refusal("rate infinite, by file", with_("initial.omega_rad_s", [math.inf, 0.0, 0.0])),
+        _refusal("step 0, by file", with_("solver.step_s", 0.0)),
+        _refusal("parallel joint axes, by file", with_("joint.link.y_axis", [1.0, 0.0, 0.0])),
+    ]

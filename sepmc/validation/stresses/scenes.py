@@ -1,0 +1,176 @@
+"""Scenes of the stress suite, built in place: a TOML tree, flown."""
+
+import copy
+from typing import Any
+
+import numpy as np
+
+from sepmc.campaign.campaign import Campaign
+from sepmc.scene.read import parse_campaign
+from sepmc.validation import references as ref
+from sepmc.validation.flights import NominalFlight, arm, tensor
+from sepmc.validation.stresses.line import relative
+
+Tree = dict[str, Any]
+SPACE = {"atmosphere": "none", "gravity": "none"}
+
+
+def body(
+    mass: float,
+    inertia: list[float],
+    cg: list[float],
+    products: list[float] | None = None,
+    **more: Any,
+) -> Tree:
+    """A body's table: kg, kg m2, layout point in m."""
+    return {
+        "mass_kg": mass,
+        "inertia_kg_m2": inertia,
+        "inertia_products_kg_m2": products or [0.0, 0.0, 0.0],
+        "cg_m": cg,
+        **more,
+    }
+
+
+def joint(first: str, second: str, point: list[float], **more: Any) -> Tree:
+    """A joint's table: bodies, layout point in m."""
+    return {"bodies": [first, second], "point_m": point, **more}
+
+
+def scene(
+    bodies: Tree,
+    joints: Tree,
+    phases: list[Tree],
+    end: float,
+    step: float,
+    omega: list[float] | None = None,
+    **more: Any,
+) -> Tree:
+    """Bodies in empty space that start at rest or turning, rad/s; other tables as in a file."""
+    tree: Tree = {
+        "environment": dict(SPACE),
+        "body": bodies,
+        "joint": joints,
+        "phase": phases,
+        "initial": {"altitude_m": 0.0, "speed_m_s": 0.0, "omega_rad_s": omega or [0.0, 0.0, 0.0]},
+        "run": {"end_time_s": end},
+        "solver": {"step_s": step},
+    }
+    for key, value in more.items():
+        if isinstance(value, dict):
+            tree.setdefault(key, {}).update(value)
+        else:
+            tree[key] = value
+    return tree
+
+
+def held(**kinds: str) -> list[Tree]:
+    """One phase, in which these joints hold."""
+    return [{"name": "held", "joints": kinds}]
+
+
+def make(tree: Tree) -> Campaign:
+    """A campaign of a tree, which stays as it is."""
+    return Campaign(parse_campaign(copy.deepcopy(tree), "stress", None))
+
+
+def settled(tree: Tree) -> Tree:
+    """The same scene without a step that is given: it is flown in steps at which it has settled to
+    an accuracy of 1e-9."""
+    return tree | {
+        "solver": {key: value for key, value in tree["solver"].items() if key != "step_s"}
+    }
+
+
+def fly(tree: Tree, rows: int = 20) -> NominalFlight:
+    """The nominal case with about so many rows of history."""
+    campaign = make(tree)
+    return NominalFlight(campaign, campaign.scene.run.end_time / rows)
+
+
+# Two bodies, no two numbers alike: what is varied below starts from these.
+FORE = body(3.0, [3.0, 4.0, 5.0], [1.0, 0.05, -0.02])
+AFT = body(1.0, [1.0, 2.0, 2.2], [3.0, -0.04, 0.03], [0.2, -0.1, 0.15])
+OMEGA = [0.9, -0.5, 0.7]
+
+
+def pair(
+    kind: str, end: float = 2.0, step: float = 0.02, fore: Tree = FORE, aft: Tree = AFT, **more: Any
+) -> Tree:
+    """Two bodies turning in empty space, held by one joint between them."""
+    given = {"omega": OMEGA, **more}
+    return scene(
+        {"fore": fore, "aft": aft},
+        {"link": joint("fore", "aft", [2.0, 0.1, 0.0])},
+        held(link=kind),
+        end,
+        step,
+        **given,
+    )
+
+
+def pushed(
+    stroke: float,
+    kind: str = "slider",
+    end: float = 1.0,
+    step: float = 0.05,
+    spring: Tree | None = None,
+    **until: Any,
+) -> Tree:
+    """3 kg and 1 kg on a slider without offset, pushed apart with 1.5 N: 2 m/s2 between them. The
+    slider ends at a stroke, m."""
+    push = {
+        "name": "push",
+        "bodies": ["fore", "aft"],
+        "point_m": [2.0, 0.0, 0.0],
+        "axis": [-1.0, 0.0, 0.0],
+        "force_N": 1.5,
+    }
+    bodies = {
+        "fore": body(3.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0]),
+        "aft": body(1.0, [1.0, 2.0, 2.0], [3.0, 0.0, 0.0]),
+    }
+    end_of = {"joint": "link", "stroke_m": stroke, **until}
+    phases: list[Tree] = [
+        {"name": "guided", "joints": {"link": kind}, "until": end_of},
+        {"name": "free"},
+    ]
+    return scene(
+        bodies,
+        {"link": joint("fore", "aft", [2.0, 0.0, 0.0])},
+        phases,
+        end,
+        step,
+        spring=[push | (spring or {})],
+    )
+
+
+class Composite:
+    """All bodies of a flight welded together: rates, attitude, and wrench on one of them, in closed
+    form."""
+
+    def __init__(self, found: NominalFlight, second: str, point: list[float]):
+        scene_, self.found, self.second = found.scene, found, second
+        names = list(scene_.body)
+        places, masses = (
+            [-arm(scene_, b, point) for b in names],
+            [scene_.body[b].mass for b in names],
+        )
+        tensors = [tensor(scene_, b) for b in names]
+        whole, k = ref.composite(masses, tensors, places), names.index(second)
+        self.rate, self.attitude = ref.asymmetric_top(found.t, whole.inertia, scene_.initial.omega)
+        self.force, self.moment = ref.weld_wrench(
+            whole, masses[k], tensors[k], places[k], np.zeros(3), self.rate
+        )
+
+    def rate_error(self, name: str | None = None) -> float:
+        """Relative error of a body's angular rates; of the second body if none is named."""
+        return relative(self.found.body(name or self.second).w, self.rate)
+
+    def attitude_error(self, name: str | None = None) -> float:
+        """Relative error of a body's attitude matrices; of the second body if none is named."""
+        return relative(self.found.body(name or self.second).r, self.attitude)
+
+    def force_error(self, joint_name: str = "link") -> float:
+        """Relative error of the force of a joint on the second body."""
+        return relative(self.found.columns(f"{joint_name}_force_on_{self.second}_*_N"), self.force)

@@ -1,0 +1,113 @@
+"""Springs up to 1e9 N/m: with steps that resolve them, and with steps that do not."""
+
+import math
+
+from sepmc.schema import AUDIT_BOUNDS
+from sepmc.validation import references as ref
+from sepmc.validation.flights import NominalFlight
+from sepmc.validation.stresses.line import EPS, FORM, Bound, Stress, judge, promised, relative
+from sepmc.validation.stresses.scenes import Tree, fly, pushed
+
+MASS, FORCE = ref.reduced_mass(3.0, 1.0), 1e3  # kg, N
+
+
+def _sprung(
+    stiffness: float, turn: float, damping: float = 0.0, roll: float = 0.0, steps: int = 100
+) -> Tree:
+    """Two bodies on a slider pushed apart with 1000 N over a spring, with steps in which its phase
+    goes on by ``turn``, rad."""
+    step = turn / math.sqrt(stiffness / MASS)
+    tree = pushed(
+        1.0,
+        end=steps * step,
+        step=step,
+        spring={"force_N": FORCE, "stiffness_N_per_m": stiffness, "damping_N_s_per_m": damping},
+    )
+    tree["phase"] = [{"name": "guided", "joints": {"link": "slider"}}]
+    tree["initial"]["omega_rad_s"] = [roll, 0.0, 0.0]
+    return tree
+
+
+def _error(found: NominalFlight, stiffness: float, damping: float = 0.0) -> float:
+    """Largest error of the extension over the largest extension."""
+    x, _ = ref.spring_extension(found.t, MASS, FORCE, stiffness, damping)
+    return relative(1e-3 * found.history["separation_distance_mm"].to_numpy(), x, FORCE / stiffness)
+
+
+def stiff() -> list[Stress]:
+    """Stiffness 1 to 1e9 N/m with 0.1 rad a step, with and without damping."""
+    lines = []
+    for stiffness in (1.0, 1e3, 1e6, 1e9):
+        for ratio in (0.0, 0.3):
+            damping = 2.0 * ratio * math.sqrt(stiffness * MASS)
+            given = f"{stiffness:.0e} N/m, 0.1 rad a step" + (", damped" if ratio else "")
+            # over 1 m places are known to eps: an extension of FORCE / stiffness keeps the rest of
+            # the digits
+            bound = (
+                FORM
+                if stiffness < 1e7
+                else Bound(100.0 * EPS * stiffness / FORCE, "100 eps m over extension")
+            )
+            found = fly(_sprung(stiffness, 0.1, damping), 50)
+            lines.append(
+                judge(given, "extension", _error(found, stiffness, damping), bound, found, True)
+            )
+    return lines
+
+
+def unresolved() -> list[Stress]:
+    """1e9 N/m with steps that are too long for it, and far too long; nearly critically damped, so
+    that the motion is soon over."""
+    lines = []
+    damping = 1.8 * math.sqrt(1e9 * MASS)
+    for turn in (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 6.0, 30.0, 1e3):
+        found = fly(_sprung(1e9, turn), 50)
+        lines.append(
+            judge(
+                f"1e9 N/m, {turn:g} rad a step",
+                "extension",
+                _error(found, 1e9),
+                promised(100),
+                found,
+                resolved=turn < 0.5,
+            )
+        )
+    for turn in (1.0, 2.0, 3.0, 4.0, 6.0, 10.0):
+        found = fly(_sprung(1e9, turn, damping), 50)
+        lines.append(
+            judge(
+                f"1e9 N/m, {turn:g} rad a step, damped",
+                "extension",
+                _error(found, 1e9, damping),
+                promised(100),
+                found,
+            )
+        )
+    return lines
+
+
+def hidden() -> list[Stress]:
+    """The same in bodies that roll with 1e6 times the energy of the spring, beside which an error
+    of the spring is small.
+
+    What status ok promises is energy to 1e-6 of the whole, which is all the energy of the spring.
+    """
+    lines = []
+    for turn in (0.3, 1.0, 1.5, 2.0, 3.0, 6.0):
+        for share in (1e-3, 1e-6):
+            stored = 0.5 * FORCE**2 / 1e9  # J
+            found = fly(_sprung(1e9, turn, roll=math.sqrt(2.0 * stored / share / 2.0)), 50)
+            size = math.sqrt(2.0 * AUDIT_BOUNDS["energy_residual"] * stored / share / MASS) / (
+                FORCE / math.sqrt(1e9 * MASS)
+            )
+            given = f"{turn:g} rad a step, {share:.0e} of the energy"
+            lines.append(
+                judge(
+                    given,
+                    "extension",
+                    _error(found, 1e9),
+                    Bound(size, "1e-6 of energy as speed"),
+                    found,
+                )
+            )
+    return lines

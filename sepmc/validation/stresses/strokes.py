@@ -1,0 +1,232 @@
+"""Strokes that are short, grazing, slow, exact or out of reach."""
+
+import math
+
+from sepmc.validation import references as ref
+from sepmc.validation.stresses.line import ASKED, EPS, FORM, NONE, Bound, Stress, judge, relative
+from sepmc.validation.stresses.scenes import Tree, fly, pushed, settled
+
+# s, m: how near an event is located; what counts as met (compiler/events.py)
+ROOT, TOUCH = 1e-13, 1e-12
+ACCELERATION = 2.0  # m/s2, of the gap in `pushed`
+
+
+def located(speed: float, lost: float = 0.0, size: float = 1.0) -> Bound:
+    """Error of the time of an event that is passed at a speed, m/s: the root's own, round-off of
+    places of a size, m, truncation, m."""
+    return Bound(
+        ROOT + (50.0 * EPS * size + lost) / speed,
+        "1e-13 s, round-off / speed" if lost == 0.0 else "truncation z^9/9! / speed",
+    )
+
+
+def truncation(z: float) -> float:
+    """What a method of order 8 loses of an oscillation by which it steps z rad: its first missing
+    term of the exponential."""
+    return z**9 / math.factorial(9)
+
+
+def strokes() -> list[Stress]:
+    """Pins from 0 to 1 m long, drawn with 2 m/s2: when they let go, and how fast the bodies then
+    part."""
+    lines = []
+    for stroke in (0.0, 1e-15, 1e-12, 1.001e-12, 1e-11, 1e-9, 1e-6, 1e-3, 0.25):
+        time, speed = math.sqrt(2.0 * stroke / ACCELERATION), math.sqrt(2.0 * ACCELERATION * stroke)
+        bound = (
+            located(speed)
+            if stroke > TOUCH
+            else Bound(math.sqrt(2.0 * TOUCH / ACCELERATION), "1e-12 m counts as met")
+        )
+        given = f"pins of {stroke:g} m" + (", at the end of a step" if stroke == 0.25 else "")
+        found = fly(pushed(stroke))
+        lines.append(
+            judge(
+                given,
+                "release, s",
+                abs(found.outcomes["release_time_s"] - time),
+                bound,
+                found,
+                True,
+            )
+        )
+        lines.append(
+            judge(
+                given,
+                "speed at the end",
+                relative(found.outcomes["separation_speed_m_s"], 2.0),
+                FORM,
+                found,
+                True,
+            )
+        )
+    for given, tree in (
+        ("pins never drawn", pushed(2.0)),
+        ("pins pushed the other way", pushed(1e-9, spring={"force_N": -1.5})),
+    ):
+        found = fly(tree)
+        lines.append(judge(given, "release, s", found.outcomes["release_time_s"], NONE, found))
+    found = fly(pushed(1.0))
+    error = abs(found.outcomes["release_time_s"] - 1.0)
+    return [
+        *lines,
+        judge("pins drawn at the end of the run", "release, s", error, located(2.0), found),
+    ]
+
+
+FREQUENCY = 2.0 * math.pi  # rad/s, of the oscillation below
+TOP = 0.1  # m
+
+
+def _oscillator(
+    stroke: float, end: float = 0.9, step: float = 0.05, where: str = "stroke_m"
+) -> Tree:
+    """`pushed` by a spring that swings the gap between 0 and TOP with a period of 1 s; released at
+    a stroke, or at 0.8 s."""
+    mass = ref.reduced_mass(3.0, 1.0)
+    spring = {"force_N": 0.5 * mass * FREQUENCY**2 * TOP, "stiffness_N_per_m": mass * FREQUENCY**2}
+    tree = pushed(stroke, end=end, step=step, spring=spring)
+    tree["phase"][0]["until"] = {"joint": "link", where: stroke, "time_s": end - 0.1}
+    return tree
+
+
+def _before(margin: float) -> float:
+    """How long before the top, s, the gap TOP (1 - cos) / 2 passes a stroke that ends below it by a
+    share of TOP."""
+    return 2.0 * math.asin(math.sqrt(max(margin, 0.0))) / FREQUENCY
+
+
+def grazing() -> list[Stress]:
+    """A stroke just reached, and just not, at the top of an oscillation: in steps that settle, and
+    between two steps of 0.05 to 0.3 s.
+
+    Where the margin is less than what counts as met, or than the truncation, either answer is
+    right. A kernel need not tell what is all but reached within a step that is given.
+    """
+    lines = []
+    for margin in (1e-3, 1e-6, -1e-6, -1e-3):
+        found, before = fly(settled(_oscillator(TOP * (1.0 - margin)))), _before(margin)
+        error = abs(found.outcomes["release_time_s"] - (0.5 - before if margin > 0.0 else 0.8))
+        lines.append(
+            judge(
+                f"stroke {margin:+.0e} below top, settled", "release, s", error, ASKED, found, True
+            )
+        )
+    for step in (0.05, 0.17, 0.3):
+        lost = TOP * truncation(step * FREQUENCY)
+        for margin in (1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-11, -1e-9, -1e-6, -1e-3):
+            found = fly(_oscillator(TOP * (1.0 - margin), step=step))
+            before = _before(margin)
+            times, bound = [0.5 - before if margin > 0.0 else 0.8], located(1.0)
+            if margin > 0.0:
+                bound = located(0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * before), lost)
+            if abs(margin) * TOP <= max(TOUCH, lost):
+                times = [0.5, 0.8]
+                bound = Bound(
+                    4.0 * math.sqrt(max(TOUCH, lost) / TOP) / FREQUENCY,
+                    "as far from the top as met",
+                )
+            error = min(abs(found.outcomes["release_time_s"] - t) for t in times)
+            fair = step == 0.05 and abs(margin) >= 1e-3
+            lines.append(
+                judge(
+                    f"stroke {margin:+.0e} below top, h {step:g} s",
+                    "release, s",
+                    error,
+                    bound,
+                    found,
+                    fair,
+                )
+            )
+    found = fly(_oscillator(TOP * (1.0 + 1e-9), end=20.1))
+    lines.append(
+        judge(
+            "stroke 1e-9 above 20 tops",
+            "release, s",
+            abs(found.outcomes["release_time_s"] - 20.0),
+            located(1.0),
+            found,
+        )
+    )
+    return lines
+
+
+def slow() -> list[Stress]:
+    """A stroke of 1 mm passed slowly, far from the mass centre: places are known to round-off, and
+    so is the time."""
+    lines = []
+    for force, station in (
+        (1e-2, 2.0),
+        (1e-4, 2.0),
+        (1e-6, 2.0),
+        (1e-2, 50.0),
+        (1e-4, 50.0),
+        (1e-6, 50.0),
+    ):
+        time = math.sqrt(2.0 * 1e-3 / (force / 0.75))
+        tree = pushed(
+            1e-3,
+            end=1.2 * time,
+            step=0.02 * time,
+            spring={"force_N": force, "point_m": [station, 0.0, 0.0]},
+        )
+        tree["body"]["fore"]["cg_m"], tree["body"]["aft"]["cg_m"] = (
+            [0.0, 0.0, 0.0],
+            [2.0 * station, 0.0, 0.0],
+        )
+        tree["joint"]["link"]["point_m"] = [station, 0.0, 0.0]
+        speed = force / 0.75 * time
+        found, bound = fly(tree), located(speed, size=station)
+        error = abs(found.outcomes["release_time_s"] - time)
+        lines.append(
+            judge(
+                f"1 mm at {speed:.0e} m/s, {station:g} m arms",
+                "release, s",
+                error,
+                bound,
+                found,
+                True,
+            )
+        )
+    return lines
+
+
+def spent_springs() -> list[Stress]:
+    """A spring whose own stroke ends just below, or just above, the top of the swing: it is spent,
+    or pulls the bodies back."""
+    lines = []
+    for margin in (1e-3, 1e-6, 1e-9, -1e-9, -1e-6, -1e-3):
+        tree = _oscillator(2.0 * TOP)
+        stroke = TOP * (1.0 - margin)
+        tree["spring"][0]["stroke_m"] = stroke
+        # nothing else ends within the flight
+        tree["phase"] = [{"name": "guided", "joints": {"link": "slider"}}]
+        end = 0.9
+        if margin > 0.0:
+            before = _before(margin)
+            speed = 0.5 * TOP * FREQUENCY * math.sin(FREQUENCY * before)
+            gap = stroke + speed * (end - math.pi / FREQUENCY + before)
+            lost = TOP * truncation(0.05 * FREQUENCY)
+            bound = Bound(
+                (50.0 * EPS + lost) / math.sin(FREQUENCY * before), "truncation z^9/9! / slope"
+            )
+        else:
+            gap, bound = (
+                0.5 * TOP * (1.0 - math.cos(FREQUENCY * end)),
+                Bound(FORM.value * TOP, FORM.reason),
+            )
+        flights = [("", tree, bound, abs(margin) >= 1e-3)]
+        flights += [(", settled", settled(tree), ASKED, True)] if abs(margin) >= 1e-6 else []
+        for how, flown, allowed, fair in flights:
+            found = fly(flown)
+            error = abs(1e-3 * found.outcomes["separation_distance_mm"] - gap)
+            lines.append(
+                judge(
+                    f"spring spent {margin:+.0e} below top{how}",
+                    "gap at the end, m",
+                    error,
+                    allowed,
+                    found,
+                    fair,
+                )
+            )
+    return lines

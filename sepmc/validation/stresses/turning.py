@@ -1,0 +1,229 @@
+"""Fast spins, steps of every length, and angles that turn over."""
+
+import math
+
+import numpy as np
+
+from sepmc.validation import references as ref
+from sepmc.validation.flights import NominalFlight, arm, tensor
+from sepmc.validation.stresses.line import (
+    EXACT,
+    FORM,
+    Bound,
+    Stress,
+    beyond,
+    judge,
+    promised,
+    relative,
+)
+from sepmc.validation.stresses.scenes import (
+    AFT,
+    OMEGA,
+    Composite,
+    body,
+    fly,
+    held,
+    joint,
+    pair,
+    scene,
+)
+
+STONE = body(1.0, [1.0, 2.0, 2.2], [1.0, 0.0, 0.0], [0.2, -0.1, 0.15])
+
+
+def _tumbling(deg_s: float, step: float, steps: int) -> NominalFlight:
+    """A weld of two bodies without symmetry that tumbles at a rate, deg/s."""
+    rate = np.array(OMEGA) / np.linalg.norm(OMEGA) * math.radians(deg_s)
+    return fly(pair("fixed", end=steps * step, step=step, omega=rate.tolist()), 10)
+
+
+def resolved_spins() -> list[Stress]:
+    """0 to 1e5 deg/s with steps of a tenth of a radian, or the default step where that is shorter:
+    200 steps."""
+    lines = []
+    for deg_s in (0.0, 1e-6, 1e-3, 1.0, 1e2, 1e3, 1e4, 1e5):
+        found = _tumbling(deg_s, min(0.05, 0.1 / max(math.radians(deg_s), 1e-9)), 200)
+        given, whole = (
+            f"weld at {deg_s:g} deg/s, resolved",
+            Composite(found, "aft", [2.0, 0.1, 0.0]),
+        )
+        rate = relative(found.body("aft").w, whole.rate, 1e-300)
+        lines.append(judge(given, "rate", rate, FORM, found, resolved=True))
+        lines.append(judge(given, "attitude", whole.attitude_error(), FORM, found, resolved=True))
+    return lines
+
+
+def long_steps() -> list[Stress]:
+    """Steps of 0.05 s in which the vehicle turns by up to 87 rad: wrong, so it must be told, unless
+    what status ok promises is kept."""
+    lines = []
+    for turn in (0.2, 0.5, 0.8, 1.1, 1.2, 1.3, 1.4, 1.5, 2.0, 4.0, 8.0, 20.0, 87.3):
+        found = _tumbling(math.degrees(turn / 0.05), 0.05, 100)
+        whole = Composite(found, "aft", [2.0, 0.1, 0.0])
+        lines.append(
+            judge(
+                f"weld tumbling {turn:g} rad a step",
+                "attitude",
+                whole.attitude_error(),
+                promised(100),
+                found,
+            )
+        )
+    for turn in (0.5, 1.1, 1.5, 2.0, 2.3, 2.6, 3.0, 4.0, 2.0 * math.pi, 20.0, 87.3):
+        rate = turn / 0.05
+        found = fly(
+            scene(
+                {"stone": body(1.0, [1.0, 2.0, 2.0], [1.0, 0.0, 0.0])},
+                {},
+                [{"name": "free"}],
+                10.0,
+                0.05,
+                [rate, 0.0, 0.0],
+            ),
+            10,
+        )
+        error = relative(found.body("stone").r, ref.turn(0, rate * found.t))
+        lines.append(
+            judge(f"steady spin, {turn:.3g} rad a step", "attitude", error, promised(200), found)
+        )
+    return lines
+
+
+def step_lengths() -> list[Stress]:
+    """A weld tumbling at 1.2 rad/s with steps from 1 us to 1 s."""
+    lines = []
+    for step in (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.3, 1.0):
+        steps = 10_000 if step < 1e-3 else max(20, round(1.0 / step))
+        found = fly(pair("fixed", end=steps * step, step=step), 10)
+        whole = Composite(found, "aft", [2.0, 0.1, 0.0])
+        bound = FORM if step <= 0.1 else promised(steps)
+        for quantity, error in (
+            ("attitude", whole.attitude_error()),
+            ("force", whole.force_error()),
+        ):
+            lines.append(
+                judge(f"step of {step:g} s", quantity, error, bound, found, resolved=step <= 0.1)
+            )
+    return lines
+
+
+def hinged_steps() -> list[Stress]:
+    """A pendulum with steps up to a third of its period, against elliptic functions."""
+    lines = []
+    for step in (1e-3, 1e-2, 0.1, 0.3, 1.0):
+        bob = AFT | {"cg_m": [1.0, 0.0, 0.0]}
+        tree = scene({"bob": bob}, {"hinge": joint("ground", "bob", [0.0, 0.0, 0.0], x_axis=[0.0,
+        0.0, 1.0])}, held(hinge="revolute"),
+                     40.0 * min(step, 0.25), step, environment={"gravity": "constant"},
+                     initial={"pitch_deg": 10.0})  # fmt: skip
+        found = fly(tree, 10)
+        length = float(np.linalg.norm(arm(found.scene, "bob", [0.0, 0.0, 0.0])))
+        about = tensor(found.scene, "bob")[2, 2] + length**2
+        angle, rate = ref.pendulum(
+            found.t,
+            math.sqrt(found.scene.environment.surface_gravity * length / about),
+            math.radians(10.0 - 90.0),
+        )
+        bound = FORM if step <= 0.01 else promised(found.outcomes["steps"])
+        lines.append(
+            judge(
+                f"pendulum, step of {step:g} s",
+                "rate",
+                relative(found.body("bob").w[:, 2], rate),
+                bound,
+                found,
+                step <= 0.01,
+            )
+        )
+        pitch = np.radians(found.history["bob_pitch_deg"]) - 0.5 * math.pi
+        lines.append(
+            judge(
+                f"pendulum, step of {step:g} s",
+                "pitch",
+                relative(pitch, angle),
+                bound,
+                found,
+                step <= 0.01,
+            )
+        )
+    return lines
+
+
+def _judge_angles(
+    given: str, error: float, bound: Bound, found: NominalFlight, resolved: bool = False
+) -> Stress:
+    """As `judge`; for angles, ``attitude_singular`` tells that they may have jumped."""
+    told = beyond(found.outcomes) + (
+        ("attitude_singular",) if found.outcomes["attitude_singular"] == 1.0 else ()
+    )
+    return Stress(given, "reported angle", error, bound, found.status, told, resolved)
+
+
+def angles() -> list[Stress]:
+    """Pitch and roll go on through +-90 deg, half a turn and many turns; through yaw = 90 deg they
+    jump, and that is told."""
+    lines = []
+    round_stone = {"stone": body(1.0, [2.0, 2.0, 2.0], [1.0, 0.0, 0.0])}
+    for name, axis, rate in (
+        ("pitch", 2, 3.0),
+        ("pitch", 2, -3.0),
+        ("roll", 0, 3.0),
+        ("roll", 0, -3.0),
+        ("yaw", 1, 3.0),
+        ("yaw", 1, -3.0),
+    ):
+        omega = [0.0, 0.0, 0.0]
+        omega[axis] = rate
+        found = fly(scene(round_stone, {}, [{"name": "free"}], 10.0, 0.05, omega), 400)
+        shown = found.history[f"stone_{name}_deg"].to_numpy()
+        error = relative(shown, np.degrees(rate * found.t))
+        lines.append(
+            _judge_angles(
+                f"{name} through {math.degrees(rate * 10.0):.0f} deg",
+                error,
+                FORM,
+                found,
+                name != "yaw",
+            )
+        )
+        error = relative(found.body("stone").r, ref.turn(axis, rate * found.t))
+        # asin loses half the digits at yaw = 90 deg
+        bound = FORM if name != "yaw" else Bound(1e-7, "sqrt(eps): asin at 90 deg")
+        lines.append(
+            judge(
+                f"{name} through {math.degrees(rate * 10.0):.0f} deg",
+                "attitude by angles",
+                error,
+                bound,
+                found,
+                True,
+            )
+        )
+        if name == "yaw":
+            error = 1.0 - found.outcomes["attitude_singular"]
+            lines.append(
+                judge("yaw through 90 deg", "attitude_singular told", error, EXACT, found, True)
+            )
+    return lines
+
+
+def angles_at_long_steps() -> list[Stress]:
+    """Random tumbling at up to a quarter turn a step: pitch and roll as followed with a step of 5
+    ms, or told that they are not."""
+    lines = []
+    random = np.random.default_rng(1)
+    for number in range(12):
+        omega = random.normal(size=3)
+        rate = 0.1 * 2.0 ** (number / 3.0) / 0.05  # rad/s: 0.1 to 1.3 rad a step
+        omega *= rate / np.linalg.norm(omega)
+        flights = [
+            fly(scene({"stone": STONE}, {}, [{"name": "free"}], 2.0, h, omega.tolist()), 40)
+            for h in (0.05, 0.005)
+        ]
+        shown = [f.history[["stone_pitch_deg", "stone_roll_deg"]].to_numpy() for f in flights]
+        error = float(np.max(np.abs(shown[0] - shown[1][: len(shown[0])])))
+        given = f"tumbling {rate * 0.05:.2f} rad a step"
+        lines.append(
+            _judge_angles(given, error, Bound(1.0, "1 deg: a lost turn is 360"), flights[0])
+        )
+    return lines

@@ -1,0 +1,52 @@
+"""`sepmc verify`: the engine held against closed forms, other formulations and conservation
+laws, in one table.
+
+A line is a case, a quantity, what it should be, what the engine gives and the difference allowed,
+which was set before it was measured. Kernels fly as plain Python, campaigns that come with the
+engine also compiled.
+"""
+
+from collections.abc import Callable, Iterable
+
+from sepmc.validation.checks import balances, closed_forms, hinged, kinds, methods, paper, rows
+from sepmc.validation.line import Line, brief, table
+
+__all__ = ["CHECKS", "Line", "brief", "table", "verify"]
+
+Check = Callable[[], list[Line]]
+CHECKS: dict[str, Check] = {
+    check.__name__: check
+    for check in (
+        closed_forms.free_body,
+        closed_forms.welded,
+        closed_forms.nasa_boxes,
+        closed_forms.pushed_apart,
+        closed_forms.thrust_slider,
+        closed_forms.rail,
+        hinged.pendulum,
+        hinged.top,
+        hinged.rod_pendulum,
+        hinged.hooke,
+        rows.rows,
+        balances.no_work,
+        balances.balance,
+        kinds.full_against_reduced,
+        kinds.against_lagrange,
+        paper.phases,
+        paper.cases,
+        methods.orders,
+    )
+}
+
+
+def verify(names: Iterable[str] | None = None) -> list[Line]:
+    """Run the checks and return their lines.
+
+    Parameters
+    ----------
+    names : of `CHECKS`; all if None
+    """
+    lines = []
+    for name in CHECKS if names is None else names:
+        lines += CHECKS[name]()
+    return lines

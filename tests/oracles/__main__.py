@@ -1,0 +1,154 @@
+"""Commands that hold the engine against what shares no code with it: ``python tests/oracles``.
+
+Exit codes are those of `sepmc`: 1 if anything differs.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+if __name__ == "__main__":  # so that `oracles` is imported as a package
+    sys.path[0] = str(Path(__file__).parents[1])
+
+import click
+
+from sepmc import wording
+from sepmc.cli.options import OVERWRITE, QUIET, SETTINGS, load_campaign
+from sepmc.cli.render import plain_errors, speaker
+
+
+class _Program(click.Group):
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; errors name its options."""
+        with wording.on_command_line(), plain_errors(quiet=False):
+            return super().invoke(ctx)
+
+
+@click.group(cls=_Program, context_settings={"help_option_names": ["-h", "--help"]})
+def main() -> None:
+    """Hold the engine against an independent flight, and against other engines."""
+
+
+@main.command()
+@click.argument("count", type=click.IntRange(min=1))
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the first scene."
+)
+@click.option(
+    "--compiled",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Scenes whose kernels are compiled as well.",
+)
+@click.option(
+    "--rows",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="Cases of every scene that are compared.",
+)
+@click.option(
+    "--limit",
+    "limit_s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=60.0,
+    show_default=True,
+    help="Seconds after which a scene is left without a verdict (600 at least, if compiled).",
+)
+@click.option(
+    "--kind",
+    "kinds",
+    multiple=True,
+    metavar="KIND",
+    help="A feature that every scene has, such as direction, ignition or optional; may be "
+    "given more than once.",
+)
+@QUIET
+def random(
+    count: int,
+    seed: int,
+    compiled: int,
+    rows: int,
+    limit_s: float,
+    kinds: tuple[str, ...],
+    quiet: bool,
+) -> None:
+    """Compare COUNT random scenes, case by case, with independent flights.
+
+    \b
+    Examples:
+      python tests/oracles random 30 --seed 7
+      python tests/oracles random 30 --kind direction --kind ignition
+    """
+    from oracles.random_scenes import run
+
+    found = run.gate(count, seed, compiled, speaker(quiet), rows, limit_s, kinds)
+    click.echo(run.table(found))
+    sys.exit(1 if any(map(run.fails, found)) else 0)
+
+
+@main.command()
+@QUIET
+def shipped(quiet: bool) -> None:
+    """Compare shipped campaigns and the scenes of `sepmc verify` with independent flights."""
+    from oracles import shipped_campaigns
+    from sepmc.validation.line import table
+
+    say = speaker(quiet)
+    lines = []
+    for check in (shipped_campaigns.scenes, shipped_campaigns.campaigns):
+        say(f"{check.__name__} ...")
+        lines += check()
+    click.echo(table(lines))
+    sys.exit(0 if all(line.passes for line in lines) else 1)
+
+
+@main.command()
+@QUIET
+def engines(quiet: bool) -> None:
+    """Compare cases of shipped campaigns with other engines; needs pip install '.[peers]'."""
+    from oracles.external_engines import compare
+
+    installed = compare.needed(speaker(quiet))
+    text, agreed = compare.report(speaker(quiet), engines=installed)
+    click.echo(text)
+    sys.exit(0 if agreed else 1)
+
+
+@main.command()
+@click.argument("file")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="A new folder; runs/bench-NAME-N if left out."
+)
+@click.option("--quick", is_flag=True, help="A minute or two instead of ten.")
+@OVERWRITE
+@SETTINGS
+@QUIET
+def race(
+    file: str,
+    out: Path | None,
+    quick: bool,
+    overwrite: bool,
+    settings: tuple[str, ...],
+    quiet: bool,
+) -> None:
+    """Run `sepmc bench` of FILE with other engines on the same cases beside it."""
+    from oracles.engine_race import tables
+    from oracles.engine_race.inputs import check
+    from oracles.engine_race.race import left_out
+    from sepmc.bench.bench import bench
+    from sepmc.campaign.store import folders
+
+    if overwrite and out is None:
+        raise click.UsageError("--overwrite needs --out, the folder meant")
+    say, campaign = speaker(quiet), load_campaign(file, settings)
+    check(campaign.scene)
+    for sentence in left_out(tables.QUICK if quick else None):
+        say(sentence)
+    folder = out or folders.next_folder(f"bench-{campaign.name}")
+    bench(campaign, folder, say, quick=quick, peers=tables.measure, overwrite=overwrite)
+    say(f"wrote {folder}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""Other engines on the same cases, beside ours: `oracles.engine_race`."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from oracles.engine_race import Entry, race
+from oracles.engine_race.race import CASES
+from sepmc.bench.reference import Reference
+from sepmc.bench.study import Study
+from sepmc.bench.work_precision import PER, own_ways, rows_of
+
+OURS = "sepmc"
+QUICK = {"heyoka": 0, "mujoco": 64, "scipy": 1, "exudyn": 1}
+
+
+def measure(study: Study, reference: Reference) -> pd.DataFrame:
+    """One row an engine and setting: error, time, and that over ours at an error as small or
+    smaller.
+
+    Ours is timed again, right before the others: what else the machine does changes within minutes.
+
+    Raises
+    ------
+    ValueError
+        If the other engines do not fly such a scene, saying which they do.
+    """
+    ours = rows_of(study, reference, own_ways(study, reference))
+    most = QUICK if study.quick else CASES
+    entries = race(
+        study.campaign,
+        study.threads,
+        study.say,
+        {name: min(n, len(reference.sound)) for name, n in most.items()},
+        study.repeats,
+    )
+    rows = [_ours({str(k): v for k, v in row.items()}) for row in ours.to_dict("records")]
+    rows += [_theirs(entry, _error(study, reference, entry), study.cases) for entry in entries]
+    frame = pd.DataFrame(rows)
+    frame["over_ours"] = [
+        _ratio(row, frame[frame["engine"] == OURS], reference.floor) for row in rows
+    ]
+    return frame
+
+
+def _error(study: Study, reference: Reference, entry: Entry) -> float:
+    """As ours is taken; columns in SI. Cases that an engine did not finish are left out."""
+    columns = [entry.outcomes[c.name] / c.scale for c in study.campaign.outcome_columns]
+    found = np.column_stack(columns)
+    return study.error_of(
+        found, np.asarray(np.isfinite(found).all(axis=1)), reference.outcomes, reference.sound
+    )[0]
+
+
+def _ours(row: dict[str, Any]) -> dict[str, Any]:
+    kept = {
+        name: row[name]
+        for name in ("error", "ms", "cases", "repeats", "scaled", "default", "spread")
+    }
+    note = "the scene's own kernel" + (", as the pilot chose" if row["default"] else "")
+    return {
+        "engine": OURS,
+        "setting": f"{row['method']}, {row['setting']}",
+        **kept,
+        "compile_s": np.nan,
+        "note": note,
+    }
+
+
+def _theirs(entry: Entry, off: float, cases: int) -> dict[str, Any]:
+    return {
+        "engine": entry.engine,
+        "setting": entry.setting,
+        "error": off,
+        "ms": 1e3 * PER * entry.seconds_per_case,
+        "cases": entry.cases,
+        "repeats": entry.repeats,
+        "spread": entry.spread,
+        "default": False,
+        "scaled": entry.extrapolated or entry.cases < cases,
+        "compile_s": entry.compile_s,
+        "note": entry.note,
+    }
+
+
+def _ratio(row: dict[str, Any], ours: pd.DataFrame, floor: float) -> float:
+    """Time over that of our fastest setting whose error is no larger; errors below ``floor`` are
+    all as good."""
+    good = ours[ours["error"] <= max(row["error"], floor)]
+    return float(row["ms"] / good["ms"].min()) if len(good) else np.nan

@@ -1,0 +1,158 @@
+"""Air: the 1976 standard atmosphere layer by layer, tables of air and wind, aerodynamic
+coefficients."""
+
+import itertools
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from oracles.independent.case import COEFFICIENTS, Table
+from oracles.independent.state import Array
+from sepmc.validation.classical_loads import EARTH_RADIUS, LAYER_BASE, LAYER_LAPSE, polynomial
+
+_GAS, _GRAVITY = 8314.32 / 28.9644, 9.80665  # J/(kg K), m/s2
+# heights at which a layer begins, m; the last is the top
+EDGES = EARTH_RADIUS * LAYER_BASE / (EARTH_RADIUS - LAYER_BASE)
+EDGES[-1] = 86000.0  # whose geopotential height is printed rounded
+
+
+def _in_layer(
+    geopotential: float, layer: int, temperature: float, pressure: float
+) -> tuple[float, float]:
+    """Temperature, K, and pressure, Pa, from those at the base of a layer; equations 23 and 33 of
+    the standard."""
+    rise, lapse = geopotential - LAYER_BASE[layer], LAYER_LAPSE[layer]
+    hotter = temperature + lapse * rise
+    if lapse == 0.0:
+        return hotter, pressure * math.exp(-_GRAVITY * rise / (_GAS * temperature))
+    return hotter, pressure * (temperature / hotter) ** (_GRAVITY / (_GAS * lapse))
+
+
+_BASES = [(288.15, 101325.0)]
+for _layer, _top in enumerate(LAYER_BASE[1:-1]):
+    _BASES.append(_in_layer(_top, _layer, *_BASES[-1]))
+
+
+class Standard:
+    """US Standard Atmosphere 1976."""
+
+    edges = EDGES
+
+    def at(self, height: float, layer: int) -> tuple[float, float]:
+        """Density, kg/m3, and speed of sound, m/s, by the formula of a layer, beyond its edges
+        too."""
+        temperature, pressure = _in_layer(
+            EARTH_RADIUS * height / (EARTH_RADIUS + height), layer, *_BASES[layer]
+        )
+        return pressure / (_GAS * temperature), math.sqrt(1.4 * _GAS * temperature)
+
+
+class Tabled:
+    """Air from a table over height: splines of the logarithm of its density and of its speed of
+    sound."""
+
+    def __init__(self, table: Table):
+        self.edges = np.array([table["altitude"][0], table["altitude"][-1]])
+        sound = table["speed_of_sound"] or (1.0,) * len(table["altitude"])
+        self.curve = CubicSpline(table["altitude"], np.transpose([np.log(table["density"]), sound]))
+
+    def at(self, height: float, _layer: int) -> tuple[float, float]:
+        """Density, kg/m3, and speed of sound, m/s, at a height, m; 1 m/s if the table has none."""
+        logarithm, sound = self.curve(height)
+        return math.exp(logarithm), sound
+
+
+class Wind:
+    """Velocity of the air in ground axes: steady, and over height, where it is held constant beyond
+    its table."""
+
+    def __init__(self, table: Table):
+        self.steady = _level(table["speed"], table["direction"])
+        self.curve, profile = None, table["profile"]
+        if profile:
+            factor, turn = profile["factor"], profile["turn"]
+            rows = [
+                _level(factor * speed, direction + turn)
+                for speed, direction in zip(profile["speed"], profile["direction"], strict=True)
+            ]
+            self.curve, self.ends = (
+                held_curve(profile["altitude"], rows),
+                (profile["altitude"][0], profile["altitude"][-1]),
+            )
+
+    def at(self, height: float) -> Array:
+        """Velocity of the air at a height (m), m/s, ground axes."""
+        return (
+            self.steady
+            if self.curve is None
+            else self.steady + self.curve(min(max(height, self.ends[0]), self.ends[1]))
+        )
+
+
+def _level(speed: float, direction: float) -> Array:
+    return speed * np.array([math.cos(direction), 0.0, math.sin(direction)])
+
+
+def held_curve(points: Array, rows: Array) -> CubicSpline:
+    """Spline of zero slope at both ends, so that it is smooth where it is held constant beyond
+    them."""
+    return CubicSpline(points, np.array(rows, float), bc_type="clamped")
+
+
+class Increments:
+    """Increments of the six coefficients over a separation distance, held constant beyond the
+    ends."""
+
+    def __init__(self, table: Table):
+        zero = (0.0,) * len(table["distance"])
+        self.curve = held_curve(
+            table["distance"], np.transpose([table[key] or zero for key in COEFFICIENTS])
+        )
+        self.ends, self.factor = (table["distance"][0], table["distance"][-1]), table["factor"]
+
+    def at(self, distance: float) -> Array:
+        """Increments (6,) at a separation distance, m."""
+        return self.factor * self.curve(min(max(distance, self.ends[0]), self.ends[1]))
+
+
+class Coefficients:
+    """C_A, C_N, C_Y, C_l, C_n, C_m of a body: polynomials of alpha and beta, and a table over Mach,
+    alpha and beta."""
+
+    def __init__(self, table: Table):
+        self.terms = [polynomial(table[key]) for key in COEFFICIENTS]
+        # which of Mach, alpha, beta; its points; a cardinal spline for each
+        self.axes: list[tuple[int, Array, CubicSpline]] = []
+        self.grid = None
+        if table["table"]:
+            axes = [np.array(table["table"][key], float) for key in ("mach", "alpha", "beta")]
+            shape = tuple(max(1, len(points)) for points in axes)
+            zero = np.zeros(shape)
+            self.grid = np.array(
+                [np.reshape(table["table"][key] or zero, shape) for key in COEFFICIENTS]
+            )
+            self.axes = [
+                (i, points, CubicSpline(points, np.eye(len(points))))
+                for i, points in enumerate(axes)
+                if len(points) > 1
+            ]
+
+    def at(self, mach: float, alpha: float, beta: float) -> Array:
+        """Coefficients (6,) at a Mach number and angles alpha and beta, rad."""
+        found = [sum(c * alpha**i * beta**j for c, i, j in terms) for terms in self.terms]
+        if self.grid is None:
+            return np.array(found)
+        grid, flow = self.grid, (mach, alpha, beta)
+        for i, _, spline in reversed(self.axes):
+            grid = np.tensordot(grid, spline(flow[i]), (i + 1, 0))
+        return np.array(found) + grid.reshape(6)
+
+    def beyond(self, mach: float, alpha: float, beta: float) -> list[float]:
+        """How far the flow lies beyond each edge of the table (inside if negative)."""
+        flow = (mach, alpha, beta)
+        return list(
+            itertools.chain(
+                *((points[0] - flow[i], flow[i] - points[-1]) for i, points, _ in self.axes)
+            )
+        )

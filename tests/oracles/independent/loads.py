@@ -1,0 +1,314 @@
+"""What acts on the bodies: gravity, air, motors, springs and constant loads."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from oracles.independent.air import Coefficients, Increments, Standard, Tabled, Wind
+from oracles.independent.case import Table
+from oracles.independent.joints import Joint, pair
+from oracles.independent.state import Array, State, Vehicle, cross
+from sepmc.validation.classical_loads import EARTH_RADIUS
+
+GRAIN = 1e-12  # s: two times closer than this are one
+
+
+class Motor:
+    """A motor: its force and moment for a thrust of one, body axes, and its thrust over time."""
+
+    def __init__(self, m: Table, vehicle: Vehicle):
+        self.table, self.body = m, vehicle.index[m["body"]]
+        b, p, clock, radius, (dy, dz) = (
+            m["deflection"],
+            m["deflection_clock"],
+            m["clock"],
+            m["radius"],
+            m["offset"],
+        )
+        nozzle = Rotation.from_euler("XY", [clock, -m["cant"]]).as_matrix()
+        self.force = nozzle @ (math.cos(b), -math.sin(b) * math.sin(p), math.sin(b) * math.cos(p))
+        arm = vehicle.arm(
+            m["body"], (m["station"], -radius * math.sin(clock) + dy, radius * math.cos(clock) + dz)
+        )
+        self.moment = cross(arm, self.force)
+        # what it waits for; its clock stands still until that comes
+        self.waits: Table = m["ignition"] if isinstance(m["ignition"], dict) else {}
+        self.start = math.inf if self.waits else m["ignition"] + m["delay"]
+
+    def light(self, t: float) -> None:
+        """What it waits for comes at time t, s."""
+        self.start = t + self.waits["delay"] + self.table["delay"]
+
+    @property
+    def end(self) -> float:
+        """When it burns out, s."""
+        return self.start + self.table["burn"]
+
+    @property
+    def switches(self) -> list[float]:
+        """Times, s, at which its thrust is not smooth."""
+        knots = (self.table["profile"] or {"time": ()})["time"]
+        return [self.start, self.end, *(self.start + knot for knot in knots)]
+
+    def _burning(self, since: float, profile: Callable[[float], float]) -> float:
+        build_up = self.table["build_up"]
+        return (
+            self.table["thrust"]
+            * profile(since)
+            * (-math.expm1(-since / build_up) if build_up > 0.0 else 1.0)
+        )
+
+    def thrust(self, middle: float) -> Callable[[float], float] | None:
+        """Thrust, N, over time in the stretch around ``middle``, which holds no switch; None if
+        there is none."""
+        tail = self.table["tail_off"]
+        if middle < self.start or (middle >= self.end and tail <= 0.0):
+            return None
+        if middle < self.end:
+            profile = self._profile(middle - self.start)
+            return lambda t: self._burning(t - self.start, profile)
+        burn = self.table["burn"]
+        last = self._burning(burn, self._profile(burn - GRAIN))
+        return lambda t: last * math.exp(-(t - self.end) / tail)
+
+    def _profile(self, since: float) -> Callable[[float], float]:
+        """The line that the profile follows around a time since ignition: zero before and after
+        its rows."""
+        if not self.table["profile"]:
+            return lambda _: 1.0
+        times, fractions = self.table["profile"]["time"], self.table["profile"]["fraction"]
+        if since < times[0] or since >= times[-1]:
+            return lambda _: 0.0
+        k = int(np.searchsorted(times, since, side="right")) - 1
+        slope = (fractions[k + 1] - fractions[k]) / (times[k + 1] - times[k])
+        return lambda x: fractions[k] + slope * (x - times[k])
+
+
+class Spring:
+    """A spring between a point of a first body and one of a second, along their line or along an
+    axis of the first."""
+
+    def __init__(self, table: Table, vehicle: Vehicle):
+        self.name, self.table, self.spent = table["name"], table, False
+        self.a, self.b = (vehicle.index[body] for body in table["bodies"])
+        points = [
+            table["point"],
+            table["second_point"] if table["second_point"] is not None else table["point"],
+        ]
+        self.arm_a, self.arm_b = (
+            vehicle.arm(body, point) for body, point in zip(table["bodies"], points, strict=True)
+        )
+        self.axis = (
+            None
+            if table["axis"] is None
+            else np.array(table["axis"], float) / np.linalg.norm(table["axis"])
+        )
+        gap = (np.array(points[1], float) - np.array(points[0], float)) * (-1.0, 1.0, 1.0)
+        self.start = float(np.linalg.norm(gap) if self.axis is None else gap @ self.axis)
+
+    def line(self, s: State) -> tuple[Array, float, float, Array]:
+        """Direction, extension from the start, m, its rate, m/s, and d; ground axes."""
+        d, rate = pair(s, self.a, self.b, self.arm_a, self.arm_b)
+        if self.axis is None:
+            length = float(np.sqrt(d @ d))
+            return d / length, length - self.start, float(rate @ d) / length, d
+        e, turning = s.r[self.a] @ self.axis, s.r[self.a] @ cross(s.w[self.a], self.axis)
+        return e, float(d @ e) - self.start, float(rate @ e + d @ turning), d
+
+    def extension(self, s: State) -> float:
+        """Extension from the start, m."""
+        return self.line(s)[1]
+
+    def push(self, s: State, force: Array, moment: Array) -> None:
+        """Add to forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres,
+        body axes."""
+        e, extension, rate, d = self.line(s)
+        size = self.table["factor"] * (
+            self.table["force"] - self.table["stiffness"] * extension - self.table["damping"] * rate
+        )
+        act(
+            s,
+            self.a,
+            self.b,
+            self.arm_a,
+            self.arm_b,
+            d if self.axis is not None else None,
+            size * e,
+            force,
+            moment,
+        )
+
+
+def act(
+    s: State,
+    a: int,
+    b: int,
+    arm_a: Array,
+    arm_b: Array,
+    across: Array | None,
+    on_b: Array,
+    force: Array,
+    moment: Array,
+) -> None:
+    """Add a force on body b at its point, and the opposite on body a, at its point or, if
+    ``across`` is d, where the line through the point of b meets it."""
+    force[b] += on_b
+    force[a] -= on_b
+    arm = s.r[a] @ arm_a if across is None else s.r[a] @ arm_a + across
+    moment[b] += s.r[b].T @ cross(s.r[b] @ arm_b, on_b)
+    moment[a] -= s.r[a].T @ cross(arm, on_b)
+
+
+@dataclass
+class Constant:
+    """A constant force and moment."""
+
+    table: Table
+    body: int
+    arm: Array
+
+    def acts(self, middle: float) -> bool:
+        """Whether the load acts over the stretch around a time, s."""
+        return self.table["start"] <= middle < self.table["end"]
+
+    def wrench(self, s: State) -> tuple[Array, Array]:
+        """Force and moment about the mass centre, body axes."""
+        force, moment = np.array(self.table["force"], float), np.array(self.table["moment"], float)
+        if self.table["frame"] == "ground":
+            force, moment = s.r[self.body].T @ force, s.r[self.body].T @ moment
+        return force, moment + cross(self.arm, force)
+
+
+class Flow:
+    """The air around a body that has aerodynamics."""
+
+    def __init__(self, name: str, table: Table, vehicle: Vehicle):
+        self.name, self.body, self.table = name, vehicle.index[name], table
+        self.coefficients = Coefficients(table)
+        self.arm = (
+            np.zeros(3)
+            if table["moment_point"] is None
+            else vehicle.arm(name, table["moment_point"])
+        )
+        self.layer = 0
+        self.increments: list[tuple[Joint, Increments]] = []
+
+
+class Loads:
+    """All loads of a case. `set_stretch` decides what acts between two switches; `on_bodies` tells
+    it at a state."""
+
+    def __init__(self, scene: Table, vehicle: Vehicle, joints: dict[str, Joint]):
+        self.vehicle, self.environment = vehicle, scene["environment"]
+        self.wind = Wind(self.environment["wind"])
+        self.motors = [Motor(table, vehicle) for table in scene["motor"]]
+        self.springs = [Spring(table, vehicle) for table in scene["spring"]]
+        self.constants = [self._constant(table) for table in scene["load"]]
+        self.air = None if self.environment["atmosphere"] == "none" else self._air()
+        flows = {
+            name: Flow(name, body["aerodynamics"], vehicle)
+            for name, body in scene["body"].items()
+            if body["aerodynamics"]
+        }
+        for table in scene["proximity"]:
+            if table["body"] in flows:
+                flows[table["body"]].increments.append((joints[table["joint"]], Increments(table)))
+        self.flows = list(flows.values()) if self.air else []
+        self.thrusts: list[tuple[Motor, Callable[[float], float]]] = []
+        self.acting: list[Constant] = []
+
+    def _constant(self, table: Table) -> Constant:
+        body = table["body"]
+        arm = np.zeros(3) if table["point"] is None else self.vehicle.arm(body, table["point"])
+        return Constant(table, self.vehicle.index[body], arm)
+
+    def _air(self) -> Standard | Tabled:
+        return (
+            Standard()
+            if self.environment["atmosphere"] == "us1976"
+            else Tabled(self.environment["air"])
+        )
+
+    @property
+    def switches(self) -> list[float]:
+        """Times, s, at which a load is not smooth, as they are known by now."""
+        switches = [t for motor in self.motors for t in motor.switches]
+        return switches + [
+            t for load in self.constants for t in (load.table["start"], load.table["end"])
+        ]
+
+    def set_stretch(self, middle: float) -> None:
+        """What acts around a time; no switch lies in the stretch of which it is the middle."""
+        found = [(motor, motor.thrust(middle)) for motor in self.motors]
+        self.thrusts = [(motor, thrust) for motor, thrust in found if thrust is not None]
+        self.acting = [load for load in self.constants if load.acts(middle)]
+
+    def air_velocity(self, t: float, s: State, body: int) -> Array:
+        """Velocity of a body against the air, body axes, m/s."""
+        return s.r[body].T @ (
+            s.v[body] + self.vehicle.velocity - self.wind.at(self.vehicle.height(t, s, body))
+        )
+
+    def flow(self, t: float, s: State, flow: Flow) -> tuple[float, float, float, float, float]:
+        """Airspeed, density, Mach number, alpha and beta."""
+        assert self.air is not None
+        density, sound = self.air.at(self.vehicle.height(t, s, flow.body), flow.layer)
+        speed, alpha, beta = air_angles(self.air_velocity(t, s, flow.body))
+        return speed, density * self.environment["density_factor"], speed / sound, alpha, beta
+
+    def aerodynamics(self, t: float, s: State, flow: Flow) -> tuple[Array, Array]:
+        """Force and moment of the air about the mass centre, body axes."""
+        speed, density, mach, alpha, beta = self.flow(t, s, flow)
+        c = flow.coefficients.at(mach, alpha, beta)
+        for joint, increments in flow.increments:
+            c = c + increments.at(joint.separation(s)[0])
+        qs = 0.5 * density * speed * speed * flow.table["reference_area"]
+        force = qs * flow.table["force_factor"] * np.array([-c[0], c[1], -c[2]])
+        moment = (
+            qs
+            * flow.table["reference_length"]
+            * flow.table["moment_factor"]
+            * np.array([c[3], -c[4], c[5]])
+        )
+        return force, moment + cross(flow.arm, force)
+
+    def gravity(self, height: float) -> float:
+        """Acceleration downward, m/s2."""
+        kind, surface = self.environment["gravity"], self.environment["surface_gravity"]
+        if kind == "inverse-square":
+            return surface * (EARTH_RADIUS / (EARTH_RADIUS + height)) ** 2
+        return surface if kind == "constant" else 0.0
+
+    def on_bodies(self, t: float, s: State) -> tuple[Array, Array]:
+        """Forces (n + 1, 3), ground axes, and moments (n + 1, 3) about the mass centres, body axes;
+        of the ground too."""
+        n = self.vehicle.n
+        inside, moment = np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+        for motor, thrust in self.thrusts:
+            size = thrust(t)
+            inside[motor.body] += size * motor.force
+            moment[motor.body] += size * motor.moment
+        for body, (force_b, moment_b) in [
+            *((load.body, load.wrench(s)) for load in self.acting),
+            *((flow.body, self.aerodynamics(t, s, flow)) for flow in self.flows),
+        ]:
+            inside[body] += force_b
+            moment[body] += moment_b
+        force = (s.r @ inside[:, :, None])[:, :, 0]
+        for body in range(n):
+            force[body, 1] -= self.vehicle.mass[body] * self.gravity(
+                self.vehicle.height(t, s, body)
+            )
+        for spring in self.springs:
+            if not spring.spent:
+                spring.push(s, force, moment)
+        return force, moment
+
+
+def air_angles(u: Array) -> tuple[float, float, float]:
+    """Airspeed, alpha and beta from the velocity against the air in body axes."""
+    level = math.hypot(u[0], u[1])
+    return math.sqrt(float(u @ u)), math.atan2(-u[1], u[0]), math.atan2(u[2], level)

@@ -1,0 +1,173 @@
+"""Outcomes under their public names and units."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from oracles.independent.loads import air_angles
+from oracles.independent.state import State, Vehicle
+from sepmc.schema import Contents, outcome_columns
+
+if TYPE_CHECKING:
+    from oracles.independent.flight import IndependentFlight
+
+_SINGULAR = math.radians(89.0)
+_STILL = 1e-6  # m/s: airspeed below which it is told to have no direction
+_BEHIND = 1e-12  # of the airspeed: air is told to come from right behind
+_SLOW = 1e-5  # m/s: below which round-off may tell in it
+
+
+def columns(scene: dict[str, Any]) -> list[str]:
+    """Names of all outcomes of a scene."""
+    output = scene["output"]
+    contents = Contents(
+        list(scene["body"]),
+        {name: tuple(joint["bodies"]) for name, joint in scene["joint"].items()},
+        tuple(output["loads"]),
+        {name: scene["joint"][name]["guide"]["pins"] for name in output["guide"]},
+        tuple(table["name"] for table in scene["clearance"]),
+        tuple(output["tip_off"]),
+        tuple(table["name"] for table in scene["event"]),
+        transverse=tuple(output["transverse"]),
+        ignitions=tuple(m["name"] for m in scene["motor"] if isinstance(m["ignition"], dict)),
+    )
+    return [column.name for column in outcome_columns(contents)]
+
+
+class Follower:
+    """Roll and pitch of every body as the motion goes on, beyond half a turn too."""
+
+    def __init__(self, vehicle: Vehicle):
+        first = vehicle.initial
+        self.roll, self.pitch = (np.full(vehicle.n, float(first[key])) for key in ("roll", "pitch"))
+        self.yaw, self.singular = np.zeros(vehicle.n), False
+
+    def follow(self, s: State, step: float) -> None:
+        """Take the turn of each angle that is nearest to the last."""
+        r = s.r[:-1]
+        roll = _nearest(np.arctan2(r[:, 2, 1], r[:, 2, 2]), self.roll)
+        pitch = _nearest(np.arctan2(r[:, 1, 0], r[:, 0, 0]), self.pitch)
+        self.yaw = np.arctan2(-r[:, 2, 0], np.hypot(r[:, 0, 0], r[:, 1, 0]))
+        turned = np.linalg.norm(s.w[:-1], axis=1) * step
+        change = np.max([np.abs(roll - self.roll), np.abs(pitch - self.pitch), turned])
+        self.singular = self.singular or bool(
+            change > 0.5 * math.pi or np.abs(self.yaw).max() > _SINGULAR
+        )
+        self.roll, self.pitch = roll, pitch
+
+
+def _nearest(angle: Any, last: Any) -> Any:
+    return angle + 2.0 * math.pi * np.round((last - angle) / (2.0 * math.pi))
+
+
+def vague(flight: "IndependentFlight") -> tuple[str, ...]:
+    """Outcomes that round-off decides: alpha and beta without airspeed, alpha where only the
+    crosswind is left or air is nearly from behind; times of flat peaks. And places of least
+    clearances, and when bodies that meet are nearest, which this flight does not tell."""
+    s, found = flight.state(flight.t, flight.y), []
+    for b, name in enumerate(flight.vehicle.names):
+        u = flight.loads.air_velocity(flight.t, s, b)
+        nearly_behind = 0.1 * _BEHIND < abs(u[1] / u[0]) < 1e3 * _BEHIND if u[0] < 0.0 else False
+        if nearly_behind or 0.1 * _STILL < math.hypot(u[0], u[1]) < _SLOW:
+            found.append(f"{name}_alpha_deg")
+        if 0.1 * _STILL < np.linalg.norm(u) < _SLOW:
+            found.append(f"{name}_beta_deg")
+    for table in flight.scene["clearance"]:
+        name = f"{table['name']}_clearance"
+        found += [f"{name}_station_m", f"{name}_y_m", f"{name}_z_m", f"{name}_time_s"]
+    return (*found, *flight.watch.flat())
+
+
+def at_event(flight: "IndependentFlight", event: str) -> dict[str, float]:
+    """Outcomes of an event that comes now: its time, rates and attitudes of all bodies,
+    separations."""
+    s, follower = flight.state(flight.t, flight.y), flight.follower
+    follower.follow(s, 0.0)
+    out = {f"{event}_time_s": flight.t}
+    for b, name in enumerate(flight.vehicle.names):
+        angles = {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
+        out |= {f"{event}_{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
+        out |= {
+            f"{event}_{name}_omega_{axis}_deg_s": math.degrees(rate)
+            for axis, rate in zip("xyz", s.w[b], strict=True)
+        }
+    for name, joint in flight.joints.items():
+        prefix = f"{event}_" if len(flight.joints) == 1 else f"{event}_{name}_"
+        distance, speed = joint.separation(s)
+        out |= {
+            f"{prefix}separation_speed_m_s": speed,
+            f"{prefix}separation_distance_mm": 1e3 * distance,
+        }
+    return out
+
+
+def report(flight: "IndependentFlight") -> dict[str, float]:
+    """Outcomes at the end of a flight."""
+    vehicle = flight.vehicle
+    out: dict[str, float] = {}
+    s, first = flight.state(flight.t, flight.y), flight.vehicle.initial
+    reference = (
+        first["path_reference"]
+        if first["path_reference"] is not None
+        else first["pitch"] - first["alpha"]
+    )
+    follower = flight.follower
+    follower.follow(s, 0.0)
+    for b, name in enumerate(vehicle.names):
+        u = flight.loads.air_velocity(flight.t, s, b)
+        speed, alpha, beta = air_angles(u)
+        if abs(u[1]) < -_BEHIND * u[0]:
+            alpha = math.pi
+        angles = {
+            "alpha": alpha if math.hypot(u[0], u[1]) >= _STILL else math.nan,
+            "beta": beta if speed >= _STILL else math.nan,
+            "alpha_ref": follower.pitch[b] - reference,
+        }
+        angles |= {"roll": follower.roll[b], "yaw": follower.yaw[b], "pitch": follower.pitch[b]}
+        out |= {f"{name}_{key}_deg": math.degrees(value) for key, value in angles.items()}
+        out |= {
+            f"{name}_omega_{axis}_deg_s": math.degrees(rate)
+            for axis, rate in zip("xyz", s.w[b], strict=True)
+        }
+    for name, joint in flight.joints.items():
+        prefix = "" if len(flight.joints) == 1 else f"{name}_"
+        distance, speed = joint.separation(s)
+        released = flight.released.get(name, (math.nan, None))[0]
+        out |= {
+            f"{prefix}separation_speed_m_s": speed,
+            f"{prefix}separation_distance_mm": 1e3 * distance,
+        }
+        out[f"{prefix}release_time_s"] = released
+    for name in flight.scene["output"]["tip_off"]:
+        if name in flight.released:
+            for body in flight.joints[name].bodies:
+                if body in vehicle.names:
+                    for axis, rate in zip(
+                        "xyz", flight.released[name][1][vehicle.index[body]], strict=True
+                    ):
+                        out[f"{name}_tip_off_{body}_{axis}_deg_s"] = math.degrees(rate)
+    for name in flight.told:
+        out |= flight.told[name]
+    for motor in flight.loads.motors:
+        if motor.waits and motor.start <= flight.t:
+            out[f"{motor.table['name']}_ignition_time_s"] = motor.start
+    free = {name: 0.0 for name, rows in flight.sequence.kinds[0].items() if not rows}
+    free |= {name: time for name, (time, _) in flight.released.items()}
+    came = {name: found[f"{name}_time_s"] for name, found in flight.told.items()}
+    distances = flight.clearances.report(free) | flight.clearances.at(came, free)
+    return out | flight.watch.report() | distances | _across(flight, out)
+
+
+def _across(flight: "IndependentFlight", out: dict[str, float]) -> dict[str, float]:
+    """Transverse rates, wherever the rates of a body are told."""
+    output, events = flight.scene["output"], [table["name"] for table in flight.scene["event"]]
+    found = {}
+    for body in output["transverse"]:
+        starts = {f"{body}_": "omega_"} | {f"{event}_{body}_": "omega_" for event in events}
+        starts |= {f"{joint}_tip_off_{body}_": "" for joint in output["tip_off"]}
+        for start, of_rate in starts.items():
+            y, z = (out.get(f"{start}{of_rate}{axis}_deg_s") for axis in "yz")
+            if y is not None and z is not None:
+                found[f"{start}transverse_rate_deg_s"] = float(np.hypot(y, z))
+    return found

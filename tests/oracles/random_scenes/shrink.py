@@ -1,0 +1,180 @@
+"""A failing scene made small: what can be left out, or be simpler, without the failure going
+away."""
+
+import copy
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from oracles.random_scenes.compare import FAULTS, Verdict, judge
+from oracles.random_scenes.draft import GROUND, Tree
+from oracles.random_scenes.rng import rounded
+from sepmc.scene.messages import nobody
+
+Judge = Callable[[Tree], Verdict]
+_LISTS = ("motor", "spring", "load", "proximity", "clearance", "release", "event")
+
+
+def shrink(
+    tree: Tree,
+    cases: int = 3,
+    most: int = 300,
+    judged: Judge | None = None,
+    say: Callable[[str], None] = nobody,
+) -> Tree:
+    """The smallest tree found, in at most so many flights, that fails as ``tree`` does, with the
+    same fault."""
+    judged = judged or (lambda t: judge(t, "shrunk", cases))
+    sign = _sign(judged(tree))
+    if not sign:
+        raise ValueError("this scene does not fail")
+    left, progress = most, True
+    while progress and left > 0:
+        progress = False
+        for edit in _edits(tree):
+            smaller = edit
+            left -= 1
+            if left <= 0:
+                break
+            if _sign(judged(copy.deepcopy(smaller))) == sign:
+                tree, progress = smaller, True
+                say(f"{len(str(tree))} characters, {left} flights left")
+                break
+    return tree
+
+
+def _sign(verdict: Verdict) -> tuple[str, ...]:
+    """What a failure is recognised by; empty if there is none."""
+    if verdict.crash:
+        return ("crash", verdict.crash.split(":")[0])
+    faults = [key for key in FAULTS if verdict.rows.get(key)]
+    return (faults[0],) if faults else ()
+
+
+def _edits(tree: Tree) -> Iterator[Tree]:
+    """Smaller trees, those that leave out most first."""
+    if tree.get("dispersion"):
+        yield _without(tree, ("dispersion",))
+        keys = list(tree["dispersion"])
+        for half in (keys[: len(keys) // 2], keys[len(keys) // 2 :]):
+            if len(keys) > 2:
+                yield {
+                    **tree,
+                    "dispersion": {k: v for k, v in tree["dispersion"].items() if k not in half},
+                }
+    for body in list(tree["body"])[::-1]:
+        if len(tree["body"]) > 1:
+            yield _without_body(tree, body)
+    for name in tree.get("joint", {}):
+        yield _without_joints(tree, [name])
+    for number in range(len(tree["phase"]) - 1, -1, -1):
+        if len(tree["phase"]) > 1:
+            phases = [dict(phase) for phase in tree["phase"]]
+            del phases[number]
+            phases[-1].pop("until", None)
+            yield {**tree, "phase": phases}
+    for path in _paths(tree):
+        yield _without(tree, path)
+    yield from _rounded(tree)
+
+
+def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Places of keys of tables, and of elements of arrays of tables; those higher up first."""
+    found: list[tuple[Any, ...]] = []
+    below: list[tuple[Any, ...]] = []
+    items: list[tuple[Any, Any]] = []
+    if isinstance(node, dict):
+        items = list(node.items())
+    elif isinstance(node, list) and node and isinstance(node[0], dict):
+        items = list(enumerate(node))
+    for key, value in items:
+        found.append((*path, key))
+        below += _paths(value, (*path, key))
+    return found + below
+
+
+def _without(tree: Tree, path: tuple[Any, ...]) -> Tree:
+    smaller = copy.deepcopy(tree)
+    node: Any = smaller
+    for part in path[:-1]:
+        node = node[part]
+    del node[path[-1]]
+    return smaller
+
+
+def _without_body(tree: Tree, body: str) -> Tree:
+    """A tree without a body and all that names it."""
+    smaller = copy.deepcopy(tree)
+    del smaller["body"][body]
+    for key in _LISTS:
+        if key in smaller:
+            smaller[key] = [
+                item
+                for item in smaller[key]
+                if item.get("body") != body and body not in item.get("bodies", [])
+            ]
+    if "transverse" in smaller.get("output", {}):
+        smaller["output"]["transverse"] = [
+            name for name in smaller["output"]["transverse"] if name != body
+        ]
+    gone = [
+        name
+        for name, joint in smaller.get("joint", {}).items()
+        if body in joint["bodies"] or set(joint["bodies"]) == {GROUND}
+    ]
+    return _with_known(_without_joints(smaller, gone))
+
+
+def _without_joints(tree: Tree, gone: list[str]) -> Tree:
+    """A tree without joints and all that names them; phases that one of them ends, end at a
+    time."""
+    smaller = copy.deepcopy(tree)
+    smaller["joint"] = {
+        name: joint for name, joint in smaller.get("joint", {}).items() if name not in gone
+    }
+    for number, phase in enumerate(smaller["phase"]):
+        phase["joints"] = {
+            name: kind for name, kind in phase.get("joints", {}).items() if name not in gone
+        }
+        if phase.get("until", {}).get("joint") in gone:
+            phase["until"] = {
+                "time_s": rounded(
+                    smaller["run"]["end_time_s"] * (number + 1) / (len(smaller["phase"]) + 1)
+                )
+            }
+    if "tip_off" in smaller.get("output", {}):
+        smaller["output"]["tip_off"] = [
+            name for name in smaller["output"]["tip_off"] if name not in gone
+        ]
+    return _with_known(smaller)
+
+
+def _with_known(tree: Tree) -> Tree:
+    """A tree whose laws name only what is there."""
+    sorts = {key: set(tree.get(key, {})) for key in ("body", "joint")}
+    sorts |= {key: {item.get("name") for item in tree.get(key, [])} for key in (*_LISTS, "phase")}
+    laws = tree.get("dispersion", {})
+    kept = {
+        key: law
+        for key, law in laws.items()
+        if (parts := key.split("."))[0] not in sorts or parts[1] in sorts[parts[0]]
+    }
+    return {**tree, "dispersion": kept} if laws else tree
+
+
+def _rounded(tree: Tree) -> Iterator[Tree]:
+    """Trees all of whose numbers, outside the laws, have fewer digits."""
+    for digits in (1, 2):
+        simpler = {
+            key: value if key in ("dispersion", "run", "solver") else _round(value, digits)
+            for key, value in tree.items()
+        }
+        if simpler != tree:
+            yield simpler
+
+
+def _round(node: Any, digits: int) -> Any:
+    if isinstance(node, dict):
+        return {key: _round(value, digits) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_round(value, digits) for value in node]
+    return rounded(node, digits) if isinstance(node, float) else node
