@@ -20,7 +20,7 @@ CAMPAIGNS = (
     "srb.toml",
     "hyper-x.toml",
     "residual-thrust.toml",
-    str(Path(__file__).parent / "nozzle.toml"),
+    str(Path(__file__).parent / "data" / "nozzle.toml"),
 )
 # of the fine flight, by a method of order eight, and of its rows: where a clearance is further off
 # than is told, they are as much denser

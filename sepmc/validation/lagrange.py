@@ -13,7 +13,7 @@ and the free relative rates H u. The accelerations follow from the principle of 
 W are the partial velocities. The reaction is what is missing afterwards in Newton and Euler's
 equations of B. Attitudes are integrated as rotation matrices, R' = R [w x], and positions relative
 to a point that moves with the constant initial velocity of the mass centre, so that 7e4 m never
-enters a difference. tests/test_formulations.py derives the slider pair anew with sympy's
+enters a difference. tests/validation/test_formulations.py derives the slider pair anew with sympy's
 LagrangesMethod and KanesMethod and compares the accelerations.
 """
 

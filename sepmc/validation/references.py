@@ -111,8 +111,8 @@ def asymmetric_top(
     I2, w1 = a cn, w2 = b sn, w3 = c dn of tau = rate t + tau0; for L^2 < 2 E I2 the roles of 1 and
     3 change. The body turns about the fixed L at L/I3 + L (1/I1 - 1/I3) / (1 - n sn^2), n = -I3 (I2
     - I1) / (I1 (I3 - I2)), whose integral is Legendre's of the third kind. Differences such as 2 E
-    I3 - L^2 are formed without cancellation. Checked against DOP853 in tests/test_references.py.
-    """
+    I3 - L^2 are formed without cancellation. Checked against DOP853 in
+    tests/validation/test_references.py."""
     times, start = (
         np.atleast_1d(np.asarray(t, float)),
         np.eye(3) if attitude is None else np.asarray(attitude, float),

@@ -37,7 +37,7 @@ SEEDS = (1006, 1014, 1016, 1026, 1030, 1051, 1101, 1395, 1398, 420003, 420009, 4
 NAMED = ("release", "ignition", "optional", "direction", "late profile")
 NAMED_SEEDS = (3000, 3051, 3061, 3085, 3088, 3137)
 THROUGH_DOORS = (1006, 1014, 1016)
-KEPT = sorted((Path(__file__).parent / "scenes").glob("*.toml"))
+KEPT = sorted((Path(__file__).parents[1] / "scenes").glob("*.toml"))
 
 # Two bodies, one spring between them: what is planted must be found in something small.
 SMALL = {

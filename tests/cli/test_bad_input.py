@@ -10,7 +10,7 @@ import sepmc as package
 from sepmc.cli.app import main
 from sepmc.scene.messages import SceneError, nearest
 
-TEXT = (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
 MASS, INERTIA, UNTIL = (
     "mass_kg = 458.0",
     "inertia_kg_m2 = [18.6, 156.3, 157.2]",
@@ -248,7 +248,7 @@ BROKEN = [  # what to replace in table2.toml, by what, and what the message must
 ]
 
 
-RICH = Path(__file__).with_name("everything.toml").read_text(encoding="utf-8")
+RICH = (Path(__file__).parents[1] / "data" / "everything.toml").read_text(encoding="utf-8")
 PUSHER, TIE = (
     "point_m = [2.0, 0.2, 0.1]\naxis = [-1.0, 0.0, 0.0]",
     "second_point_m = [0.3, 0.4, 0.0]",
@@ -897,7 +897,7 @@ def test_two_columns_of_one_name(pair):
 def test_a_clearance_of_shells_only(tmp_path):
     """Shells are not held against each other: a clearance between two bodies that have nothing else
     would never be a number."""
-    text = (Path(__file__).parent / "scenes" / "disc-in-shell.toml").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "scenes" / "disc-in-shell.toml").read_text(encoding="utf-8")
     path = tmp_path / "shells.toml"
     path.write_text(
         text.replace(

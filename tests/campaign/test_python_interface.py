@@ -16,7 +16,7 @@ from sepmc.campaign.store.manifests import read_manifest
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.read import parse_campaign
 
-FILE = Path(__file__).parents[1] / "campaigns" / "table2.toml"
+FILE = Path(__file__).parents[2] / "campaigns" / "table2.toml"
 TREE = tomllib.loads(FILE.read_text(encoding="utf-8"))
 
 

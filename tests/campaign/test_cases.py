@@ -19,7 +19,7 @@ from sepmc.scene.messages import SceneError, SceneWarning
 from sepmc.scene.read import parse_campaign
 
 TREE = tomllib.loads(
-    (Path(__file__).parents[1] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
+    (Path(__file__).parents[2] / "campaigns" / "table2.toml").read_text(encoding="utf-8")
 )
 N = 100_000
 WORD = 2**64 - 1

@@ -697,7 +697,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
 def test_a_trial_case_that_would_be_flown_again_tells_no_error():
     """One that grazes a stroke within a long step was told as an error of 0.2, though no row keeps
     what such a step gives."""
-    campaign = sepmc.load(str(Path(__file__).parent / "grazing.toml"))
+    campaign = sepmc.load(str(Path(__file__).parents[1] / "data" / "grazing.toml"))
     accuracy = step_selection.plan_flight(campaign).achieved
     assert accuracy.met, accuracy.worst
 
@@ -764,7 +764,7 @@ def test_the_error_of_histories_is_that_of_the_middle_of_a_law_too():
     """Tail-offs of 0.1 ms to 3 s: the shortest have steps of their own and the longest are smooth;
     in between, steps are interpolated least exactly. v = F / m (0.1 + tau (1 - exp(-(t - 0.2) /
     tau))) after burn-out at 0.2 s, let go at 0.1 s."""
-    campaign = sepmc.load(Path(__file__).parent / "scenes" / "tail-off-of-any-length.toml")
+    campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "tail-off-of-any-length.toml")
     result = campaign.run(cases=500)
     rows, inputs = result.histories(), result.to_pandas()
     tau = inputs["in_motor_m_tail_off_s"].to_numpy()[rows["case"]]

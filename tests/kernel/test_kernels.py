@@ -342,7 +342,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
 @pytest.mark.slow
 def test_same_bits_where_a_load_is_there_as_its_phase_begins():
     """The least step of a case is a share of the time it has left itself."""
-    campaign = sepmc.load(Path(__file__).parent / "scenes" / "load-there-at-another-time.toml")
+    campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "load-there-at-another-time.toml")
     flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 1000)
     base = special(campaign, flight, drawn)
     assert_array_equal(special(campaign, flight, drawn[::-1]).outcomes[::-1], base.outcomes)
@@ -578,7 +578,7 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
     """A slide that turns back 4.264980 m out and is pushed on later. Long steps may jump over a
     stroke just short of that: such a case, and one whose stroke is just beyond, is on its own,
     however it ends; short steps find it."""
-    campaign = sepmc.load(Path(__file__).parent / "grazed.toml")
+    campaign = sepmc.load(Path(__file__).parents[1] / "data" / "grazed.toml")
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])

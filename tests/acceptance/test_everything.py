@@ -14,7 +14,7 @@ from sepmc.campaign.execution import step_selection
 from sepmc.cli.app import main
 from sepmc.schema import AUDIT_BOUNDS
 
-FILE = Path(__file__).with_name("everything.toml")
+FILE = Path(__file__).parents[1] / "data" / "everything.toml"
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -685,7 +685,7 @@ def test_a_load_that_comes_while_another_joint_is_late():
     """A pulse of 3,000 N at 1.05 s on a body of 50 kg that a steady load decelerates breaks the
     joint then, as its hand-made sum says, though the joint ahead of it lets go only at 1.12 s or
     later."""
-    campaign = sepmc.load(Path(__file__).parent / "scenes" / "awaited_load.toml")
+    campaign = sepmc.load(Path(__file__).parents[1] / "scenes" / "awaited_load.toml")
     with flown_plainly():
         table = campaign.run(cases=4).table
     assert list(table["status"]) == 4 * ["ok"]

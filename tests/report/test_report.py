@@ -18,7 +18,7 @@ from sepmc.report import drawing as drawing_module
 from sepmc.report.drawing import _nozzle, drawing
 from sepmc.scene.read import shipped_campaigns
 
-EVERYTHING = Path(__file__).parent / "everything.toml"
+EVERYTHING = Path(__file__).parents[1] / "data" / "everything.toml"
 REQUIRED = [
     {"name": "fast", "metric": "separation_speed_m_s", "at_least": 0.53, "probability": 0.9},
     {"name": "slow", "metric": "separation_speed_m_s", "at_most": 10.0, "probability": 0.9},

@@ -25,7 +25,7 @@ from sepmc.scene.parameters import UnknownPath, find, replace, value
 from sepmc.scene.read import parse_campaign, parse_setting, read_campaign, shipped_campaigns
 from sepmc.scene.units import UNITS, split_unit
 
-FILE = Path(__file__).parents[1] / "campaigns" / "table2.toml"
+FILE = Path(__file__).parents[2] / "campaigns" / "table2.toml"
 TREE = tomllib.loads(FILE.read_text(encoding="utf-8"))
 SCENE = parse_campaign(TREE, "t.toml").scene
 PINT = {
@@ -355,7 +355,7 @@ def test_names_are_not_units(pair):
 
 def test_every_key_stands_on_the_page():
     """campaigns/README.md names every key of the model, in one of its units at least."""
-    page = (Path(__file__).parents[1] / "campaigns" / "README.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "campaigns" / "README.md").read_text(encoding="utf-8")
     words = set(re.findall(r"\w+", page))
     tables = [t for _, t in inspect.getmembers(model, inspect.isclass) if t is not msgspec.Struct]
     tables = [t for t in tables if issubclass(t, msgspec.Struct) and not t.__name__.startswith("_")]

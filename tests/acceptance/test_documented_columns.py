@@ -1,13 +1,13 @@
 """campaigns/README.md lists every column of a case table, and every status, as the schema has it.
 
-``python tests/test_columns.py`` writes the list anew.
+``python tests/acceptance/test_documented_columns.py`` writes the list anew.
 """
 
 from pathlib import Path
 
 from sepmc.schema import Contents, Status, audit_columns, outcome_columns
 
-README = Path(__file__).parents[1] / "campaigns" / "README.md"
+README = Path(__file__).parents[2] / "campaigns" / "README.md"
 FIRST, LAST = "| column | unit | meaning |", "<!-- end of the columns -->"
 # a body, a joint, a clearance and an event with all that can be asked of them
 EVERY = Contents(

@@ -17,8 +17,8 @@ from sepmc.physics.rims import rim_gap
 from sepmc.physics.shell_edge import lip_gap, lip_least
 from sepmc.validation import geometry
 
-NOZZLE = Path(__file__).parent / "nozzle.toml"
-FLUSH = Path(__file__).parent / "flush.toml"
+NOZZLE = Path(__file__).parents[1] / "data" / "nozzle.toml"
+FLUSH = Path(__file__).parents[1] / "data" / "flush.toml"
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,8 @@ def test_the_compiled_formulas_stay_as_they_are(plain):
 
 
 @pytest.mark.parametrize(
-    "name", ["table2.toml", str(Path(__file__).parent / "everything.toml"), "hyper-x.toml"]
+    "name",
+    ["table2.toml", str(Path(__file__).parents[1] / "data" / "everything.toml"), "hyper-x.toml"],
 )
 def test_a_flight_is_in_pythons_numbers(name):
     """No number of the workspace is one of numpy's, which would make all that follows from it
