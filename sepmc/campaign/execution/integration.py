@@ -25,7 +25,7 @@ from sepmc.campaign.execution.step_refinement import (
     Settled,
     settle,
 )
-from sepmc.engine.dispatch import Again, Block, fly_cases, one_of
+from sepmc.engine.dispatch import Again, Block, fly_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
 from sepmc.routines.layout import (
@@ -287,7 +287,7 @@ def _some(guards: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 def _doubtful(campaign: Definition, block: Block) -> np.ndarray:
     """Which cases (n,) may end otherwise at shorter steps, if none is given."""
-    return one_of(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
+    return status_in(block.status, (FINER_STEPS, *TOO_LONG, *DOUBTFUL)) & (
         campaign.scene.solver.step is None
     )
 
