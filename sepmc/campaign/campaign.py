@@ -31,11 +31,11 @@ from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
     check_every,
+    check_int,
+    check_text,
     check_threads,
     note_of_threads,
-    text,
     using_threads,
-    whole,
 )
 from sepmc.kernel.spec.parameter_layout import make_plan
 from sepmc.paths import place
@@ -140,7 +140,7 @@ class Campaign(Definition):
                 said = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {said}")
         elif case is not None:
-            case = self.case(whole("case", case, 0, CASES - 1))
+            case = self.case(check_int("case", case, 0, CASES - 1))
         scene, unfit = (case or self.nominal()).scene, self._unfit(case)
         if unfit:
             scene = self.nominal().scene
@@ -280,7 +280,7 @@ class Campaign(Definition):
         seed = self._seed(seed)
         threads = check_threads(threads)
         if max_failures is not None:
-            whole("max_failures", max_failures, 0)
+            check_int("max_failures", max_failures, 0)
         kept = None if keep is None else self._keep(keep, keep_columns, float32, out)
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
@@ -389,9 +389,9 @@ class Campaign(Definition):
         """Rules by which rows are kept. Raises InputError with what is allowed."""
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
-        text("keep", keep, "failed,worst:20")
+        check_text("keep", keep, "failed,worst:20")
         if columns is not None:
-            text("keep_columns", columns, "in_*,separation_*")
+            check_text("keep_columns", columns, "in_*,separation_*")
         return read_keep(keep, columns, single, self.file.requirements, self.columns)
 
     def rare(
@@ -427,7 +427,7 @@ class Campaign(Definition):
             If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
-        target(self, text("requirement", requirement, "a name"))
+        target(self, check_text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
@@ -439,7 +439,7 @@ class Campaign(Definition):
 
     def until(self, asked: str, numbers: Numbers) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
-        text("until", asked, "separation_speed_m_s:0.01")
+        check_text("until", asked, "separation_speed_m_s:0.01")
         found = read_until(asked, [column.name for column in self.outcome_columns])
         if not numbers.are_first or self.scene.run.sampler in OF_ITS_SIZE:
             what = "a sampler whose cases depend on how many there are"

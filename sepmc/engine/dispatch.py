@@ -212,7 +212,7 @@ def _call(
     )  # fmt: skip
 
 
-def whole(name: str, value: Any, least: float, most: float | None = None) -> int:
+def check_int(name: str, value: Any, least: float, most: float | None = None) -> int:
     """A whole number in range; raises InputError (a ValueError) with the name, the value and what
     is allowed."""
     try:
@@ -230,7 +230,7 @@ def whole(name: str, value: Any, least: float, most: float | None = None) -> int
     return number
 
 
-def text(name: str, value: Any, example: str) -> str:
+def check_text(name: str, value: Any, example: str) -> str:
     """A text; raises InputError (a ValueError) with the name, the value and an example."""
     if not isinstance(value, str):
         raise InputError(f"{name} = {shorten(value)}: must be text, as {example!r}")
@@ -262,7 +262,7 @@ def check_threads(threads: int | None) -> int | None:
     own.in_use()
     if threads is None:
         return None
-    found, most = whole("threads", threads, -math.inf), own.max_threads()
+    found, most = check_int("threads", threads, -math.inf), own.max_threads()
     if not 1 <= found <= most:
         raise InputError(
             f"threads = {found}: must lie in 1 to {most}, the cores of this machine or fewer where "
