@@ -73,8 +73,8 @@ def _so_far(done: int, total: int, seconds: float) -> str:
 
 def _flown_again(block: Block) -> float:
     """Share of the cases of a block that were flown again."""
-    assert block.again is not None
-    return block.again.finer / len(block.status)
+    assert block.refinement is not None
+    return block.refinement.n_refined / len(block.status)
 
 
 def _row(way: Way, times: list[float], error: float, worst: str, few: bool) -> dict[str, Any]:

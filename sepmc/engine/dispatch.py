@@ -38,33 +38,65 @@ def status_in(status: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
 
 
 @dataclass
-class Again:
-    """What is told of the cases of a block: the largest ``error`` (o,) of each outcome, as far as
-    cases tell it one by one; how many were flown again at finer steps than the others, and by a
-    spare kernel; and how many no step settled; the largest ``guards`` (g,) of those that were not
-    flown again, which tell errors of the other outcomes, or none."""
+class RefinementSummary:
+    """Counts and errors of the refined cases of a block.
+
+    Attributes
+    ----------
+    error : ndarray, shape (o,)
+        Largest error of each outcome over the cases that were integrated with refined steps.
+    n_refined : int
+        Cases integrated again with smaller steps.
+    n_fallback : int
+        Cases integrated again by a fallback kernel.
+    n_unconverged : int
+        Cases whose outcomes did not converge.
+    guards : ndarray, shape (g,) or (0,)
+        Largest error indicators of the cases that were not refined; they give the errors of the
+        outcomes of these cases.
+    """
 
     error: np.ndarray
-    finer: int = 0
-    spare: int = 0
-    unsettled: int = 0
+    n_refined: int = 0
+    n_fallback: int = 0
+    n_unconverged: int = 0
     guards: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def with_others(self, others: "Again") -> "Again":
-        """These and others."""
-        return Again(
-            np.maximum(self.error, others.error),
-            self.finer + others.finer,
-            self.spare + others.spare,
-            self.unsettled + others.unsettled,
-            self.guards if len(self.guards) else others.guards,
+    def merged(self, other: "RefinementSummary") -> "RefinementSummary":
+        """Summary of the cases of this one and of another one."""
+        return RefinementSummary(
+            np.maximum(self.error, other.error),
+            self.n_refined + other.n_refined,
+            self.n_fallback + other.n_fallback,
+            self.n_unconverged + other.n_unconverged,
+            self.guards if len(self.guards) else other.guards,
         )
 
 
 @dataclass
 class Block:
-    """Arrays a call of the door fills, and what is to be told of the cases that another kernel
-    flew."""
+    """Arrays that one call of a kernel fills, and the summary of the cases integrated again.
+
+    Attributes
+    ----------
+    outcomes : ndarray, shape (n, o)
+        Outcomes and audit columns, in SI units.
+    status : ndarray, shape (n,)
+        Status of each case; below 0 if the kernel rejected it.
+    times : ndarray, shape (n, rows)
+        Times of the history rows, s.
+    phases : ndarray, shape (n, rows)
+        Phase number of each history row.
+    history : ndarray, shape (n, rows, columns)
+        Separation speeds and distances.
+    rows : ndarray, shape (n,)
+        Number of valid history rows of each case.
+    guards : ndarray, shape (n, g), optional
+        Error indicators (`sepmc.kernel.emit.context.Context`), not negative. NaN: unknown. Minus
+        infinity: the steps were too long to count the full turns of pitch and roll.
+    refinement : RefinementSummary, optional
+        Summary of the cases integrated again.
+    """
 
     outcomes: np.ndarray
     status: np.ndarray
@@ -72,33 +104,30 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    # (n, g): how hard cases are to integrate (`sepmc.kernel.emit.context.Context`), not below 0;
-    # NaN: not known; minus infinity: steps were too long to tell by how many turns pitch and roll
-    # went on
     guards: np.ndarray | None = None
-    again: Again | None = None
+    refinement: RefinementSummary | None = None
 
     @property
     def error(self) -> np.ndarray:
-        """The estimate of the error of each case (n,), its last audit column."""
+        """Estimated error of each case (n,): the last audit column."""
         return self.outcomes[:, -1]
 
     @property
     def guarded(self) -> np.ndarray:
-        """Which cases (n,) have guards that are all known; others are flown again."""
+        """Mask (n,) of the cases with all error indicators known; others are integrated again."""
         assert self.guards is not None
         return np.asarray((self.guards >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
-        """Cases (n,) that shorter steps may tell more of."""
+        """Mask (n,) of the cases whose full turns of pitch and roll need shorter steps."""
         if self.guards is None:
             return np.zeros(len(self.status), dtype=bool)
         return np.asarray(np.isneginf(self.guards).any(axis=1))
 
     @property
     def flown(self) -> np.ndarray:
-        """Which cases (n,) have outcomes."""
+        """Mask (n,) of the cases that have outcomes."""
         return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 

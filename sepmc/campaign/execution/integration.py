@@ -25,7 +25,7 @@ from sepmc.campaign.execution.step_refinement import (
     Settled,
     settle,
 )
-from sepmc.engine.dispatch import Again, Block, fly_cases, status_in
+from sepmc.engine.dispatch import Block, RefinementSummary, fly_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
 from sepmc.routines.layout import (
@@ -175,9 +175,9 @@ def fly(
     told = _estimated(campaign, flight, block, like)
     beyond = like & (block.error > flight.most)
     hard = _doubtful(campaign, block) | (block.flown & ~like)
-    again = told.with_others(
+    summary = told.merged(
         _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
-    ).with_others(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
+    ).merged(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
     for spare in flight.spares:
         finite = motion_is_finite(block.outcomes, bodies)
@@ -186,14 +186,14 @@ def fly(
             other = flight.by(spare, announce)
             _put(block, lost, fly_once(campaign, other, draws[lost], room))
             hard = (_doubtful(campaign, block) | block.flown)[lost]
-            again = again.with_others(_fly_hard(campaign, other, draws, room, block, lost[hard]))
-            again.spare += len(lost)
+            summary = summary.merged(_fly_hard(campaign, other, draws, room, block, lost[hard]))
+            summary.n_fallback += len(lost)
     lost = np.flatnonzero(block.status < 0)
     finite = motion_is_finite(block.outcomes[lost], bodies)
     block.status[lost] = final_status(block.status[lost], finite)
     # the audit stays
     block.outcomes[lost, : len(campaign.outcome_columns)], block.rows[lost] = np.nan, 0
-    block.again = again
+    block.refinement = summary
     return block
 
 
@@ -262,10 +262,12 @@ def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     return np.asarray(like)
 
 
-def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndarray) -> Again:
+def _estimated(
+    campaign: Definition, flight: Flight, block: Block, like: np.ndarray
+) -> RefinementSummary:
     """Put the estimate of the error into the rows of a block that are ``like`` (n,) trial cases.
     Returns what is to be told of those that need not fly again."""
-    nothing = Again(np.zeros(len(campaign.outcome_columns)))
+    nothing = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
         return nothing
     assert block.guards is not None
@@ -275,7 +277,7 @@ def _estimated(campaign: Definition, flight: Flight, block: Block, like: np.ndar
     block.error[known] = error
     settled = _some(guards, ~(error > flight.most))
     leading = flight.estimate.of_leading(settled)
-    return Again(
+    return RefinementSummary(
         leading, guards=settled.max(axis=0, initial=0.0) if len(settled) else nothing.guards
     )
 
@@ -300,13 +302,13 @@ def _fly_hard(
     block: Block,
     hard: np.ndarray,
     agreements: int = AGREEMENTS,
-) -> Again:
+) -> RefinementSummary:
     """Fly the cases ``hard`` into their rows of ``block``, each at steps at which it has settled;
     with a step that is given, only to learn their error. Returns what is to be told of them."""
     given = campaign.scene.solver.step is not None
     columns = campaign.outcome_columns
     if not len(hard):
-        return Again(np.zeros(len(columns)))
+        return RefinementSummary(np.zeros(len(columns)))
     before = _rows(block, hard)
     found = _settle(
         campaign,
@@ -327,7 +329,7 @@ def _fly_hard(
         _put(block, hard, before)
         flown = block.flown[hard]
         block.error[hard[flown]] = _told(flight, change[flown], decides)
-        return Again(SAFETY * _largest(change), finer=len(hard))
+        return RefinementSummary(SAFETY * _largest(change), n_refined=len(hard))
     finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
     left = np.flatnonzero((block.status[hard] == FINER_STEPS) & finite)
     for number in left:
@@ -335,10 +337,10 @@ def _fly_hard(
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
     flown = block.flown[hard]
     block.error[hard[flown]] = _told(flight, found.change[flown], decides)
-    return Again(
+    return RefinementSummary(
         SAFETY * _largest(found.change[flown]),
-        finer=len(hard),
-        unsettled=int(np.count_nonzero(flown & ~found.settled)),
+        n_refined=len(hard),
+        n_unconverged=int(np.count_nonzero(flown & ~found.settled)),
     )
 
 

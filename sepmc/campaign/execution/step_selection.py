@@ -242,15 +242,15 @@ def _each_by_itself(
     own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
     flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
     block = fly(campaign, flight, draws)
-    assert block.again is not None
+    assert block.refinement is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
-    told = achieved(campaign, block.again.error / SAFETY, int(np.count_nonzero(ok)))
+    told = achieved(campaign, block.refinement.error / SAFETY, int(np.count_nonzero(ok)))
     nominal = block.outcomes[0, : len(units)] if ok[0] else None
     scale = scales(block.outcomes[ok][:, : len(units)], units, own)
     return replace(
         flight,
         scale=scale,
-        error=float(block.again.error[decides].max(initial=0.0)) / SAFETY,
+        error=float(block.refinement.error[decides].max(initial=0.0)) / SAFETY,
         achieved=told,
         nominal=nominal,
     )
