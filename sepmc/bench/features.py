@@ -120,7 +120,7 @@ def _flight(study: Study, variant: Variant) -> Callable[[], object]:
 def _has_stages(study: Study, campaign: Campaign) -> bool:
     """Whether the kernel of a campaign has as many stages as the study's: only then can it fly in
     its steps."""
-    return len(stage_names(campaign)) == study.flight.kernel.stages
+    return len(stage_names(campaign)) == study.flight.kernel.n_segments
 
 
 def _variants(study: Study, history_step: float) -> list[Variant]:

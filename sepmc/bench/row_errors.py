@@ -14,7 +14,7 @@ def measure(study: Study, reference: Reference) -> tuple[pd.DataFrame, dict[str,
     """Every case's ``error`` and ``true_error``, the largest of the outcomes that decide, with the
     ``outcome`` that has it; and what is to be known of them, in a few numbers."""
     block, names = study.default.fly(study.draws), np.array(study.names)
-    both = np.flatnonzero(block.flown & reference.sound[: len(block.status)])
+    both = np.flatnonzero(block.has_outcomes & reference.sound[: len(block.status)])
     decides, scale = decisive(study.campaign.outcome_columns), study.flight.scale
     assert scale is not None
     assert block.refinement is not None

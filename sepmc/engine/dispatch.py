@@ -51,7 +51,7 @@ class RefinementSummary:
         Cases integrated again by a fallback kernel.
     n_unconverged : int
         Cases whose outcomes did not converge.
-    guards : ndarray, shape (g,) or (0,)
+    indicators : ndarray, shape (g,) or (0,)
         Largest error indicators of the cases that were not refined; they give the errors of the
         outcomes of these cases.
     """
@@ -60,7 +60,7 @@ class RefinementSummary:
     n_refined: int = 0
     n_fallback: int = 0
     n_unconverged: int = 0
-    guards: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    indicators: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def merged(self, other: "RefinementSummary") -> "RefinementSummary":
         """Summary of the cases of this one and of another one."""
@@ -69,7 +69,7 @@ class RefinementSummary:
             self.n_refined + other.n_refined,
             self.n_fallback + other.n_fallback,
             self.n_unconverged + other.n_unconverged,
-            self.guards if len(self.guards) else other.guards,
+            self.indicators if len(self.indicators) else other.indicators,
         )
 
 
@@ -91,7 +91,7 @@ class Block:
         Separation speeds and distances.
     rows : ndarray, shape (n,)
         Number of valid history rows of each case.
-    guards : ndarray, shape (n, g), optional
+    indicators : ndarray, shape (n, g), optional
         Error indicators (`sepmc.kernel.emit.context.Context`), not negative. NaN: unknown. Minus
         infinity: the steps were too long to count the full turns of pitch and roll.
     refinement : RefinementSummary, optional
@@ -104,7 +104,7 @@ class Block:
     phases: np.ndarray
     history: np.ndarray
     rows: np.ndarray
-    guards: np.ndarray | None = None
+    indicators: np.ndarray | None = None
     refinement: RefinementSummary | None = None
 
     @property
@@ -113,20 +113,20 @@ class Block:
         return self.outcomes[:, -1]
 
     @property
-    def guarded(self) -> np.ndarray:
+    def has_indicators(self) -> np.ndarray:
         """Mask (n,) of the cases with all error indicators known; others are integrated again."""
-        assert self.guards is not None
-        return np.asarray((self.guards >= 0.0).all(axis=1))
+        assert self.indicators is not None
+        return np.asarray((self.indicators >= 0.0).all(axis=1))
 
     @property
     def turns_unclear(self) -> np.ndarray:
         """Mask (n,) of the cases whose full turns of pitch and roll need shorter steps."""
-        if self.guards is None:
+        if self.indicators is None:
             return np.zeros(len(self.status), dtype=bool)
-        return np.asarray(np.isneginf(self.guards).any(axis=1))
+        return np.asarray(np.isneginf(self.indicators).any(axis=1))
 
     @property
-    def flown(self) -> np.ndarray:
+    def has_outcomes(self) -> np.ndarray:
         """Mask (n,) of the cases that have outcomes."""
         return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
@@ -152,9 +152,12 @@ def fly_cases(
     """
     n, columns = len(draws), schema.result_columns(plan.contents)
     # kernels write all of it but the estimate of the error, the last of the columns
-    outcomes, status = np.empty((len(columns) + kernel.guards, n)), np.empty(n, dtype=np.int64)
+    outcomes, status = (
+        np.empty((len(columns) + kernel.n_indicators, n)),
+        np.empty(n, dtype=np.int64),
+    )
     outcomes[len(columns) - 1] = np.nan
-    ends = np.empty((kernel.stages, n))
+    ends = np.empty((kernel.n_segments, n))
     width = 2 * len(plan.joints) if room else 0
     history = np.full((n, room, width), np.nan)
     _call(
@@ -190,8 +193,11 @@ def fly_everything(
     and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case
     did not get so far."""
     columns, none = len(schema.result_columns(plan.contents)), np.empty(0, dtype=np.int64)
-    outcomes, status = np.full((columns + kernel.guards, 1), np.nan), np.zeros(1, dtype=np.int64)
-    ends = np.empty((kernel.stages + kernel.changes, 1))
+    outcomes, status = (
+        np.full((columns + kernel.n_indicators, 1), np.nan),
+        np.zeros(1, dtype=np.int64),
+    )
+    ends = np.empty((kernel.n_segments + kernel.n_changes, 1))
     history = np.full((1, len(instants), len(schema.history_columns(plan.contents))), np.nan)
     _call(
         kernel,
@@ -229,15 +235,15 @@ def _call(
     if plan.scene.solver.step is not None:
         times, steps, pace = (
             int(steps.max()),
-            np.full(kernel.stages, _NO_LIMIT),
-            np.full(kernel.stages, plan.scene.solver.step),
+            np.full(kernel.n_segments, _NO_LIMIT),
+            np.full(kernel.n_segments, plan.scene.solver.step),
         )
     else:
-        times, pace = 1, np.zeros(kernel.stages)
+        times, pace = 1, np.zeros(kernel.n_segments)
     fly(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
         times, usual, every, outcomes, ends, history,
-        status, np.zeros(kernel.stages, dtype=np.int64) if methods is None else methods,
+        status, np.zeros(kernel.n_segments, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
 
 

@@ -31,9 +31,9 @@ class Pieces(msgspec.Struct, frozen=True):
 
     names: tuple[str, ...]
     size: int
-    guards: int
-    stages: int
-    changes: int
+    n_indicators: int
+    n_segments: int
+    n_changes: int
     methods: tuple[tuple[str, ...], ...]
 
 
@@ -105,9 +105,9 @@ def load(pieces: Pieces) -> Kernel:
         addresses[-1],
         pieces.size,
         table(addresses),
-        pieces.guards,
-        pieces.stages,
-        pieces.changes,
+        pieces.n_indicators,
+        pieces.n_segments,
+        pieces.n_changes,
         pieces.methods,
     )
 

@@ -255,8 +255,8 @@ def test_errors_are_shares_of_what_statistics_are_of():
     block = SimpleNamespace(
         status=np.array([ok, never, ok, other, ok]),
         outcomes=np.array([[1.0], [50.0], [1.2], [NAN], [1.4]]),
-        flown=np.array([True, True, True, False, True]),
-        guarded=np.array([True, True, True, True, False]),
+        has_outcomes=np.array([True, True, True, False, True]),
+        has_indicators=np.array([True, True, True, True, False]),
     )
     assert_array_equal(step_selection._ended(block, None), [[1.0], [1.2]])
     assert_array_equal(step_selection._ended(block, 0.1), [[1.0], [1.2], [1.4]])
@@ -691,7 +691,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
         # a row's own error is known to a factor of 3
         assert (found <= np.maximum(3.0 * block.error, 1e-12)).all()
         if not settings:
-            of_cases = flight.estimate.largest(block.refinement.error, block.refinement.guards)
+            of_cases = flight.estimate.largest(block.refinement.error, block.refinement.indicators)
             told = max(flight.achieved.errors[name], of_cases[k])
             assert found.max() <= max(told, 1e-12)
 
@@ -740,7 +740,7 @@ def test_an_angle_that_does_not_exist_is_no_reason_to_fly_again():
     """Sideslip of still air; one beyond what trial cases had is."""
     usual = Flight(None, np.ones(1), np.ones(1), limits=np.ones(1), angles={0: 0.5})
     found = np.array([[0.4], [0.6], [NAN]])
-    block = Block(found, *np.zeros((5, 3)), guards=np.zeros((3, 1)))
+    block = Block(found, *np.zeros((5, 3)), indicators=np.zeros((3, 1)))
     assert_array_equal(_is_like_trials(usual, block), [True, False, True])
 
 

@@ -119,8 +119,8 @@ def test_a_flight_is_in_pythons_numbers(name):
 
     kernel.plain.fly_block = fly_block
     steps, usual = (
-        np.full(kernel.stages, 2),
-        np.full(kernel.stages, campaign.scene.run.end_time / 3.0),
+        np.full(kernel.n_segments, 2),
+        np.full(kernel.n_segments, campaign.scene.run.end_time / 3.0),
     )
     fly_cases(
         kernel, campaign.plan, steps, usual, campaign.slots, step_selection.sample(campaign, 1)

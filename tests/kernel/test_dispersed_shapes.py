@@ -207,7 +207,7 @@ def test_compiled_as_in_plain_python(pair):
     for interpreting in (False, True):
         with interpreted(interpreting):
             kernel = load_kernel(text)
-        steps = np.full(kernel.stages, 16), np.full(kernel.stages, 0.1)
+        steps = np.full(kernel.n_segments, 16), np.full(kernel.n_segments, 0.1)
         block, _ = fly_cases(kernel, campaign.plan, *steps, campaign.slots, draws)
         found.append(block)
     compiled, plain = found

@@ -153,8 +153,8 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     (status,), expected = by_independent_flights(campaign, 1)
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
-    assert len(step_selection.stage_names(campaign)) == kernel.stages
-    steps, usual = np.array(steps), np.full(kernel.stages, np.inf)
+    assert len(step_selection.stage_names(campaign)) == kernel.n_segments
+    steps, usual = np.array(steps), np.full(kernel.n_segments, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
         fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
@@ -183,7 +183,7 @@ def test_small_scenes_agree(name):
     statuses, expected = by_independent_flights(campaign, 2)
     with interpreted():
         kernel = load_kernel(step_selection.kernel_text(campaign))
-    steps, usual = np.full(kernel.stages, 24), np.full(kernel.stages, np.inf)
+    steps, usual = np.full(kernel.n_segments, 24), np.full(kernel.n_segments, np.inf)
     for _ in range(2):  # how long phases last sets the length of steps
         fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.median(np.diff(ends, axis=0, prepend=0.0), axis=1)
@@ -332,7 +332,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])
         assert_array_equal(found.outcomes, base.outcomes[order])
-        assert_array_equal(found.guards, base.guards[order])
+        assert_array_equal(found.indicators, base.indicators[order])
     for i in (0, LANES, len(drawn) - 1):
         assert_array_equal(
             special(campaign, flight, drawn[i : i + 1]).outcomes[0], base.outcomes[i]
@@ -585,7 +585,7 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
     long = fly_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
     short = fly_cases(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
-    assert np.isnan(long.guards).any() == missed
+    assert np.isnan(long.indicators).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 
 

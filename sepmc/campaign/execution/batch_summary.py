@@ -84,7 +84,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         dict(least_at_the_end(campaign, outcomes, drawn)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
-        tuple(again.guards.tolist()) if again else (),
+        tuple(again.indicators.tolist()) if again else (),
         rare_values.count(campaign.rare_values, drawn),
     )
 

@@ -69,7 +69,7 @@ class Flight:
     late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
     which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
     to, see `sepmc.campaign.execution.accuracy.errors`. ``limits`` (g,) are what guards of a case
-    may be for trial cases to tell its error too (`Block.guards`), ``angles`` the same of the size,
+    may be for trial cases to tell its error too (`Block.indicators`), ``angles`` the same of the size,
     rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about
     at once. Within these the ``estimate`` tells what the error of a case is; more than ``most`` is
     too much. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
@@ -108,7 +108,7 @@ class Flight:
     @property
     def method_names(self) -> list[str]:
         """Names of the methods by which the stages are flown."""
-        numbers = np.zeros(self.kernel.stages, int) if self.methods is None else self.methods
+        numbers = np.zeros(self.kernel.n_segments, int) if self.methods is None else self.methods
         return [names[number] for names, number in zip(self.kernel.methods, numbers, strict=True)]
 
     @property
@@ -134,8 +134,8 @@ class Flight:
     def by(self, spare: Spare, announce: Say | None) -> "Flight":
         """The same by a spare kernel, whose stages are the phases."""
         kernel = spare.make(announce)
-        steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
-        usual = np.bincount(spare.phases, self.usual, kernel.stages)
+        steps = np.bincount(spare.phases, self.steps, kernel.n_segments).astype(np.int64)
+        usual = np.bincount(spare.phases, self.usual, kernel.n_segments)
         return replace(
             self,
             kernel=kernel,
@@ -174,7 +174,7 @@ def fly(
     like = _is_like_trials(flight, block)
     told = _estimated(campaign, flight, block, like)
     beyond = like & (block.error > flight.most)
-    hard = _doubtful(campaign, block) | (block.flown & ~like)
+    hard = _doubtful(campaign, block) | (block.has_outcomes & ~like)
     summary = told.merged(
         _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
     ).merged(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
@@ -185,7 +185,7 @@ def fly(
         if len(lost):
             other = flight.by(spare, announce)
             _put(block, lost, fly_once(campaign, other, draws[lost], room))
-            hard = (_doubtful(campaign, block) | block.flown)[lost]
+            hard = (_doubtful(campaign, block) | block.has_outcomes)[lost]
             summary = summary.merged(_fly_hard(campaign, other, draws, room, block, lost[hard]))
             summary.n_fallback += len(lost)
     lost = np.flatnonzero(block.status < 0)
@@ -253,10 +253,10 @@ def motion_is_finite(outcomes: np.ndarray, bodies: int) -> np.ndarray:
 
 def _is_like_trials(flight: Flight, block: Block) -> np.ndarray:
     """Which cases (n,) are no harder to integrate than trial cases."""
-    assert block.guards is not None
+    assert block.indicators is not None
     if flight.limits is None:
         return np.ones(len(block.status), dtype=bool)
-    like = block.guarded & (block.guards <= flight.limits).all(axis=1)
+    like = block.has_indicators & (block.indicators <= flight.limits).all(axis=1)
     for column, limit in flight.angles.items():
         like &= ~(np.abs(block.outcomes[:, column]) > limit)  # NaN: no angle that could be wrong
     return np.asarray(like)
@@ -270,15 +270,15 @@ def _estimated(
     nothing = RefinementSummary(np.zeros(len(campaign.outcome_columns)))
     if flight.estimate is None:
         return nothing
-    assert block.guards is not None
-    known = like & block.flown
-    guards = _some(block.guards, known)
+    assert block.indicators is not None
+    known = like & block.has_outcomes
+    guards = _some(block.indicators, known)
     error = flight.estimate.of_cases(guards)
     block.error[known] = error
     settled = _some(guards, ~(error > flight.most))
     leading = flight.estimate.of_leading(settled)
     return RefinementSummary(
-        leading, guards=settled.max(axis=0, initial=0.0) if len(settled) else nothing.guards
+        leading, indicators=settled.max(axis=0, initial=0.0) if len(settled) else nothing.indicators
     )
 
 
@@ -327,7 +327,7 @@ def _fly_hard(
             found.change, errors(before.outcomes[:, :n], block.outcomes[hard, :n], flight.scale)
         )
         _put(block, hard, before)
-        flown = block.flown[hard]
+        flown = block.has_outcomes[hard]
         block.error[hard[flown]] = _told(flight, change[flown], decides)
         return RefinementSummary(SAFETY * _largest(change), n_refined=len(hard))
     finite = motion_is_finite(block.outcomes[hard], len(campaign.plan.bodies))
@@ -335,7 +335,7 @@ def _fly_hard(
     for number in left:
         own = _alone(campaign, flight, draws, room, block, hard[number])
         found.change[number], found.settled[number] = own.change[0], own.settled[0]
-    flown = block.flown[hard]
+    flown = block.has_outcomes[hard]
     block.error[hard[flown]] = _told(flight, found.change[flown], decides)
     return RefinementSummary(
         SAFETY * _largest(found.change[flown]),
@@ -419,7 +419,7 @@ def _settle(
 
 def _rows(block: Block, which: np.ndarray) -> Block:
     """Some rows of a block."""
-    guards = None if block.guards is None else block.guards[which]
+    guards = None if block.indicators is None else block.indicators[which]
     return Block(
         block.outcomes[which],
         block.status[which],
@@ -436,11 +436,11 @@ def _put(block: Block, which: np.ndarray, rows: Block) -> None:
     block.outcomes[which], block.status[which] = rows.outcomes, rows.status
     block.history[which], block.rows[which] = rows.history, rows.rows
     if (
-        block.guards is not None
-        and rows.guards is not None
-        and block.guards.shape[1] == rows.guards.shape[1]
+        block.indicators is not None
+        and rows.indicators is not None
+        and block.indicators.shape[1] == rows.indicators.shape[1]
     ):
-        block.guards[which] = rows.guards
+        block.indicators[which] = rows.indicators
 
 
 def _largest(change: np.ndarray) -> np.ndarray:

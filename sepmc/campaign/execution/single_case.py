@@ -146,7 +146,7 @@ class _SingleFlight:
         self.text, self.compiled = written(shape, plan.scene.solver.method, FULL_HISTORY), False
         with interpreted():
             self.kernel = load_kernel(self.text)
-        stages = self.kernel.stages
+        stages = self.kernel.n_segments
         self.usual = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
@@ -165,7 +165,7 @@ class _SingleFlight:
 
     def fly(self) -> Single:
         """The case. Raises _LostError if the kernel does not vouch for it."""
-        scene, steps = self.plan.scene, np.ones(self.kernel.stages, dtype=np.int64)
+        scene, steps = self.plan.scene, np.ones(self.kernel.n_segments, dtype=np.int64)
         if scene.solver.step is None:
             steps, error, notes = self._settled(steps)
             return self._told(self._with_rows(steps, notes), error)
@@ -198,7 +198,7 @@ class _SingleFlight:
         in finer steps than so many (stages,). Returns its outcomes, if it came to its end."""
         solver, most = self.plan.scene.solver, _MOST if self.compiled else _PLAIN
         assert solver.step is not None
-        known = self.kernel.stages == 1  # it lasts as long as the flight
+        known = self.kernel.n_segments == 1  # it lasts as long as the flight
         affordable = most * solver.step / self.plan.scene.run.end_time
         for times in _TO_LEARN:
             if times > _TO_LEARN[0] and (known or times > affordable):
@@ -211,7 +211,7 @@ class _SingleFlight:
     def _once(
         self, steps: np.ndarray, instants: np.ndarray = _NONE
     ) -> tuple[np.ndarray, int, np.ndarray]:
-        stages, self.steps = self.kernel.stages, steps
+        stages, self.steps = self.kernel.n_segments, steps
         given = self.plan.scene.solver.step is not None
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
@@ -295,7 +295,7 @@ class _SingleFlight:
     def _moments(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Ends of stages (stages,) and times at which joints let go within (n,) of a flight in so
         many steps (stages,), which is flown if that is not known."""
-        if self.kernel.stages == 1 and self.kernel.changes == 0:
+        if self.kernel.n_segments == 1 and self.kernel.n_changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
         flown = steps.tobytes(), self.usual.tobytes()
         if flown not in self.known:

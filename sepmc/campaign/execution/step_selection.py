@@ -225,7 +225,7 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
 
 def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
     """Steps (stages,), and how long stages usually last, while nothing is known of that."""
-    return np.full(kernel.stages, _SPREAD_STEPS), np.full(kernel.stages, np.inf)
+    return np.full(kernel.n_segments, _SPREAD_STEPS), np.full(kernel.n_segments, np.inf)
 
 
 def _each_by_itself(
@@ -239,7 +239,7 @@ def _each_by_itself(
     steps, usual = _unknown(kernel)
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
-    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
+    own, nothing = scene_scales(campaign.scene, units), np.full(kernel.n_indicators, -np.inf)
     flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
     block = fly(campaign, flight, draws)
     assert block.refinement is not None
@@ -353,16 +353,16 @@ def _choose_steps(
         _SPREAD_STEPS if given is None else 1,
         np.vstack([tried[:1], drawn[: (len(drawn) + 3) // 4]]),
     )
-    few = block_of(np.full(kernel.stages, spread), some)
+    few = block_of(np.full(kernel.n_segments, spread), some)
     # a body may turn too far in a step for any of them
     while not mostly(_verdict(few, given)) and spread < _MOST_SPREAD:
         spread *= 2
-        few = block_of(np.full(kernel.stages, spread), some)
+        few = block_of(np.full(kernel.n_segments, spread), some)
     scale = scales(_ended(few, given)[:, : len(units)], units, scene_scales(campaign.scene, units))
     for _ in range(_ROUNDS):
         tried = np.vstack([tried, drawn[beyond]])
         search = Search(flown, tried, scale, goal, decides, evaluations)
-        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.stages)
+        fewest = search.fewest(least) if given is None else search.of_one_step(kernel.n_segments)
         if fewest is None:
             return None
         steps = fewest
@@ -398,10 +398,10 @@ def _choose_steps(
         largest = np.maximum(largest, _doubted(finely_flown, vouched, goal, scale, decides))
     limits, angles = _limits(campaign, trials), _angles(campaign, trials)
     largest = np.maximum(largest, _unseen(campaign, trials, scale))
-    assert trials.guards is not None
-    told_by_guards = trials.guarded[known_of]  # with a step that is given, maybe not all
+    assert trials.indicators is not None
+    told_by_guards = trials.has_indicators[known_of]  # with a step that is given, maybe not all
     own = estimate(
-        trials.guards[known_of][told_by_guards],
+        trials.indicators[known_of][told_by_guards],
         known[told_by_guards],
         SAFETY * search.of_reference,
         _left_out(campaign, trials, scale),
@@ -437,7 +437,7 @@ def _choose_steps(
 def _verdict(block: Block, given: float | None) -> np.ndarray:
     """Of which cases (n,) a kernel vouches for the outcomes: those with a guard that is not known
     are flown again, unless the step is ``given``."""
-    vouched = block.flown & (given is not None or block.guarded)
+    vouched = block.has_outcomes & (given is not None or block.has_indicators)
     return np.where(
         block.status > Status.NEVER_RELEASED, NO_OUTCOMES, np.where(vouched, VOUCHED, IN_DOUBT)
     )
@@ -454,12 +454,12 @@ def _ended(block: Block, given: float | None) -> np.ndarray:
 def _limits(campaign: Definition, trials: Block) -> np.ndarray:
     """Guards (g,) up to which trial cases tell the error of a case: their own largest and a little
     more, or what no outcome would show."""
-    assert trials.guards is not None
-    sound = trials.guards[(trials.status == Status.OK) & trials.guarded]
+    assert trials.indicators is not None
+    sound = trials.indicators[(trials.status == Status.OK) & trials.has_indicators]
     speed, rate = (
         SMALL * campaign.scene.solver.accuracy * scene_scales(campaign.scene, ["m/s", "deg/s"])
     )
-    unseen = np.zeros(trials.guards.shape[1])
+    unseen = np.zeros(trials.indicators.shape[1])
     of_states = 3 * len(campaign.plan.bodies)
     unseen[:of_states] = np.resize([speed, rate * campaign.scene.run.end_time, rate], of_states)
     units, impulses = [column.unit for column in campaign.outcome_columns], _impulses(campaign)
@@ -485,7 +485,7 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
     """Error (o,) that outcomes may have without a guard that tells: what polynomials may leave out
     of impulses (`_limits`)."""
     found, impulses = np.zeros(len(scale)), _impulses(campaign)
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     left_out = _UNSEEN_LOADS * campaign.scene.solver.accuracy * sizes.max(axis=0, initial=0.0)
     found[impulses] = _over_least(left_out / SAFETY, sizes, scale[impulses])
     return found
@@ -494,10 +494,10 @@ def _unseen(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarra
 def _left_out(campaign: Definition, trials: Block, scale: np.ndarray) -> np.ndarray:
     """Error (o, g) that outcomes may have for each unit of a guard: impulses, for what polynomials
     leave out of them."""
-    assert trials.guards is not None
+    assert trials.indicators is not None
     impulses = _impulses(campaign)
-    found = np.zeros((len(scale), trials.guards.shape[1]))
-    sizes = np.abs(trials.outcomes[trials.flown][:, impulses])
+    found = np.zeros((len(scale), trials.indicators.shape[1]))
+    sizes = np.abs(trials.outcomes[trials.has_outcomes][:, impulses])
     guards = found.shape[1] - len(impulses) + np.arange(len(impulses))
     found[impulses, guards] = _over_least(np.array(SAFETY), sizes, scale[impulses])
     return found

@@ -108,9 +108,9 @@ def told(text: str) -> dict[str, Any]:
     assert isinstance(methods, ast.Assign)
     return {
         "size": numbers["SIZE_W"],
-        "guards": numbers["GUARDS"],
-        "stages": numbers["STAGES"],
-        "changes": numbers["CHANGES"],
+        "n_indicators": numbers["GUARDS"],
+        "n_segments": numbers["STAGES"],
+        "n_changes": numbers["CHANGES"],
         "methods": ast.literal_eval(methods.value),
     }
 

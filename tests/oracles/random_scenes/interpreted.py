@@ -54,10 +54,10 @@ def _plan(
     kernel = load_kernel(step_selection.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
-    usual = np.full(kernel.stages, np.inf)
+    usual = np.full(kernel.n_segments, np.inf)
     longest = longest_step(scene, campaign.file.dispersions, brief_transient(scene))
     fewest, before = min(_MOST_STEPS, max(2, math.ceil(scene.run.end_time / longest))), None
-    steps = np.full(kernel.stages, fewest, dtype=np.int64)
+    steps = np.full(kernel.n_segments, fewest, dtype=np.int64)
     errors, low_order = np.full(len(units), np.inf), method(scene.solver.method).order < _HIGH
     while True:
         block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
