@@ -25,7 +25,7 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.integration import Flight, by_name
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.jit import BARE
 from sepmc.kernel.emit.compile_units import ALIKE, split
 from sepmc.kernel.emit.context import Context
@@ -156,7 +156,7 @@ def evaluations_here(
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = campaign.draw(0, 1) * campaign.factors
-    fly_cases(
+    integrate_cases(
         kernel,
         campaign.plan,
         np.array(steps, dtype=np.int64),

@@ -131,18 +131,18 @@ class Block:
         return status_in(self.status, (Status.OK, Status.NEVER_RELEASED))
 
 
-def fly_cases(
+def integrate_cases(
     kernel: Kernel,
     plan: Plan,
     steps: np.ndarray,
-    usual: np.ndarray,
+    typical: np.ndarray,
     slots: np.ndarray,
     draws: np.ndarray,
     room: int = 0,
     methods: np.ndarray | None = None,
 ) -> tuple[Block, np.ndarray]:
     """One call of a scene's own kernel; draws (n, d) in SI, fastest if stored by column. ``steps``,
-    ``usual`` and ``methods``, each (stages,), as `sepmc.engine.blocks.fly` has them; without
+    ``typical`` and ``methods``, each (stages,), as `sepmc.engine.blocks.integrate` has them; without
     methods, every stage is flown by its most exact one. A scene's ``solver.step`` is the pace of
     all its stages, and ``steps`` are in how many parts it is divided.
 
@@ -164,7 +164,7 @@ def fly_cases(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         slots,
         draws,
         plan.scene.run.history_step,
@@ -183,11 +183,11 @@ def fly_cases(
     return block, ends
 
 
-def fly_everything(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
+def integrate_nominal(
+    kernel: Kernel, plan: Plan, steps: np.ndarray, typical: np.ndarray, instants: np.ndarray
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in
-    SI; its status, as `fly_cases` has it; whether shorter steps may tell by how many turns pitch
+    SI; its status, as `integrate_cases` has it; whether shorter steps may tell by how many turns pitch
     and roll went on; the times (stages + changes,) at which stages end, then those at which joints
     let go within, and rows (n, columns) at ``instants`` (n, 3), each a time, the number of a stage,
     and 1 or -1 if the row is to be as things are just after that time or before; NaN if the case
@@ -203,7 +203,7 @@ def fly_everything(
         kernel,
         plan,
         steps,
-        usual,
+        typical,
         none,
         np.empty((1, 0)),
         instants,
@@ -222,10 +222,10 @@ def fly_everything(
 
 
 def _call(
-    kernel, plan, steps, usual, slots, draws, every, outcomes, ends, history, status, methods=None
+    kernel, plan, steps, typical, slots, draws, every, outcomes, ends, history, status, methods=None
 ) -> None:
     """One call of the door of written kernels."""
-    from sepmc.engine.blocks import fly  # noqa: PLC0415
+    from sepmc.engine.blocks import integrate  # noqa: PLC0415
 
     model, nominal, drawn = (
         plan.model,
@@ -240,9 +240,9 @@ def _call(
         )
     else:
         times, pace = 1, np.zeros(kernel.n_segments)
-    fly(
+    integrate(
         kernel, model.scene, model.table, model.numbers, nominal, slots, drawn, steps, pace,
-        times, usual, every, outcomes, ends, history,
+        times, typical, every, outcomes, ends, history,
         status, np.zeros(kernel.n_segments, dtype=np.int64) if methods is None else methods,
     )  # fmt: skip
 

@@ -204,7 +204,7 @@ def _without_compiler() -> Iterator[None]:
 
 
 def load(text: str) -> Kernel:
-    """The kernel with this text, to be flown by `sepmc.engine.blocks.fly` in plain Python."""
+    """The kernel with this text, to be flown by `sepmc.engine.blocks.integrate` in plain Python."""
     if text not in _loaded:
         module = ModuleType("sepmc_scene")
         vars(module).update(_over=_over, _power=_power)

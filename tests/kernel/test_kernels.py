@@ -21,7 +21,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import decisive
-from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
+from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
 from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.spec.methods import METHODS, method
@@ -74,7 +74,7 @@ def outcomes(campaign, block, sound=slice(None)):
 
 def special(campaign, flight, drawn, steps=None):
     """A block of the kernel alone, status -1 where it cannot vouch for a case."""
-    return fly_cases(
+    return integrate_cases(
         flight.kernel,
         campaign.plan,
         flight.steps if steps is None else steps,
@@ -157,7 +157,7 @@ def test_campaigns_with_a_step_of_their_own_agree(name, steps, most):
     steps, usual = np.array(steps), np.full(kernel.n_segments, np.inf)
     # how long it is latched sets the length of the steps until then
     for _ in range(2 if name == "missile-rail" else 1):
-        fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.diff(ends[:, 0], prepend=0.0)
     assert (status, fast.status[0]) == ("ok", 0)
     assert difference(campaign, outcomes(campaign, fast), expected) <= most
@@ -185,7 +185,7 @@ def test_small_scenes_agree(name):
         kernel = load_kernel(step_selection.kernel_text(campaign))
     steps, usual = np.full(kernel.n_segments, 24), np.full(kernel.n_segments, np.inf)
     for _ in range(2):  # how long phases last sets the length of steps
-        fast, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
+        fast, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, drawn)
         usual = np.median(np.diff(ends, axis=0, prepend=0.0), axis=1)
     assert list(statuses) == ["ok", "ok"]
     assert list(fast.status) == [0, 0]
@@ -261,7 +261,9 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
 
     def flown(kernel, n):
         steps = np.full(3, n, dtype=np.int64)
-        block, _ = fly_cases(kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn)
+        block, _ = integrate_cases(
+            kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn
+        )
         lost = block.outcomes[:, energy]
         # few steps lose more than a row may
         assert_array_equal(block.status == 0, lost <= schema.AUDIT_BOUNDS["energy_residual"])
@@ -583,8 +585,10 @@ def test_a_stroke_met_and_left_again_within_a_step(stroke, release, missed):
         kernel = load_kernel(step_selection.kernel_text(campaign))
     drawn, usual = np.array([[stroke]]), np.array([1.7, 4.3])
     column = [c.name for c in campaign.outcome_columns].index("release_time_s")
-    long = fly_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
-    short = fly_cases(kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn)[0]
+    long = integrate_cases(kernel, campaign.plan, np.array([6, 3]), usual, campaign.slots, drawn)[0]
+    short = integrate_cases(
+        kernel, campaign.plan, np.array([60, 30]), usual, campaign.slots, drawn
+    )[0]
     assert np.isnan(long.indicators).any() == missed
     assert_allclose(short.outcomes[0, column], release, atol=1e-6)
 

@@ -25,7 +25,7 @@ from sepmc.campaign.execution.step_refinement import (
     Settled,
     settle,
 )
-from sepmc.engine.dispatch import Block, RefinementSummary, fly_cases, status_in
+from sepmc.engine.dispatch import Block, RefinementSummary, integrate_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
 from sepmc.routines.layout import (
@@ -69,8 +69,8 @@ class Flight:
     late in letting go) that usually last ``usual`` (stages,) s; ``step`` (s) is the scene's own,
     which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
     to, see `sepmc.campaign.execution.accuracy.errors`. ``limits`` (g,) are what guards of a case
-    may be for trial cases to tell its error too (`Block.indicators`), ``angles`` the same of the size,
-    rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about
+    may be for trial cases to tell its error too (`Block.indicators`), ``angles`` the same of the
+    size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about
     at once. Within these the ``estimate`` tells what the error of a case is; more than ``most`` is
     too much. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
     ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
@@ -232,7 +232,7 @@ def history_rows(scene: Scene) -> int:
 
 def fly_once(campaign: Definition, flight: Flight, draws: np.ndarray, room: int = 0) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
-    return fly_cases(
+    return integrate_cases(
         flight.kernel,
         campaign.plan,
         flight.steps,
@@ -357,7 +357,7 @@ def _alone(
     """Fly a case, into its row of ``block``, whose phases last so much longer than usual that an
     event is looked for far too early: what they last is learnt from a flight of its own."""
     one, sharp = draws[number : number + 1], flight.sharper(_TO_LEARN)
-    _, ends = fly_cases(
+    _, ends = integrate_cases(
         flight.kernel,
         campaign.plan,
         sharp.steps,

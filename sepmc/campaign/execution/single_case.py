@@ -18,7 +18,7 @@ from sepmc.campaign.execution.integration import (
     usual_lengths,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, settle_one
-from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
+from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, now_and_then
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
 from sepmc.kernel.spec.kernel_spec import Shape
@@ -229,7 +229,7 @@ class _SingleFlight:
         return self.outcomes, status, rows
 
     def _flown(self, steps: np.ndarray, instants: np.ndarray) -> Any:
-        """What `fly_everything` gives: in plain Python, or compiled once that works too much."""
+        """What `integrate_nominal` gives: in plain Python, or compiled once that works too much."""
         most = float(steps.max())
         if not self.compiled:
             self._foretell(self.per_step * most)
@@ -237,14 +237,14 @@ class _SingleFlight:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+                    found = integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
             except OutOfWorkError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
-        return fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+        return integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
 
     def _foretell(self, lines: float) -> None:
         """Say how long a flight of so many lines in plain Python will take, if that is long;

@@ -8,7 +8,7 @@ import numpy as np
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import errors
 from sepmc.campaign.execution.integration import usual_lengths
-from sepmc.engine.dispatch import fly_cases
+from sepmc.engine.dispatch import integrate_cases
 from sepmc.engine.written_kernel import Kernel
 from sepmc.schema import Status
 
@@ -43,7 +43,7 @@ def usual_phases(campaign: Definition, kernel: Kernel, draws: np.ndarray) -> np.
     if the kernel can fly none."""
     usual, steps = np.full(kernel.n_segments, np.inf), np.full(kernel.n_segments, 2)
     while steps.max() <= _MOST_STEPS:
-        block, ends = fly_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
+        block, ends = integrate_cases(kernel, campaign.plan, steps, usual, campaign.slots, draws)
         sound = block.status == Status.OK
         sound = sound if sound.any() else block.has_outcomes
         if sound.any():

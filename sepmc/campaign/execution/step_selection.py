@@ -45,7 +45,7 @@ from sepmc.campaign.execution.step_search import (
     mostly,
     usual_phases,
 )
-from sepmc.engine.dispatch import Block, fly_cases, load_kernel, now_and_then
+from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, now_and_then
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
@@ -213,7 +213,7 @@ def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) ->
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
     steps, usual = _unknown(kernel)
-    block, _ = fly_cases(
+    block, _ = integrate_cases(
         kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
     )
     for spare in left:
@@ -337,7 +337,7 @@ def _choose_steps(
     def block_of(
         steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
     ) -> Block:
-        block, _ = fly_cases(
+        block, _ = integrate_cases(
             kernel, campaign.plan, steps, usual, campaign.slots, draws, room, methods
         )
         tell(len(draws))
