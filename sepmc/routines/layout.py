@@ -102,7 +102,7 @@ PART_SIZE = 7
 # takes more care: in which joints let go in any order; or that, besides, solves for all rows by
 # least sum of squares.
 FINER_STEPS, ANY_ORDER, LEAST_SQUARES = -1, -2, -3
-USUAL = 0  # care
+STANDARD = 0  # care
 
 # What a stretch of time between switches knows of loads stands behind the parameters of a case. Per
 # motor: whether it burns or tails off, and the line its profile follows.

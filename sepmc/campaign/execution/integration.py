@@ -34,7 +34,7 @@ from sepmc.routines.layout import (
     FINER_STEPS,
     FLOW_ANGLES,
     LEAST_SQUARES,
-    USUAL,
+    STANDARD,
 )
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
@@ -70,13 +70,12 @@ class Flight:
     which ``steps`` then divide. ``scale`` (o,) is what errors of small outcomes are taken relative
     to, see `sepmc.campaign.execution.accuracy.errors`. ``limits`` (g,) are what guards of a case
     may be for trial cases to tell its error too (`Block.indicators`), ``angles`` the same of the
-    size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll turn about
-    at once. Within these the ``estimate`` tells what the error of a case is; more than ``most`` is
-    too much. ``error`` is the largest error of the trial cases, ``achieved`` what is told of it,
-    ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what a person should know.
-    What the kernel does not vouch for is left to ``spares``, one after the other; it takes some
-    ``care`` itself.
-    """
+    size, rad, of sideslip and yaw by their columns: at a right angle, alpha or pitch and roll
+    turn about at once. Within these the ``estimate`` tells what the error of a case is; more
+    than ``most`` is too much. ``error`` is the largest error of the trial cases, ``achieved``
+    what is told of it, ``nominal`` (o,) the outcomes of the nominal case in SI, ``notes`` what
+    a person should know. What the kernel does not vouch for is left to ``spares``, one after
+    the other; it takes some ``care`` itself."""
 
     kernel: Kernel
     steps: np.ndarray
@@ -94,7 +93,7 @@ class Flight:
     notes: list[str] = field(default_factory=list)
     spares: tuple[Spare, ...] = ()
     methods: np.ndarray | None = None
-    care: int = USUAL
+    care: int = STANDARD
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy holds, in another process too: `packed`."""

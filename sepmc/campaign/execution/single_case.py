@@ -25,7 +25,7 @@ from sepmc.kernel.spec.kernel_spec import Shape
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, make_plan
 from sepmc.kernel.spec.structure import brief_transient, make_shape
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, STANDARD
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -93,7 +93,7 @@ def fly_single(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), USUAL
+    plan, care = make_plan(scene), STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
         shape = make_shape(plan, care=care)

@@ -38,8 +38,8 @@ _GOES = "draws, outcomes, ends, status = table(a, 2), table(a, 6), table(a, 7), 
 
 def emit_block(out: Text, c: Context) -> None:
     """The function that flies a block, with its arrays in the order of
-    `sepmc.engine.blocks.integrate`, and those that it calls between steps: a piece that an output changes
-    is the shorter to compile."""
+    `sepmc.engine.blocks.integrate`, and those that it calls between steps: a piece that an output
+    changes is the shorter to compile."""
     parts = Text()
     _begin(parts, c)
     says = (
