@@ -237,17 +237,17 @@ long_formula = numba.njit(**_CALLED, **_WRAPPED)
 routine = numba.njit(**_CALLED, **_BARE)
 
 
-def keep_apart() -> None:
+def noinline() -> None:
     """First line of a large routine: its code then stands once, not copied to each of its calls,
     which took most of the time to compile."""
 
 
-@type_callable(keep_apart)
+@type_callable(noinline)
 def _type_of_mark(context):
     return lambda: numba.types.none
 
 
-@lower_builtin(keep_apart)
+@lower_builtin(noinline)
 def _mark_apart(context, builder, signature, arguments):
     """Mark the function that is being compiled as one that is called, never copied into its
     caller."""

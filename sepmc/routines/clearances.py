@@ -15,7 +15,7 @@ its distance ends: the bound then counts what is beyond by no more than it can m
 
 import math
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.shell_edge import lip_gap, lip_least
@@ -55,7 +55,7 @@ def search_clearance(w, job):
     JOB_PATH : (order + 1, PATH), over the step, by powers of its share gone by: place of b less
         that of a (3), attitudes of a and b (4, 4)
     """
-    keep_apart()
+    noinline()
     parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
     cg_a, cg_b = vec3.get(w, job + at.JOB_CENTRES), vec3.get(w, job + at.JOB_CENTRES + 3)
     for n in range(at.PLACES):
@@ -117,7 +117,7 @@ def _part(p, cg, w):
 def _pose(theta, w, job, pose):
     """Attitude (9) and place of body b in the axes of body a, from mass centre to mass centre, at a
     fraction of the step; to w[pose] and behind."""
-    keep_apart()
+    noinline()
     for n in range(at.PATH):
         w[pose + n] = 0.0
     for q in range(int(w[job + at.JOB_POWERS]) - 1, -1, -1):
@@ -136,7 +136,7 @@ def _pose(theta, w, job, pose):
 def _motion(w, poses, h):
     """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's
     origin seen from b, and of its axes."""
-    keep_apart()
+    noinline()
     piece = h / (at.PLACES - 1)
     speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(1, at.PLACES):
@@ -228,7 +228,7 @@ def _rim(part, end):
 @routine
 def _distance(pair, w, pose, margin):
     """Distance of a pair and its nearest point on body a, axes of a."""
-    keep_apart()
+    noinline()
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind == SOLIDS:
@@ -311,7 +311,7 @@ def _search(pair, motion, w, job):
     an interval, number ``top`` its right end, and below that stand the right ends of those that
     follow.
     """
-    keep_apart()
+    noinline()
     kind, _, part_a, part_b = pair
     size, h = _reach(part_a) + _reach(part_b), w[job + at.JOB_LENGTH]
     if kind == SHELL_ON_SECOND:
@@ -368,7 +368,7 @@ def _search(pair, motion, w, job):
 def _visit(pair, w, job, node, tiny):
     """Distance of a pair at a time whose pose stands at a node; taken over if it is less, or
     touches earlier."""
-    keep_apart()
+    noinline()
     distance, here = _distance(pair, w, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
     time = w[job + at.JOB_TIME] + w[node + _AT] * w[job + at.JOB_LENGTH]
@@ -386,7 +386,7 @@ def _visit(pair, w, job, node, tiny):
 def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
     """Whether a pair may be nearer than known from the first node to the one at ``right``, or touch
     earlier."""
-    keep_apart()
+    noinline()
     left, best = job + at.JOB_NODES, w[job + at.JOB_FOUND]
     kind, d0, d1, curve = pair[0], w[left + _VALUE], w[right + _VALUE], w[right + _BEND]
     move = speed * dt

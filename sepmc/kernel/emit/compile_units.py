@@ -19,7 +19,7 @@ from sepmc.routines.layout import LANES
 
 ALIKE = "flown"  # the name of its function in every piece
 _CODES = {"int": "i", "float": "f", "Arrays": "a"}
-_MARK = "keep_apart"  # called in a line that a piece has no use for
+_MARK = "noinline"  # called in a line that a piece has no use for
 _HEAD = '''"""Piece of a written kernel."""
 
 from sepmc.engine.compile_units import callee, piece, workspace

@@ -43,7 +43,7 @@ import math
 
 import numpy as np
 
-from sepmc.jit import keep_apart, routine
+from sepmc.jit import noinline, routine
 from sepmc.kernel.spec.methods import method
 from sepmc.physics import guides, joints, quat, springs, vec3
 from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
