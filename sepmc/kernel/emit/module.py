@@ -46,7 +46,7 @@ import numpy as np
 from sepmc.jit import noinline, routine
 from sepmc.kernel.spec.methods import method
 from sepmc.physics import guides, joints, quat, springs, vec3
-from sepmc.physics.aerodynamics import aero_force, aero_moment, angles_told, flow_angles
+from sepmc.physics.aerodynamics import aero_force, aero_moment, reported_angles, flow_angles
 from sepmc.physics.atmosphere import NEAR, density_near, density_series, geometric, geopotential
 from sepmc.physics.atmosphere import geopotential_rise, layer, sound_speed
 from sepmc.physics.elementary import arctan2, exponential
