@@ -176,7 +176,7 @@ def _gather(w, place, n, a, b):
 
 
 @routine
-def share(w, place, n, scratch, out):
+def solve_min_norm(w, place, n, scratch, out):
     """For one lane, the solution at ``out`` of a system some of whose rows may follow from others,
     from the lower triangle of its matrix by rows and its right-hand side at ``place``: the only
     one, or that of least sum of squares; not numbers if there is none. ``scratch`` is room for 3

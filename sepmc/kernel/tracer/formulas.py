@@ -45,7 +45,7 @@ guides: Any = Formulas(
         "friction_force": NUMBER,
     },
 )
-linear: Any = Formulas("linear", {"share": (NUMBER, NUMBER), "eliminate": NUMBER})
+linear: Any = Formulas("linear", {"solve_min_norm": (NUMBER, NUMBER), "eliminate": NUMBER})
 loads: Any = Formulas(
     "",
     {
