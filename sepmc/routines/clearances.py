@@ -81,7 +81,7 @@ def search_clearance(w, job):
 
 
 @routine
-def hold_outline(w, held, numbers, parts):
+def load_outline(w, held, numbers, parts):
     """Put the parts of a lane's own outline, whose numbers stand LANES apart from w[numbers] on,
     to w[held] and behind, as `layout.PART_SIZE` has them.
 

@@ -49,7 +49,7 @@ def _later(earliest, time, t):
 
 
 @routine
-def next_break(t, m, w, case):
+def next_load_switch(t, m, w, case):
     """Earliest discontinuity of a load after t: ignition, burn-out, knots of thrust profiles, begin
     and end of constant loads; and the end of a brief transient, whose steps are then as short as it
     is."""
@@ -76,7 +76,7 @@ def next_break(t, m, w, case):
 
 
 @routine
-def set_stretch(middle, m, w, case):
+def set_active_loads(middle, m, w, case):
     """What acts in the stretch of time around ``middle``: decided once, so that no stage sees a
     switch."""
     noinline()

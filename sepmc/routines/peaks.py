@@ -173,7 +173,7 @@ def _put_sizes(nodes, apart, w, sizes):
 
 
 @routine
-def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
+def update_size(w, nodes, apart, scratch, out, other, guard, t, h):
     """Follow the size of a vector over a step of length h from t: its peak, the time of it and the
     integral, at ``out`` and two further.
 
@@ -216,8 +216,8 @@ def note_size(w, nodes, apart, scratch, out, other, guard, t, h):
 
 
 @routine
-def note_peak(w, nodes, apart, scratch, out, t, h):
-    """`note_size` without the integral."""
+def update_peak(w, nodes, apart, scratch, out, t, h):
+    """`update_size` without the integral."""
     noinline()
     sizes = scratch + 3 * COUNT
     greatest, highest = _put_sizes(nodes, apart, w, sizes)
@@ -229,7 +229,7 @@ def note_peak(w, nodes, apart, scratch, out, t, h):
 
 
 @routine
-def note_least_share(w, nodes, apart, ends, scratch, out):
+def update_min_drive_ratio(w, nodes, apart, ends, scratch, out):
     """Follow the least of what drives a guide apart over the sum of what its pins would carry at
     their ``ends`` if friction balanced that, into ``out``.
 
@@ -310,7 +310,7 @@ def first_reached(w, nodes, apart, scratch, threshold):
     """Where in a step, as a share of it, the size of a vector first reaches a threshold, and its
     rate there by the share; 2 if nowhere.
 
-    The arguments are those of `note_size`. A size that is there at the start, but for round-off, is
+    The arguments are those of `update_size`. A size that is there at the start, but for round-off, is
     so at 0.
     """
     noinline()
@@ -359,7 +359,7 @@ def first_crossed(w, nodes, apart, scratch, threshold, side, rising, falling):
     """Where in a step, as a share of it, the size of a vector first crosses a threshold in a
     direction that counts, and how fast there by the share; 2 if nowhere.
 
-    nodes, apart, scratch : those of `note_size`
+    nodes, apart, scratch : those of `update_size`
     side : 1 below the threshold before the step, -1 above, 0 if it stood at it or there was no step
         before: what jumps to the other side as the step begins has crossed it there
     rising, falling : whether a crossing from below counts, and one from above
@@ -411,7 +411,7 @@ def _crossing(low, high, w, scratch, threshold, side):
 
 
 @routine
-def side_then(w, nodes, apart, scratch, threshold, theta, side):
+def side_at(w, nodes, apart, scratch, threshold, theta, side):
     """On which side of a threshold the size of a vector is at a share of the step; where it stands
     at it, that on which it was last, or ``side`` before the step."""
     noinline()

@@ -67,7 +67,7 @@ def grid6(numbers, at, x, y, z):
 
 
 @long_formula
-def is_held(w, cell, x, y, z):
+def in_cell(w, cell, x, y, z):
     """Whether the cell that a lane holds is that of a place."""
     return (
         w[cell] <= x < w[cell + LANES]
@@ -77,7 +77,7 @@ def is_held(w, cell, x, y, z):
 
 
 @long_formula
-def hold_cell(w, cell, at, x, y, z):
+def load_cell(w, cell, at, x, y, z):
     """Let a lane hold the cell in which a place lies of the pack at w[at]; NaN, for this time, if
     it lies outside. Returns whether it lies inside, or nowhere.
 

@@ -16,7 +16,7 @@ from sepmc.physics.rims import rim_gap
 from sepmc.physics.separation import widest_gap
 from sepmc.routines import layout
 from sepmc.routines.lanes import LANES
-from sepmc.routines.splines import curve, grid6, hold_cell, is_held
+from sepmc.routines.splines import curve, grid6, in_cell, load_cell
 
 X = [-1.0, -0.2, 0.1, 0.9, 1.4]
 Y = [0.0, 1.0, 1.5, 2.5]
@@ -112,10 +112,10 @@ def test_cells_that_lanes_hold_give_what_is_looked_up(counts):
             lanes[0, int(np.argmax(seen))] += 1e3
         w[place : place + 3 * LANES] = lanes.T.ravel()
         for lane in range(LANES):
-            if is_held(w, cell + lane, *lanes[lane]):
+            if in_cell(w, cell + lane, *lanes[lane]):
                 held += 1
             else:
-                hold_cell(w, cell + lane, at, *lanes[lane])
+                load_cell(w, cell + lane, at, *lanes[lane])
         for lane in range(LANES):
             exec(lines, {"w": w, "l": lane, "LANES": LANES})
         expected = np.array([grid6(pack_of, 0, *lanes[lane]) for lane in range(LANES)])
