@@ -88,7 +88,7 @@ def gap(a, b):
 
 
 @formula
-def least_gap(a, b):
+def gap_bound(a, b):
     """A distance that two parts cannot be nearer than, m: that of their axes less their greatest
     radii, or of their ends along the axis of either. Far cheaper than `gap`."""
     d1, d2, r = scale(a[2], a[1]), scale(b[2], b[1]), sub(a[0], b[0])

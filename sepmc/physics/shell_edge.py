@@ -30,7 +30,7 @@ _DIPS = 16  # of the distance around the circle, each lower than the one before;
 
 
 @long_formula
-def lip_gap(lip, part):
+def edge_gap(lip, part):
     """Distance of a circle from a solid part, and the nearest points of circle and part.
 
     lip : (centre, normal, radius); part : (start, axis, length, r0, r1)
@@ -71,7 +71,7 @@ def lip_gap(lip, part):
 
 
 @long_formula
-def lip_least(lip, part):
+def edge_gap_bound(lip, part):
     """A distance that a circle and a solid part cannot be nearer than, m, found cheaply."""
     centre, normal, radius = lip
     start, axis, length, r0, r1 = part

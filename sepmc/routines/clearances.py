@@ -18,13 +18,13 @@ import math
 from sepmc.jit import noinline, routine
 from sepmc.physics import outlines, quat, vec3
 from sepmc.physics.rims import rim_gap
-from sepmc.physics.shell_edge import lip_gap, lip_least
+from sepmc.physics.shell_edge import edge_gap, edge_gap_bound
 from sepmc.routines import layout as at
 from sepmc.routines.lanes import LANES
 
 # two solids; a rim of a solid within a shell; a lip of a shell and a solid. The shell is that of
 # the first or of the second body
-SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, LIP_ON_FIRST, LIP_ON_SECOND = 0, 1, 2, 3, 4
+SOLIDS, SHELL_ON_FIRST, SHELL_ON_SECOND, EDGE_ON_FIRST, EDGE_ON_SECOND = 0, 1, 2, 3, 4
 _SAFE = 2.0  # times the greatest second difference of these bounds the acceleration
 _ROUND_OFF = 1e-14  # of the reach of both parts: differences of distance below this do not count
 # times that may a rim stand before the end of its shell and count as within: rims that are flush at
@@ -75,7 +75,7 @@ def search_clearance(w, job):
             for end in range(2 if kind != SOLIDS and length > 0.0 else 1):
                 searched = _search((kind, end, part_a, part_b), motion, w, job) and searched
             for end in range(2 if kind != SOLIDS else 0):
-                lip = LIP_ON_FIRST if shell_a else LIP_ON_SECOND
+                lip = EDGE_ON_FIRST if shell_a else EDGE_ON_SECOND
                 searched = _search((lip, end, part_a, part_b), motion, w, job) and searched
     w[job + at.JOB_DONE] = 1.0 if searched else 0.0
 
@@ -237,10 +237,10 @@ def _distance(pair, w, pose, margin):
         distance, _, here = rim_gap(_rim(part_b, end), part_a, margin)
     elif kind == SHELL_ON_SECOND:
         distance, here, _ = rim_gap(_rim(part_a, end), part_b, margin)
-    elif kind == LIP_ON_FIRST:
-        distance, here, _ = lip_gap(_rim(part_a, end), part_b)
+    elif kind == EDGE_ON_FIRST:
+        distance, here, _ = edge_gap(_rim(part_a, end), part_b)
     else:
-        distance, _, here = lip_gap(_rim(part_b, end), part_a)
+        distance, _, here = edge_gap(_rim(part_b, end), part_a)
     return distance, here
 
 
@@ -251,11 +251,11 @@ def _far(pair, w, pose):
     kind, end, part_a, part = pair
     part_b = _placed(part, w, pose)
     if kind == SOLIDS:
-        return outlines.least_gap(part_a, part_b)
-    if kind == LIP_ON_FIRST:
-        return lip_least(_rim(part_a, end), part_b)
-    if kind == LIP_ON_SECOND:
-        return lip_least(_rim(part_b, end), part_a)
+        return outlines.gap_bound(part_a, part_b)
+    if kind == EDGE_ON_FIRST:
+        return edge_gap_bound(_rim(part_a, end), part_b)
+    if kind == EDGE_ON_SECOND:
+        return edge_gap_bound(_rim(part_b, end), part_a)
     solid, shell = (part_b, part_a) if kind == SHELL_ON_FIRST else (part_a, part_b)
     centre, _, radius = _rim(solid, end)
     return outlines.wall_gap(centre, shell)[0] - radius

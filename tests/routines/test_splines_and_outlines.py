@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sepmc.kernel.emit.tables import sum_of_cell
 from sepmc.kernel.spec.splines import pack
-from sepmc.physics.outlines import gap, inside_gap, least_gap, wall_gap
+from sepmc.physics.outlines import gap, gap_bound, inside_gap, wall_gap
 from sepmc.physics.rims import rim_gap
 from sepmc.physics.separation import widest_gap
 from sepmc.routines import layout
@@ -578,9 +578,9 @@ def test_least_gap_is_a_lower_bound():
                     r1,
                 )
             )
-        assert least_gap(*parts) <= gap(*parts)[0] + 1e-9
+        assert gap_bound(*parts) <= gap(*parts)[0] + 1e-9
     side_by_side = [((0.0, 0.0, z), (1.0, 0.0, 0.0), 40.0, 2.0, 2.0) for z in (0.0, 7.0)]
-    assert least_gap(*side_by_side) == pytest.approx(3.0, abs=1e-4)
+    assert gap_bound(*side_by_side) == pytest.approx(3.0, abs=1e-4)
 
 
 # --- rims in shells
