@@ -30,11 +30,11 @@ from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
-    check_every,
+    check_history_step,
     check_int,
     check_text,
     check_threads,
-    note_of_threads,
+    thread_notes,
     using_threads,
 )
 from sepmc.kernel.spec.parameter_layout import make_plan
@@ -134,7 +134,7 @@ class Campaign(Definition):
             ``notes``, sentences on what deserves a look, and the times (s) of ``releases`` by joint
             and of ``events`` by name, NaN of those that did not come.
         """
-        check_every(step_s, self.scene)
+        check_history_step(step_s, self.scene)
         if isinstance(case, Case):
             if make_plan(case.scene).contents != self.plan.contents:
                 said = "must be a case of this campaign: it has other columns"
@@ -368,7 +368,7 @@ class Campaign(Definition):
             if folder:
                 chunks.save()
                 chunks.write_manifest(complete=chunks.held == chunks.wanted)
-        notes = [*chunks.notes, *note_of_threads(orders.threads)]
+        notes = [*chunks.notes, *thread_notes(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
@@ -433,7 +433,7 @@ class Campaign(Definition):
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
         with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
-        found.notes.extend(note_of_threads(threads))
+        found.notes.extend(thread_notes(threads))
         _warn(found.notes, announce)
         return found
 

@@ -272,7 +272,7 @@ def check_text(name: str, value: Any, example: str) -> str:
     return value
 
 
-def check_every(step_s: float, scene: Scene, name: str = "step_s") -> None:
+def check_history_step(step_s: float, scene: Scene, name: str = "step_s") -> None:
     """Raise InputError, a ValueError, if a history cannot have a row every ``step_s``."""
     most = 10 * MOST_ROWS
     if isinstance(step_s, bool) or not isinstance(step_s, Real):
@@ -306,11 +306,11 @@ def check_threads(threads: int | None) -> int | None:
     return found
 
 
-def note_of_threads(threads: int | None) -> list[str]:
-    """What deserves a look of the number of threads: `sepmc.engine.threads.note_of_fork`."""
+def thread_notes(threads: int | None) -> list[str]:
+    """What deserves a look of the number of threads: `sepmc.engine.threads.fork_notes`."""
     from sepmc.engine import threads as own  # noqa: PLC0415
 
-    return own.note_of_fork(threads)
+    return own.fork_notes(threads)
 
 
 def use_threads(threads: int | None) -> None:
@@ -344,7 +344,7 @@ def interpreted(wanted: bool = True) -> Iterator[None]:
         _interpreting.reset(before)
 
 
-def now_and_then(
+def progress_reporter(
     announce: Callable[[str], None] | None, every_s: float
 ) -> Callable[[Callable[[float], str]], None]:
     """What tells how far something is, if the last word on it was so many seconds ago: by a text
@@ -379,7 +379,7 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
                 f"compiling {left} piece{'s' * (left != 1)} of this scene's kernel, once; about "
                 "half a second of a core each ..."
             )
-        tell = now_and_then(announce, _EVERY_S)
+        tell = progress_reporter(announce, _EVERY_S)
 
         def progress(done: int, total: int) -> None:
             if done < total:
@@ -396,6 +396,6 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
         return kernel_cache.load(pieces)
 
 
-def waited_for_compilers() -> float:
+def compile_wait_s() -> float:
     """How long this process has waited for compilers so far, s."""
     return sum(_waited)

@@ -18,7 +18,7 @@ from sepmc.campaign.execution.integration import (
     usual_lengths,
 )
 from sepmc.campaign.execution.step_refinement import longest_step, settle_one
-from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, now_and_then
+from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
 from sepmc.kernel.spec.kernel_spec import Shape
@@ -151,7 +151,7 @@ class _SingleFlight:
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
-        self.tell = now_and_then(announce, EVERY_S)
+        self.tell = progress_reporter(announce, EVERY_S)
         self.work, self.may_compile = work, may_compile
         self.per_step = 0.0  # lines for each step of a stage, of the last flight in plain Python
         # steps and outcomes of the flights, in more and more steps, that came to an end

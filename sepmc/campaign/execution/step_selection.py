@@ -45,7 +45,7 @@ from sepmc.campaign.execution.step_search import (
     mostly,
     usual_phases,
 )
-from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, now_and_then
+from sepmc.engine.dispatch import Block, integrate_cases, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
@@ -290,7 +290,7 @@ def _tell_trials(announce: Say | None) -> None:
 
 def _counted(announce: Say | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
-    tell, total = now_and_then(announce, EVERY_S), 0
+    tell, total = progress_reporter(announce, EVERY_S), 0
 
     def count(flights: int) -> None:
         nonlocal total
