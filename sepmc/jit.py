@@ -105,7 +105,7 @@ CACHE_FOLDER = cache_folder(sources_digest())
 
 
 @contextlib.contextmanager
-def one_at_a_time(what):
+def cache_lock(what):
     """Let one process at a time fill the cache with ``what`` it says: several at once can spoil it
     (numba #4807), and would each take as long."""
     path = CACHE_FOLDER.parent / f"{CACHE_FOLDER.name}.{what}.lock"
@@ -113,7 +113,7 @@ def one_at_a_time(what):
         yield
 
 
-def compiling(program: str) -> dict[str, Any]:
+def compile_command(program: str) -> dict[str, Any]:
     """Command and environment of a process that only fills the cache, by a program text; it imports
     nothing from the working folder."""
     path = os.pathsep.join(each for each in sys.path if each)

@@ -16,7 +16,7 @@ from sepmc.engine import blocks, cache_files, call_types
 from sepmc.engine.compile_units import table
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel
-from sepmc.jit import CACHE_FOLDER, machine_code, one_at_a_time
+from sepmc.jit import CACHE_FOLDER, cache_lock, machine_code
 from sepmc.kernel.emit.compile_units import ALIKE, split, told
 
 # What is left to the collector before it looks: looking took a fifth of the time to compile.
@@ -134,7 +134,7 @@ def compile_apart(pieces: Pieces, progress: Progress = lambda done, total: None)
     in the last bit.
     """
     try:
-        with one_at_a_time("pieces"):
+        with cache_lock("pieces"):
             return compile_all(missing(pieces), progress)
     except OSError:
         return False

@@ -92,7 +92,7 @@ HOST = """
 import os, signal, sys, threading, warnings
 import sepmc
 from sepmc.engine import cache, compilers
-from sepmc.jit import one_at_a_time
+from sepmc.jit import cache_lock
 
 signal.alarm(120)  # whatever waits for ever ends here
 warnings.simplefilter("always")
@@ -204,7 +204,7 @@ def test_a_child_forked_while_others_compile_does_not_wait_for_them(tmp_path):
         """
 inside, go = threading.Event(), threading.Event()
 def hold():
-    with compilers._compiling, one_at_a_time("pieces"):
+    with compilers._compiling, cache_lock("pieces"):
         inside.set()
         go.wait()
 other = threading.Thread(target=hold)
@@ -216,12 +216,12 @@ if number == 0:
     signal.alarm(60)
     os.read(go_on[0], 1)  # the other thread has let go
     assert not compilers._compiling.locked()
-    with one_at_a_time("pieces"):
+    with cache_lock("pieces"):
         os.write(1, b"child\\n")
     os._exit(0)
 go.set()
 other.join()
-with one_at_a_time("pieces"):  # the child is there still, and holds nothing
+with cache_lock("pieces"):  # the child is there still, and holds nothing
     os.write(1, b"parent\\n")
 os.write(go_on[1], b"1")
 assert os.waitpid(number, 0)[1] == 0
