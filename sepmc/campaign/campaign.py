@@ -38,7 +38,7 @@ from sepmc.engine.dispatch import (
     using_threads,
 )
 from sepmc.kernel.spec.parameter_layout import make_plan
-from sepmc.paths import place
+from sepmc.paths import as_path
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
@@ -275,7 +275,7 @@ class Campaign(Definition):
         run stops as it would have.
         """
         if resume and cases is None and out is not None:
-            cases = previous_run.own_cases(self, place(out))
+            cases = previous_run.own_cases(self, as_path(out))
         numbers, total = self.asked(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
@@ -285,7 +285,9 @@ class Campaign(Definition):
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept, until = previous_run.as_it_began(place(out), stats_only, kept, until)
+            stats_only, kept, until = previous_run.as_it_began(
+                as_path(out), stats_only, kept, until
+            )
         stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
         orders = Orders(
@@ -298,7 +300,7 @@ class Campaign(Definition):
             progress,
             announce,
         )
-        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
+        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
             return self._run(folder, Draws(seed, numbers, total), resume, orders)
 
@@ -430,7 +432,7 @@ class Campaign(Definition):
         target(self, check_text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
-        into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
+        into = nullcontext() if out is None else folders.opened(as_path(out), overwrite, resume)
         with using_threads(threads), into as folder:
             found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
         found.notes.extend(thread_notes(threads))
