@@ -91,7 +91,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this
 HOST = """
 import os, signal, sys, threading, warnings
 import sepmc
-from sepmc.engine import cache, compilers
+from sepmc.engine import compile_workers, kernel_cache
 from sepmc.jit import cache_lock
 
 signal.alarm(120)  # whatever waits for ever ends here
@@ -178,18 +178,18 @@ def flown(address):
     w[0] = {}.0
 '''
 def compiled(number):
-    return compilers.compile_all(cache.write([SHORT.format(number)]))
+    return compile_workers.compile_all(kernel_cache.write([SHORT.format(number)]))
 assert compiled(1)
-(mine,) = compilers.running()
+(mine,) = compile_workers.running()
 def child():
-    assert compilers.running() == []
+    assert compile_workers.running() == []
     assert compiled(2)
-    assert compilers.running()[0].process.pid != mine.process.pid
-    compilers.end_all()
+    assert compile_workers.running()[0].process.pid != mine.process.pid
+    compile_workers.end_all()
 assert forked(child) == 0
 assert mine.process.poll() is None
 assert compiled(3)
-assert compilers.running() == [mine]
+assert compile_workers.running() == [mine]
 print("as it was")
 """,
         SEPMC_CACHE_DIR=str(tmp_path),
@@ -204,7 +204,7 @@ def test_a_child_forked_while_others_compile_does_not_wait_for_them(tmp_path):
         """
 inside, go = threading.Event(), threading.Event()
 def hold():
-    with compilers._compiling, cache_lock("pieces"):
+    with compile_workers._compiling, cache_lock("pieces"):
         inside.set()
         go.wait()
 other = threading.Thread(target=hold)
@@ -215,7 +215,7 @@ number = os.fork()
 if number == 0:
     signal.alarm(60)
     os.read(go_on[0], 1)  # the other thread has let go
-    assert not compilers._compiling.locked()
+    assert not compile_workers._compiling.locked()
     with cache_lock("pieces"):
         os.write(1, b"child\\n")
     os._exit(0)
@@ -237,7 +237,7 @@ def test_a_run_folder_is_its_writers_alone(tmp_path):
     out, _ = in_a_host(
         f"""
 from pathlib import Path
-from sepmc.campaign import folders
+from sepmc.campaign.store import folders
 folder = Path({str(tmp_path / "run")!r})
 stay = os.pipe()
 with folders.opened(folder):

@@ -755,15 +755,15 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 
 ASSEMBLY = """
 import json, re
-from sepmc.campaign import pilot
+from sepmc.campaign.execution import step_selection
 from sepmc.kernel.emit.compile_units import ALIKE, split
-from sepmc.engine import cache
+from sepmc.engine import kernel_cache
 import sepmc
-text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
+text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
 code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
-        module = cache.module(cache.write([piece.text])[0])
+        module = kernel_cache.module(kernel_cache.write([piece.text])[0])
         lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
@@ -816,8 +816,8 @@ def test_machine_code_is_straight_and_wide(tmp_path):
 
 WITHOUT_JIT = """
 import json, sepmc
-from sepmc.campaign import pilot
-pilot.CORNERS, pilot.SAMPLE = 3, 16
+from sepmc.campaign.execution import step_selection
+step_selection.CORNERS, step_selection.SAMPLE = 3, 16
 campaign = sepmc.load("table2.toml", {"run.history_step_s": 0.1, "solver.accuracy": 1e-3})
 result = campaign.run(cases=2, seed=7)
 table = result.to_pandas().drop(columns="status").to_dict("list")
