@@ -58,8 +58,8 @@ def search_clearance(w, job):
     noinline()
     parts, poses, h = job + at.JOB_PARTS, job + at.JOB_POSES, w[job + at.JOB_LENGTH]
     cg_a, cg_b = vec3.get(w, job + at.JOB_CENTRES), vec3.get(w, job + at.JOB_CENTRES + 3)
-    for n in range(at.PLACES):
-        _pose(n / (at.PLACES - 1), w, job, poses + at.POSE * n)
+    for n in range(at.POSES):
+        _pose(n / (at.POSES - 1), w, job, poses + at.POSE * n)
     motion, searched = _motion(w, poses, h), True
     for n in range(int(w[parts + 1])):
         pa = int(w[parts]) + at.PART_SIZE * n
@@ -137,9 +137,9 @@ def _motion(w, poses, h):
     """Of body b seen from a: greatest speed, m/s, and acceleration, m/s2, of its origin, of a's
     origin seen from b, and of its axes."""
     noinline()
-    piece = h / (at.PLACES - 1)
+    piece = h / (at.POSES - 1)
     speed_a, speed_b, turn, bend_a, bend_b, curl = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(1, at.PLACES):
+    for n in range(1, at.POSES):
         now, last = poses + at.POSE * n, poses + at.POSE * (n - 1)
         rate = vec3.sub(vec3.get(w, now + 9), vec3.get(w, last + 9))
         back = vec3.sub(_back(w, now), _back(w, last))
@@ -296,7 +296,7 @@ def _most(x0, x1, move, bend, dt):
 def _note(distance, here, time, w, job):
     """Take over a new least distance with its time and the nearest point of the first body,
     layout."""
-    found, cg = job + at.JOB_FOUND, vec3.get(w, job + at.JOB_CENTRES)
+    found, cg = job + at.JOB_RESULT, vec3.get(w, job + at.JOB_CENTRES)
     w[found], w[found + 1] = distance, time
     vec3.put(w, found + 2, (cg[0] - here[0], cg[1] + here[1], cg[2] + here[2]))
     w[found + 5] = 1.0 if distance <= 0.0 else 0.0
@@ -320,7 +320,7 @@ def _search(pair, motion, w, job):
         speed, bend = motion[0] + motion[2] * _reach(part_b), motion[3] + motion[5] * _reach(part_b)
     tiny = _ROUND_OFF * size
     shell = part_a if kind == SHELL_ON_FIRST else part_b
-    beyond = w[job + at.JOB_FOUND]  # NaN: nothing known yet
+    beyond = w[job + at.JOB_RESULT]  # NaN: nothing known yet
     if _is_rim(kind):
         if _is_through(shell, beyond):
             return True
@@ -331,7 +331,7 @@ def _search(pair, motion, w, job):
         )
     elif beyond < 0.0:
         return True
-    first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.PLACES - 1)
+    first, last = job + at.JOB_POSES, job + at.JOB_POSES + at.POSE * (at.POSES - 1)
     if 0.5 * (_far(pair, w, first) + _far(pair, w, last) - speed * h) > beyond:
         return True
     left, still = job + at.JOB_NODES, not speed * h > tiny
@@ -372,7 +372,7 @@ def _visit(pair, w, job, node, tiny):
     distance, here = _distance(pair, w, node + _POSE, _FLUSH * tiny)
     w[node + _VALUE] = distance
     time = w[job + at.JOB_TIME] + w[node + _AT] * w[job + at.JOB_LENGTH]
-    best, since = w[job + at.JOB_FOUND], w[job + at.JOB_FOUND + 1]
+    best, since = w[job + at.JOB_RESULT], w[job + at.JOB_RESULT + 1]
     if (
         distance < best - tiny
         or (math.isnan(best) and distance < math.inf)
@@ -387,7 +387,7 @@ def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
     """Whether a pair may be nearer than known from the first node to the one at ``right``, or touch
     earlier."""
     noinline()
-    left, best = job + at.JOB_NODES, w[job + at.JOB_FOUND]
+    left, best = job + at.JOB_NODES, w[job + at.JOB_RESULT]
     kind, d0, d1, curve = pair[0], w[left + _VALUE], w[right + _VALUE], w[right + _BEND]
     move = speed * dt
     if not move > tiny:
@@ -396,7 +396,7 @@ def _worth_halving(pair, w, job, right, bend, speed, dt, tiny):
         if best == 0.0:  # only touching earlier counts
             may_touch = d1 == 0.0 or _least_solids(d0, d1, bend, curve, move, dt) < 0.0
             time = w[job + at.JOB_TIME] + w[left + _AT] * w[job + at.JOB_LENGTH]
-            return may_touch and d0 > 0.0 and time < w[job + at.JOB_FOUND + 1]
+            return may_touch and d0 > 0.0 and time < w[job + at.JOB_RESULT + 1]
         return _least_solids(d0, d1, bend, curve, move, dt) < best - tiny
     lowest0, highest0, outmost0 = _along(pair, w, left + _POSE)
     lowest1, highest1, outmost1 = _along(pair, w, right + _POSE)

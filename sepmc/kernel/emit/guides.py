@@ -72,7 +72,7 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
         for vector in (force_of(motion, joint), moment_of(s, motion, joint))
     )
     closed = c.number(p + at.ENGAGED)
-    engaged = scalar.larger(closed - s.separation(joint).length, at.LEAST_ENGAGED * closed).called(
+    engaged = scalar.larger(closed - s.separation(joint).length, at.MIN_ENGAGED * closed).called(
         "engaged"
     )
     mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
