@@ -79,11 +79,11 @@ def load(
     return Campaign(read, before | as_text(settings or {}))
 
 
-class _Told(dict[str, Any]):
+class _NoCopyDict(dict[str, Any]):
     """Told of a history in its ``attrs``, of which pandas makes deep copies for every column that
     is taken from it: this one stays what it is."""
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Told":
+    def __deepcopy__(self, memo: dict[int, Any]) -> "_NoCopyDict":
         return self
 
 
@@ -165,15 +165,15 @@ class Campaign(Definition):
         notes = unfit + found.notes + together(scene, outcomes, which)
         _warn(notes, announce)
         frame.attrs = {
-            "units": _Told({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
-            "outcomes": _Told(outcomes),
-            "errors": _Told({c.name: float(x) for c, x in errors}),
+            "units": _NoCopyDict({"time_s": "s", "phase": "", **{c.name: c.unit for c in columns}}),
+            "outcomes": _NoCopyDict(outcomes),
+            "errors": _NoCopyDict({c.name: float(x) for c, x in errors}),
             "status": found.status.label,
             "compiled": found.compiled,
             "notes": notes,
-            "releases": _Told({j: outcomes[c] for j, c in releases.items()}),
-            "events": _Told({e: outcomes[c] for e, c in events.items()}),
-            "springs": _Told(found.springs),
+            "releases": _NoCopyDict({j: outcomes[c] for j, c in releases.items()}),
+            "events": _NoCopyDict({e: outcomes[c] for e, c in events.items()}),
+            "springs": _NoCopyDict(found.springs),
         }
         return frame
 
