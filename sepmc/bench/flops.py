@@ -97,7 +97,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
     found: dict[str, float | None] = {}
     for phase, stage in flown.items():
         piece = texts[f"rates_{stage}"]
-        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write([piece])[0]}.flops.json"
+        kept = kernel_cache.CACHE_FOLDER / f"{kernel_cache.write_modules([piece])[0]}.flops.json"
         if kept.is_file():
             found[phase] = json.loads(kept.read_text(encoding="utf-8"))
             continue
@@ -109,7 +109,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
 
 def flops_here(piece: str) -> float | None:
     """Flops of an evaluation by a piece of a kernel, which is compiled here."""
-    module = kernel_cache.module(kernel_cache.write([piece])[0])
+    module = kernel_cache.load_module(kernel_cache.write_modules([piece])[0])
     return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
 
 

@@ -154,7 +154,7 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 def compile_blocks() -> None:
     """Compile the loop over blocks into the cache folder."""
     signature = types.void(*5 * (types.int64,))
-    cache_files.keep(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
+    cache_files.store(NAME, *machine_code(compiled(_run_blocks, signature, parallel=True)))
 
 
 @cache

@@ -371,8 +371,8 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
             return plain.load(text)
     from sepmc.engine import kernel_cache  # noqa: PLC0415
 
-    pieces = kernel_cache.pieces_of(text)
-    left = len(kernel_cache.missing(pieces))
+    pieces = kernel_cache.compile_units_of(text)
+    left = len(kernel_cache.missing_units(pieces))
     if left:
         if announce:
             announce(
@@ -389,7 +389,7 @@ def load_kernel(text: str, announce: Callable[[str], None] | None = None) -> Ker
 
         begun = time.monotonic()
         try:
-            kernel_cache.compile_apart(pieces, progress)
+            kernel_cache.compile_in_subprocesses(pieces, progress)
         finally:
             _waited.append(time.monotonic() - begun)
     with loading:

@@ -143,7 +143,7 @@ CELL_ENDS, CELL_BASIS, CELL_COEFFICIENTS = 0, 9, 57
 # of a step, for loads: a polynomial of degree seven, the order of the continuous extension of
 # dop853
 PEAK_NODES = 8
-# numbers that `peaks.update_size` works in: coefficients of three components, and sizes at the nodes
+# scratch numbers of `peaks.update_size`: coefficients of three components, sizes at the nodes
 PEAK_SCRATCH = 4 * PEAK_NODES
 
 # What a scene contains and where its blocks start: whole numbers that a kernel reads through one

@@ -171,14 +171,14 @@ def test_a_forked_child_leaves_the_compilers_of_its_parent(tmp_path):
     """It neither ends them as it ends, nor writes into their pipes, and starts its own."""
     out, _ = in_a_host(
         """
-SHORT = '''from sepmc.engine.compile_units import piece, workspace
-@piece("")
+SHORT = '''from sepmc.engine.compile_units import compile_unit, workspace
+@compile_unit("")
 def flown(address):
     w = workspace(address)
     w[0] = {}.0
 '''
 def compiled(number):
-    return compile_workers.compile_all(kernel_cache.write([SHORT.format(number)]))
+    return compile_workers.compile_all(kernel_cache.write_modules([SHORT.format(number)]))
 assert compiled(1)
 (mine,) = compile_workers.running()
 def child():

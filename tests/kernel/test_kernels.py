@@ -763,7 +763,7 @@ text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s
 code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
-        module = kernel_cache.module(kernel_cache.write([piece.text])[0])
+        module = kernel_cache.load_module(kernel_cache.write_modules([piece.text])[0])
         lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None

@@ -554,5 +554,5 @@ def left_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 
-    pieces = compiled.pieces_of(text)
-    return len(compiled.missing(pieces)), len(pieces.names)
+    pieces = compiled.compile_units_of(text)
+    return len(compiled.missing_units(pieces)), len(pieces.names)

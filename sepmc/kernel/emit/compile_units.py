@@ -22,7 +22,7 @@ _CODES = {"int": "i", "float": "f", "Arrays": "a"}
 _MARK = "noinline"  # called in a line that a piece has no use for
 _HEAD = '''"""Piece of a written kernel."""
 
-from sepmc.engine.compile_units import callee, piece, workspace
+from sepmc.engine.compile_units import callee, compile_unit, workspace
 '''
 
 
@@ -118,7 +118,8 @@ def told(text: str) -> dict[str, Any]:
 def _as_piece(function: ast.FunctionDef, codes: str) -> ast.FunctionDef:
     """A function whose workspace is given by its address, without its name and what it says."""
     mark, start = (
-        ast.parse(line).body[0] for line in (f"@piece({codes!r})\ndef {ALIKE}(): ...", _START)
+        ast.parse(line).body[0]
+        for line in (f"@compile_unit({codes!r})\ndef {ALIKE}(): ...", _START)
     )
     assert isinstance(mark, ast.FunctionDef)
     arguments = [ast.arg("address"), *(ast.arg(other.arg) for other in function.args.args[1:])]

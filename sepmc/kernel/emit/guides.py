@@ -167,8 +167,8 @@ def note_guides(text: Text, c: Context, stage: Stage) -> None:
         inner(f"w[{part('GUIDES', time)} + l] += h")
         for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(
-                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + "
-                "l], h)"
+                f"peaks.update_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, "
+                "w[BEGIN_T + l], h)"
             )
         inner(
             f"peaks.update_min_drive_ratio(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
