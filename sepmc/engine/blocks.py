@@ -111,10 +111,10 @@ def integrate(
         scene, table, numbers, pace, np.array([times], dtype=np.int64), methods,
     )  # fmt: skip
     if kernel.plain is not None:
-        from sepmc.engine.interpreted import in_numbers  # noqa: PLC0415
+        from sepmc.engine.interpreted import as_python  # noqa: PLC0415
 
         results = (outcomes, ends, history, status)
-        values = [in_numbers(array, any(array is result for result in results)) for array in arrays]
+        values = [as_python(array, any(array is result for result in results)) for array in arrays]
         with np.errstate(all="ignore"):  # as in compiled code
             for first in range(0, samples.shape[1], kernel.plain.LANES):
                 kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, values)
