@@ -132,7 +132,7 @@ def integrate(
     if threads.is_forked():
         _run_serial(kernel.address, blocks, workspaces, sizes.ctypes.data)
         return
-    with threads.in_turn():
+    with threads.parallel_region():
         _loop()(kernel.address, blocks, workspaces, buffer.strides[0], sizes.ctypes.data)
 
 
@@ -151,7 +151,7 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
     Returns the buffer (threads, numbers) and the address of the first workspace, at the start of a
     cache line.
     """
-    addresses = kernel.calls
+    addresses = kernel.table
     size = len(addresses) + kernel.size
     buffer = np.empty((threads.in_use(), size + -size % _LINE + _LINE + _PAGES * _PAGE))
     offset = -(buffer.ctypes.data // buffer.itemsize) % _LINE + next(_calls) % _PAGES * _PAGE

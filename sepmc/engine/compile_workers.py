@@ -100,7 +100,7 @@ def compile_all(names: Sequence[str], progress: Progress = lambda done, total: N
     global _end  # noqa: PLW0603
     if not names:
         return True
-    counter = itertools.counter(1)
+    counter = itertools.count(1)
     with _compiling:
         if _end is not None:
             _end.cancel()

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.engine.work_budget import SEARCHES, counts
+from sepmc.engine.work_budget import SEARCHES, counting_lines
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import config
 
@@ -234,7 +234,7 @@ def load(text: str) -> Kernel:
             exec(_compiled(text, "<kernel>"), module.__dict__)
         for name, value in vars(module).items():
             if isinstance(value, FunctionType) and value.__code__.co_filename == "<kernel>":
-                setattr(module, name, counts(value, has_workspace=True))
+                setattr(module, name, counting_lines(value, has_workspace=True))
         for plain in (module, *_plain.values()):
             _in_python(plain)
         _loaded.clear()  # keep one scene: a thousand would fill the memory
@@ -259,7 +259,7 @@ def _in_python(module: ModuleType) -> None:
             setattr(module, name, as_python(value))
         elif isinstance(value, FunctionType) and value.__module__ in SEARCHES:
             if not hasattr(value, "__wrapped__"):
-                setattr(module, name, counts(value))
+                setattr(module, name, counting_lines(value))
         elif name == "eliminate" and not isinstance(value, partial):
             setattr(module, name, partial(_eliminate, value, vars(module)["_DEPENDENT"]))
 

@@ -102,7 +102,7 @@ class Flight:
     @property
     def packed(self) -> "Flight":
         """The same without what another process has to load for itself; see `pilot.unpacked`."""
-        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
+        return replace(self, kernel=replace(self.kernel, address=0, table=_NO_CALLS), spares=())
 
     @property
     def method_names(self) -> list[str]:

@@ -20,7 +20,7 @@ from sepmc.campaign.execution.integration import (
 from sepmc.campaign.execution.step_refinement import longest_step, settle_one
 from sepmc.engine.dispatch import integrate_nominal, interpreted, load_kernel, progress_reporter
 from sepmc.engine.kernel_texts import written
-from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
+from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, Work, WorkLimitError
 from sepmc.kernel.spec.kernel_spec import Shape
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, make_plan
@@ -241,7 +241,7 @@ class _SingleFlight:
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
-            except OutOfWorkError:
+            except WorkLimitError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
         return integrate_nominal(self.kernel, self.plan, steps, self.usual, instants)
