@@ -30,7 +30,7 @@ from sepmc.jit import BARE
 from sepmc.kernel.emit.compile_units import ALIKE, split
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.spec.methods import method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.routines.layout import NO_HISTORY
 from sepmc.scene.read import parse_campaign
@@ -66,7 +66,7 @@ class Flops:
 def count(campaign: Campaign, flight: Flight) -> Flops | None:
     """Operations of a case of a campaign flown as ``flight`` has it; None if the compiled code does
     not show them."""
-    shape = make_shape(campaign.plan, campaign.dispersed)
+    shape = make_kernel_spec(campaign.plan, campaign.dispersed)
     called = shape.names.of["phase"]
     solver = flight.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
@@ -152,7 +152,7 @@ def evaluations_here(
 
         return rates
 
-    called = make_shape(campaign.plan, campaign.dispersed).names.of["phase"]
+    called = make_kernel_spec(campaign.plan, campaign.dispersed).names.of["phase"]
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
     drawn = campaign.draw(0, 1) * campaign.factors

@@ -19,7 +19,7 @@ from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.engine.dispatch import whole
-from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, apart, make_parameter_layout
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -88,10 +88,10 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ParameterLayout:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table
         would have one name."""
-        plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]

@@ -17,7 +17,7 @@ import numpy as np
 from sepmc import schema
 from sepmc.engine.host_process import loading
 from sepmc.engine.written_kernel import Kernel
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.checks import MOST_ROWS
 from sepmc.scene.messages import InputError, shorten
 from sepmc.scene.model import Scene
@@ -104,7 +104,7 @@ class Block:
 
 def fly_cases(
     kernel: Kernel,
-    plan: Plan,
+    plan: ParameterLayout,
     steps: np.ndarray,
     usual: np.ndarray,
     slots: np.ndarray,
@@ -152,7 +152,11 @@ def fly_cases(
 
 
 def fly_everything(
-    kernel: Kernel, plan: Plan, steps: np.ndarray, usual: np.ndarray, instants: np.ndarray
+    kernel: Kernel,
+    plan: ParameterLayout,
+    steps: np.ndarray,
+    usual: np.ndarray,
+    instants: np.ndarray,
 ) -> tuple[np.ndarray, int, bool, np.ndarray, np.ndarray]:
     """The nominal case of a plan by a kernel written for full histories: outcomes and audit (o,) in
     SI; its status, as `fly_cases` has it; whether shorter steps may tell by how many turns pitch

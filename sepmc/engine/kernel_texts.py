@@ -5,20 +5,20 @@ import hashlib
 import pickle
 
 from sepmc.engine.host_process import loading
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.routines.layout import NO_HISTORY
 
 # beside what is compiled: where a change asks for a new text
 _WRITERS = ("kernel/**/*.py", "schema.py")
 
 
-def written(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
+def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
     """The text of a kernel, as `sepmc.kernel.emit.module.emit` writes it, once."""
     # imported here: numba
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
 
-    shaped = shape.plan, shape.names, sorted(shape.dispersed), shape.care
+    shaped = shape.layout, shape.names, sorted(shape.dispersed), shape.care
     asked = pickle.dumps((*shaped, method_name, history))
     digest = hashlib.sha256(asked + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"

@@ -25,7 +25,7 @@ from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
 from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.spec.methods import METHODS, method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
@@ -327,7 +327,9 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     shuffled."""
     campaign = with_all_loads(scene(COMPILED))
     flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
-    assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
+    assert (
+        max(stage.stops for stage in make_kernel_spec(campaign.plan, campaign.dispersed).stages) > 1
+    )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])

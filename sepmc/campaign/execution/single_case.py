@@ -21,10 +21,10 @@ from sepmc.campaign.execution.step_refinement import longest_step, settle_one
 from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, make_plan
-from sepmc.kernel.spec.structure import brief_transient, make_shape
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
+from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
 from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
@@ -53,7 +53,7 @@ class Single:
     outcomes, if it has any; whether its kernel was ``compiled``; when ``springs`` with a stroke
     came to its end, s, NaN of those that did not."""
 
-    plan: Plan
+    plan: ParameterLayout
     status: Status
     outcomes: np.ndarray
     times: np.ndarray
@@ -93,10 +93,10 @@ def fly_single(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), USUAL
+    plan, care = make_parameter_layout(scene), USUAL
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_shape(plan, care=care)
+        shape = make_kernel_spec(plan, care=care)
         flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
@@ -110,7 +110,7 @@ def fly_single(
 
 def invalid(scene: Scene, columns: int) -> Single:
     """A case with a parameter that may not be: nothing is flown."""
-    plan = make_plan(scene)
+    plan = make_parameter_layout(scene)
     rows = np.empty((0, len(schema.history_columns(plan.contents))))
     return Single(
         plan,
@@ -128,8 +128,8 @@ class _SingleFlight:
 
     def __init__(
         self,
-        shape: Shape,
-        plan: Plan,
+        shape: KernelSpec,
+        plan: ParameterLayout,
         columns: list[Column],
         every_s: float,
         announce: Say | None,
@@ -423,7 +423,7 @@ class _SingleFlight:
 
 
 def _instants(
-    shape: Shape, ends: np.ndarray, changes: np.ndarray, every_s: float
+    shape: KernelSpec, ends: np.ndarray, changes: np.ndarray, every_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, stages and sides (n, 3) of the rows of a history, and their phases (n,), by number:
     every so many seconds, and both sides of the end of a phase and of the ``changes`` of joints
@@ -433,7 +433,7 @@ def _instants(
     phases: list[int] = []
     begin = 0.0
     for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
-        late = 0.0 if stage.delay is None else float(shape.plan.nominal[stage.delay])
+        late = 0.0 if stage.delay is None else float(shape.layout.nominal[stage.delay])
         for until, phase in (
             (max(begin, end - late), _phase(shape, number)),
             (end, _phase(shape, number + (stage.delay is not None))),
@@ -457,7 +457,7 @@ def _instants(
     return np.array(found), np.array(phases)
 
 
-def _phase(shape: Shape, number: int) -> int:
+def _phase(shape: KernelSpec, number: int) -> int:
     """The phase of a stage; that in which joints are late is part of the next."""
     following = next(stage for stage in shape.stages[number:] if not stage.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

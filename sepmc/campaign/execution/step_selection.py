@@ -82,7 +82,7 @@ def kernel_text(
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_kernel_spec(campaign.plan, campaign.dispersed, care),
         solver or campaign.scene.solver.method,
         history,
     )
@@ -90,7 +90,7 @@ def kernel_text(
 
 def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     return [
         found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
         for stage in found.stages
@@ -99,7 +99,7 @@ def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
 
 def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
     numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 

@@ -49,7 +49,7 @@ def emit_block(out: Text, c: Context) -> None:
     block = Text()
     text = block.function("fly_block(w, first: int, a: Arrays)", says)
     text(*_STEPS, "begin(w, first, a)")
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         text(f"# {stage.name}", f"enter_{stage.name}(w)")
         _enter(parts, c, number, stage)
         if stage.stops > 1:
@@ -85,23 +85,23 @@ def _begin(out: Text, c: Context) -> None:
     for slab in tip_offs(c):
         c.slabs.add(slab, 3, optional=True)
         text.block("for e in range(3 * LANES):")(f"w[{slab} + e] = math.nan")
-    for event in c.shape.scene.event:
-        c.slabs.add(kept(event.name), c.size + 2 * len(c.shape.bodies), optional=True)
+    for event in c.spec.scene.event:
+        c.slabs.add(kept(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
         text.block(f"for e in range({c.slabs.counts[kept(event.name)]} * LANES):")(
             f"w[{kept(event.name)} + e] = math.nan"
         )
     if c.history == at.FULL_HISTORY:
         c.slabs.add("WANTS_ROWS", 1, optional=True)
         text.lanes()("w[WANTS_ROWS + l] = 1.0 if table(a, 5).shape[0] > 0 else 0.0")
-    if c.shape.borders:
+    if c.spec.borders:
         text("enter_layers(w)")
-    if c.shape.borders or c.slabs.has("AIR"):
+    if c.spec.borders or c.slabs.has("AIR"):
         text("centre(w, 0.0)")
-    if c.shape.switches:
+    if c.spec.switches:
         text.lanes().block("for k in range(nominal.shape[0]):")(
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
         )
-    text(f"energy_{c.shape.stages[0].name}(w, 1.0)")
+    text(f"energy_{c.spec.stages[0].name}(w, 1.0)")
 
 
 def _enter(out: Text, c: Context, number: int, stage: Stage) -> None:
@@ -142,21 +142,21 @@ def _leave(out: Text, c: Context, number: int, stage: Stage) -> None:
     if number:
         lose(
             scope,
-            scope.load("T") >= scope.load(f"ENDED_{c.shape.stages[number - 1].name}") - _SAME_TIME,
+            scope.load("T") >= scope.load(f"ENDED_{c.spec.stages[number - 1].name}") - _SAME_TIME,
         )
     scope.store(f"ENDED_{stage.name}", scope.load("T"))
     scope.write(text)
-    if number + 1 < len(c.shape.stages):
-        _hand_over(text, c, stage, c.shape.stages[number + 1])
-    elif c.shape.masked:
+    if number + 1 < len(c.spec.stages):
+        _hand_over(text, c, stage, c.spec.stages[number + 1])
+    elif c.spec.masked:
         _note_unreleased(text, c)
 
 
 def _note_unreleased(text: Text, c: Context) -> None:
     """Whether a joint still holds at the end that was told to let go, or should have been."""
     scope = c.scope()
-    for joint in c.shape.masked:
-        for change in c.shape.told(joint):
+    for joint in c.spec.masked:
+        for change in c.spec.told(joint):
             holds = _kind(scope, c, joint) < float(change.to)
             if change.optional:
                 holds = holds & (_comes(scope, c, change) < math.inf)
@@ -166,7 +166,7 @@ def _note_unreleased(text: Text, c: Context) -> None:
 
 def _kind(scope: Scope, c: Context, joint: str) -> Value:
     """As which of its kinds a joint holds, by number."""
-    c.start(f"KIND_{joint}", float(c.shape.masked[joint]))
+    c.start(f"KIND_{joint}", float(c.spec.masked[joint]))
     return scope.load(f"KIND_{joint}")
 
 
@@ -178,11 +178,11 @@ def _comes(scope: Scope, c: Context, change: Change) -> Value:
 
 def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[Change, Value]]:
     """Changes that a joint may make in a stage, and when each is due."""
-    slots = c.shape.plan.slots
+    slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
-    if joint in c.shape.failing:  # it never lets go
+    if joint in c.spec.failing:  # it never lets go
         delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
-    for change in c.shape.told(joint):
+    for change in c.spec.told(joint):
         if change.to in stage.may[joint] and change.to > min(stage.may[joint]):
             yield change, _comes(scope, c, change) + delay
 
@@ -250,7 +250,7 @@ def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tupl
 def _time(scope: Scope, c: Context, due: Due) -> Value:
     """When something is due."""
     terms = [c.case.number(place) for place in due.places]
-    for motor in c.shape.triggered:
+    for motor in c.spec.triggered:
         if motor.name == due.motor:
             terms.insert(0, ignition(scope, c, motor))
     return total(terms)
@@ -286,7 +286,7 @@ def _keep_state(text: Text, c: Context, stage: Stage, event: str) -> None:
     )
     scope = c.scope()
     now = scope.load(f"NOW_{event}") > 0.0
-    for body in c.shape.stages[-1].leaders:
+    for body in c.spec.stages[-1].leaders:
         leader = stage.leader(body)
         if leader == GROUND:
             values: list[tuple[str, int, Any]] = [
@@ -381,7 +381,7 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     for event in stage.events:
         scope.store(f"LAST_{stage.name}_{event.name}", math.inf)
     scope.write(text)
-    if c.shape.switches:
+    if c.spec.switches:
         text("switch(w, a)")
     if stage.stops > 1:
         text("going = False")
@@ -407,13 +407,11 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
 
 def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
     """As many steps for all lanes."""
-    size, awaited, noted = f"{c.shape.active(stage)} * LANES", _awaited(stage), _noted(c, number)
+    size, awaited, noted = f"{c.spec.active(stage)} * LANES", _awaited(stage), _noted(c, number)
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     _advance(inner, c, number, stage, "left")
     inner(*awaited)
-    if has_tables(c.shape) or any(
-        joint.guide is not None for joint in c.shape.scene.joint.values()
-    ):
+    if has_tables(c.spec) or any(joint.guide is not None for joint in c.spec.scene.joint.values()):
         inner("going = False")
         inner.lanes()(f"going = going or {_GOES_ON}")
         inner.block("if not going:")("break")
@@ -429,7 +427,7 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
 def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     """Each lane in as many steps as it needs for none to be longer than its pace, so many times,
     but in no more than the phase has."""
-    size, awaited = f"{c.shape.active(stage)} * LANES", _awaited(stage)
+    size, awaited = f"{c.spec.active(stage)} * LANES", _awaited(stage)
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = float(times[0]), 1.0 + steps[{number}], 0.0")
@@ -460,7 +458,7 @@ def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> No
         inner = text
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
-        size = f"{c.shape.active(stage)} * LANES"
+        size = f"{c.spec.active(stage)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{trace(rk)}(w, {number})")
@@ -490,7 +488,7 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
 
 def _note_change(scope: Scope, c: Context, joint: str, before: Value, kind: Value) -> None:
     """For rows of a history on both sides of it: when a joint takes another of its kinds."""
-    for changing, number in c.shape.changing if c.sudden else []:
+    for changing, number in c.spec.changing if c.sudden else []:
         if changing == joint:
             place = went(joint, number)
             c.start(place, math.nan)
@@ -514,8 +512,8 @@ def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Valu
 def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
     """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and
     these rates."""
-    if joint in c.shape.scene.output.tip_off:
-        for body in c.shape.scene.joint[joint].bodies:
+    if joint in c.spec.scene.output.tip_off:
+        for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:
                 leader = stage.leader(body)
                 yield (
@@ -526,7 +524,7 @@ def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tup
 
 def _noted(c: Context, number: int) -> list[str]:
     """What is written or followed of a step of a phase."""
-    stage = c.shape.stages[number]
+    stage = c.spec.stages[number]
     found = [f"keep(w, {number}, first, a)"] if c.history else []
     found += [f"watch(w, {number})"] if c.watches(stage) else []
     return found + ([f"clearances_{stage.name}(w)"] if c.counted(stage) else [])
@@ -535,7 +533,7 @@ def _noted(c: Context, number: int) -> list[str]:
 def emit_switch(out: Text, c: Context) -> None:
     """A function that ends a stretch at the next switch of a load, and notes what acts until
     then."""
-    if not c.shape.switches:
+    if not c.spec.switches:
         return
     says = "Stop at the next switch of a load, and note what acts until then."
     c.slabs.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
@@ -543,18 +541,18 @@ def emit_switch(out: Text, c: Context) -> None:
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")
-    for i, motor in enumerate(c.shape.scene.motor):
+    for i, motor in enumerate(c.spec.scene.motor):
         if motor.trigger is not None:
             p = int(c.model.motors_p) + at.MOTOR_SIZE * i
             text(f"w[case + {p + at.IGNITION}] = w[{lights(motor.name)} + l]")
             text(f"w[case + {p + at.IGNITION_DELAY}] = 0.0")
     text("end = min(w[END + l], next_break(t, m, w, case))", "w[END + l] = end")
     text("set_stretch(0.5 * (t + end), m, w, case)")
-    for i, motor in enumerate(c.shape.scene.motor):
+    for i, motor in enumerate(c.spec.scene.motor):
         c.slabs.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i
         text(f"put3(w, BURNING_{motor.name} + l, vec3.get(w, case + {work + at.BURNING}))")
-    for i, load in enumerate(c.shape.scene.load):
+    for i, load in enumerate(c.spec.scene.load):
         c.slabs.add(f"ACTS_{load.name}", 1)
         work = int(c.model.loads_w) + at.LOAD_WORK * i
         text(f"w[ACTS_{load.name} + l] = w[case + {work + at.ACTS}]")
@@ -580,11 +578,11 @@ def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
             for slab, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
                     scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
-    for told in c.shape.changes:
-        if told.event == stage.phase and not stage.late and told.joint in c.shape.masked:
+    for told in c.spec.changes:
+        if told.event == stage.phase and not stage.late and told.joint in c.spec.masked:
             scope.store(f"COMES_{told.event}", where(ended, now, _comes(scope, c, told)))
     for joint, kinds in after.may.items():
-        masked, to = joint in c.shape.masked, min(kinds)
+        masked, to = joint in c.spec.masked, min(kinds)
         if stage.holds(joint) and not kinds[to]:
             _note_release(
                 scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None

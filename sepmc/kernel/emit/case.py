@@ -3,7 +3,7 @@ before its flight."""
 
 from typing import Any
 
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.parameter_layout import WIND_FACTOR, WIND_TURN
 from sepmc.kernel.tracer.formulas import ZERO, joints, loads, quat, vec3, vehicle
 from sepmc.kernel.tracer.tracer import Scope, Value, total
@@ -15,8 +15,8 @@ class Case:
     """The parameters of a case and what follows from them, as Values of the scope that runs before
     a flight."""
 
-    def __init__(self, scope: Scope, shape: Shape):
-        self.scope, self.shape, self.model = scope, shape, shape.plan.model.scene[0]
+    def __init__(self, scope: Scope, spec: KernelSpec):
+        self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
     def number(self, place: int) -> Value:
         """A parameter by its place."""
@@ -28,7 +28,7 @@ class Case:
 
     def body(self, body: str) -> int:
         """Where the parameters of a body start."""
-        return at.HEAD + at.BODY_SIZE * self.shape.bodies.index(body)
+        return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
     def mass(self, body: str) -> Value:
         """Mass of a body, kg."""
@@ -66,7 +66,7 @@ class Case:
     @property
     def common_centre(self) -> Value:
         """Layout point of the mass centre of all bodies."""
-        bodies = self.shape.bodies
+        bodies = self.spec.bodies
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
         for body in bodies[1:]:
             weighted = vec3.add(weighted, vec3.scale(self.mass(body), self.centre_of_mass(body)))
@@ -100,7 +100,7 @@ class Case:
     def gust(self) -> Any:
         """What multiplies the wind over height, as a vector that is turned; None if it is the same
         in all cases."""
-        slots = self.shape.plan.slots
+        slots = self.spec.layout.slots
         if WIND_FACTOR not in slots:
             return None
         return loads.wind(self.number(slots[WIND_FACTOR]), self.number(slots[WIND_TURN])).called(
@@ -120,12 +120,12 @@ class Case:
 
     def joint(self, name: str) -> int:
         """Where the parameters of a joint start."""
-        number = list(self.shape.scene.joint).index(name)
+        number = list(self.spec.scene.joint).index(name)
         return int(self.model.joints_p) + at.JOINT_SIZE * number
 
     def joint_ends(self, name: str) -> tuple[Any, Any, Any]:
         """`ends` of a joint."""
-        joint = self.shape.scene.joint[name]
+        joint = self.spec.scene.joint[name]
         return self.ends(self.joint(name), joint.bodies, joint.second_point is not None)
 
     def swing(self, name: str, body: str) -> tuple[Any, Any]:
@@ -136,7 +136,7 @@ class Case:
 
     def joint_axis(self, name: str, k: int) -> Value:
         """Axis k of a joint, in body axes of the first body."""
-        slots = self.shape.plan.slots
+        slots = self.spec.layout.slots
         if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
             ahead = vec3.unit(self.vector(place)).called("axis")
             if k == 0:
@@ -144,8 +144,8 @@ class Case:
             y = self.vector(slots[f"joint.{name}.y_axis.x"])
             up = joints.across(ahead, y).called("axis")
             return up if k == 1 else vec3.cross(ahead, up).called("axis")
-        return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 3 * k, 3)
+        return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
     def apart(self, name: str) -> Value:
         """What makes a joint's separation positive: 1 or -1."""
-        return self.scope.shared(10 * list(self.shape.scene.joint).index(name) + 9)
+        return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

@@ -15,7 +15,7 @@ from sepmc.scene.model import GROUND, Clearance
 def emit_clearances(out: Text, c: Context) -> None:
     """A function that searches the step of a lane, and for every phase one that searches those of
     all."""
-    powers, entries = c.extended.dense.shape[1], c.shape.scene.clearance
+    powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
         c.case.scope.store(part("CLEARANCES", k), math.nan)
     c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
@@ -29,7 +29,7 @@ def emit_clearances(out: Text, c: Context) -> None:
         "`sepmc.routines.clearances.search_clearance`."
     )
     out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         if which := c.counted(stage):
             text = out.function(
                 f"clearances_{stage.name}(w)",
@@ -75,7 +75,7 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
 def counts_in(c: Context, stage: Stage, i: int) -> str:
     """The condition, for a lane, that a clearance counts in a phase: from the start, or once its
     joint is free."""
-    after = c.shape.scene.clearance[i].after
+    after = c.spec.scene.clearance[i].after
     if i not in c.counted(stage):
         return "False"
     return among(after, stage.free(after)) if after in stage.masked else "True"
@@ -85,13 +85,13 @@ def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int
     """Lines that search what PATH tells of a lane, by so many powers, for a clearance; ``more``
     that it is to begin with: slab, the first of its numbers, place in the job, count."""
     text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
-    model, bodies = c.shape.plan.model, [*c.shape.bodies, GROUND]
-    for k, body in enumerate(c.shape.scene.clearance[i].bodies):
+    model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
+    for k, body in enumerate(c.spec.scene.clearance[i].bodies):
         first, count = (
             int(model.table[int(c.model.parts_i) + 2 * bodies.index(body) + n]) for n in range(2)
         )
         place, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
-        if body in c.shape.plan.outlines:
+        if body in c.spec.layout.outlines:
             c.slabs.add(f"OUTLINE_{body}", at.PART_SIZE * count)
             start = f"OUTLINE_{body} + {at.PART_SIZE * count} * l"
         text(f"w[JOB + {place}], w[JOB + {place + 1}] = float({start}), {float(count)}")
@@ -109,7 +109,7 @@ def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int
 def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None:
     """Lines that put the distance of a clearance's bodies at a state into ``place`` of the lanes,
     NaN where it does not count yet: a step in which nothing moves is searched for it."""
-    entry = s.shape.scene.clearance[i]
+    entry = s.spec.scene.clearance[i]
     path = State(s.c, s.c.scope(), s.stage, s.slab, s.clock)
     a, b = (path.place(body) for body in entry.bodies)
     path.scope.store("PATH", vec3.sub(b, a))
@@ -129,7 +129,7 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
 
 def counts_from_start(c: Context, i: int) -> bool:
     """Whether a clearance counts from the start of a flight, whatever is let go."""
-    after, first = c.shape.scene.clearance[i].after, c.shape.stages[0]
+    after, first = c.spec.scene.clearance[i].after, c.spec.stages[0]
     return after is None or min(first.may[after]) in first.free(after)
 
 

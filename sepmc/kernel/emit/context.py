@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.kernel.emit.case import Case
-from sepmc.kernel.spec.kernel_spec import Shape, Stage
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
 from sepmc.kernel.spec.methods import Method, methods_of
 from sepmc.kernel.tracer.text import Slabs, Text
 from sepmc.kernel.tracer.tracer import Scope, Value, where
@@ -20,7 +20,7 @@ class Context:
     The function that does this and the constants of the slabs are therefore written last.
     """
 
-    shape: Shape
+    spec: KernelSpec
     solver: str  # name of its Runge-Kutta method
     # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of
     # `sepmc.routines.layout`
@@ -28,7 +28,7 @@ class Context:
     slabs: Slabs = field(default_factory=Slabs)
 
     def __post_init__(self):
-        self.case = Case(Scope(self.slabs), self.shape)
+        self.case = Case(Scope(self.slabs), self.spec)
 
     def methods(self, stage: Stage) -> tuple[Method, ...]:
         """Methods by which a stage may be flown, the most exact first."""
@@ -37,7 +37,7 @@ class Context:
     @property
     def used(self) -> dict[str, Method]:
         """All methods that stages may be flown by, by their names."""
-        return {rk.name: rk for stage in self.shape.stages for rk in self.methods(stage)}
+        return {rk.name: rk for stage in self.spec.stages for rk in self.methods(stage)}
 
     @property
     def extended(self) -> Method:
@@ -52,8 +52,8 @@ class Context:
         take another of their kinds, springs end their strokes."""
         if self.history != FULL_HISTORY:
             return []
-        return [went(*change) for change in self.shape.changing] + [
-            spent(spring) for spring in self.shape.spent
+        return [went(*change) for change in self.spec.changing] + [
+            spent(spring) for spring in self.spec.spent
         ]
 
     @property
@@ -64,44 +64,44 @@ class Context:
             dict.fromkeys(
                 [
                     *self.watched,
-                    *(load.which for stage in self.shape.stages for load in stage.loads),
+                    *(load.which for stage in self.spec.stages for load in stage.loads),
                 ]
             )
         )
 
     def layer(self, body: str) -> str:
         """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
-        return f"LAYER_{body}" if self.shape.borders else "AIR"
+        return f"LAYER_{body}" if self.spec.borders else "AIR"
 
     @property
     def idles(self) -> bool:
         """Whether lanes may be through with a stage before others: steps of no length then leave a
         case as it is, to the last bit."""
-        return any(self.paces(stage) for stage in self.shape.stages)
+        return any(self.paces(stage) for stage in self.spec.stages)
 
     def paces(self, stage: Stage) -> bool:
         """Whether lanes go through a phase each in steps of its own, and not all in as many: where
         events and switches divide it, or steps are to be no longer than so many seconds."""
-        return stage.stops > 1 or self.shape.scene.solver.step is not None
+        return stage.stops > 1 or self.spec.scene.solver.step is not None
 
     @property
     def watched(self) -> tuple[str, ...]:
         """Joints whose loads are followed over the flight."""
-        return self.shape.scene.output.loads
+        return self.spec.scene.output.loads
 
     @property
     def guides(self) -> tuple[str, ...]:
         """Joints whose pins are followed over the flight."""
-        return self.shape.scene.output.guide
+        return self.spec.scene.output.guide
 
     @property
     def guided(self) -> list[str]:
         """Joints whose pins a full history tells of."""
-        return [name for name, joint in self.shape.scene.joint.items() if joint.guide is not None]
+        return [name for name, joint in self.spec.scene.joint.items() if joint.guide is not None]
 
     def pins(self, joint: str) -> int:
         """Number of pins of a joint."""
-        guide = self.shape.scene.joint[joint].guide
+        guide = self.spec.scene.joint[joint].guide
         assert guide is not None
         return guide.pins
 
@@ -143,12 +143,12 @@ class Context:
 
     def flown_as(self, stage: Stage) -> str:
         """The name of the stage whose derivative and correction fly this one too, if one does."""
-        after = next((one for one in self.shape.stages if one.name == stage.flown_as), None)
+        after = next((one for one in self.spec.stages if one.name == stage.flown_as), None)
         if after is None:
             return ""
-        alike = (self.carried_by_rates(stage), self.shape.rubbing(stage)) == (
+        alike = (self.carried_by_rates(stage), self.spec.rubbing(stage)) == (
             self.carried_by_rates(after),
-            self.shape.rubbing(after),
+            self.spec.rubbing(after),
         )
         return after.name if alike else ""
 
@@ -163,7 +163,7 @@ class Context:
 
     def counted(self, stage: Stage) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
-        entries = enumerate(self.shape.scene.clearance)
+        entries = enumerate(self.spec.scene.clearance)
         return [i for i, one in entries if one.after is None or stage.free(one.after)]
 
     def follows(self, stage: Stage) -> bool:
@@ -177,21 +177,21 @@ class Context:
     @property
     def extends(self) -> bool:
         """Whether they are needed in any."""
-        return any(self.notes(stage) for stage in self.shape.stages)
+        return any(self.notes(stage) for stage in self.spec.stages)
 
     @property
     def size(self) -> int:
         """Numbers of a state: of every body, and the work of all loads."""
-        return 13 * len(self.shape.bodies) + 1
+        return 13 * len(self.spec.bodies) + 1
 
     @property
     def guards(self) -> list[str]:
         """Numbers that tell how hard a case is to integrate. Of every body, what a step may do
         wrong to its velocity V, attitude Q and rate OMEGA; of every event, how long its condition
         takes for a metre or a radian: the error of its time."""
-        doubts = [f"{what}_{body}" for body in self.shape.bodies for what in ("V", "Q", "OMEGA")]
+        doubts = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
-            (stage, event) for stage in self.shape.stages for event in (*stage.events, *stage.loads)
+            (stage, event) for stage in self.spec.stages for event in (*stage.events, *stage.loads)
         ]
         return [
             *doubts,
@@ -212,7 +212,7 @@ class Context:
     @property
     def model(self) -> Any:
         """The record that says where everything stands in the vector of parameters."""
-        return self.shape.plan.model.scene[0]
+        return self.spec.layout.model.scene[0]
 
     def start(self, slab: str, value: float) -> None:
         """A slab of one number a case, and what stands there before a flight."""

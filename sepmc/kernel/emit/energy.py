@@ -20,7 +20,7 @@ _AT_REST = 0.5e-8
 def power(s: State, force: dict[str, Any], moment: dict[str, Any]) -> Any:
     """Power of all loads, W: force in ground axes, moment in body axes."""
     mean, terms = _mean_speed(s), []
-    for body in s.shape.bodies:
+    for body in s.spec.bodies:
         if force[body] is not ZERO:
             terms.append(vec3.dot(force[body], _apart(s, body, mean)))
         leader = s.stage.leader(body)
@@ -34,11 +34,11 @@ def _mean_speed(s: State) -> Any:
     momentum."""
     if int(s.c.model.ground) >= 0:
         return ZERO
-    whole = total([s.case.mass(body) for body in s.shape.bodies])
+    whole = total([s.case.mass(body) for body in s.spec.bodies])
     return add_all(
         [
             vec3.scale((s.case.mass(body) / whole).called("share"), s.speed(body))
-            for body in s.shape.bodies
+            for body in s.spec.bodies
         ]
     ).called("mean")
 
@@ -60,7 +60,7 @@ def emit_energy(out: Text, c: Context, stage: Stage) -> None:
     c.slabs.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
     s, case = State(c, c.scope(), stage, "Y"), c.case
     mean, moving, slow = _mean_speed(s), [], []
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         v, mass = _apart(s, body, mean), case.mass(body)
         moving.append(0.5 * mass * vec3.dot(v, v))
         slow.append(_AT_REST * mass * (1.0 + vec3.dot(s.speed(body), s.speed(body))))

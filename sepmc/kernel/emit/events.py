@@ -220,7 +220,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     direction, below the threshold."""
     if event.is_border:
         return _border(s, event)
-    scene, threshold = s.shape.scene, s.case.number(event.threshold)
+    scene, threshold = s.spec.scene, s.case.number(event.threshold)
     if event.what == at.AT_SPRING_STROKE:
         spring = next(one for one in scene.spring if one.name == event.which)
         line = s.spring(spring)
@@ -275,7 +275,7 @@ def _climb_rate(s: State, body: str) -> Any:
 def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
     """The angle by which the second body of a joint has turned from the first; at 0 its axis is
     that of the motion to come."""
-    first, second = s.shape.scene.joint[joint].bodies
+    first, second = s.spec.scene.joint[joint].bodies
     if s.stage.leader(first) == s.stage.leader(second) == GROUND:
         return -threshold, 0.0, 0.0
     spin_a, spin_b = s.spin(first), s.spin(second)
@@ -322,7 +322,7 @@ def emit_meet(out: Text, c: Context) -> None:
         "meet(w, phase: int)",
         "After the last step to an event: which conditions of the phase are met.",
     )
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
             hold_back(inner, c, stage, "True")
@@ -331,7 +331,7 @@ def emit_meet(out: Text, c: Context) -> None:
             for event in stage.events:
                 _note_met(scope, c, stage, event)
             scope.write(inner)
-    if c.shape.borders:
+    if c.spec.borders:
         text("enter_layers(w)", "centre(w, 0.5 * NEAR)")
 
 

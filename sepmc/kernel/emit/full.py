@@ -42,7 +42,7 @@ class FullSystem:
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
-        bodies, joints = s.shape.bodies, _holding(s.stage)
+        bodies, joints = s.spec.bodies, _holding(s.stage)
         self.n = _size(s.stage, bodies)
         self.of_body = {body: _OF_BODY * k for k, body in enumerate(bodies)}
         self.of_joint = {
@@ -72,7 +72,7 @@ class FullSystem:
         0, M_A + M_B + d x F_B = 0."""
         s, first, pair = self.s, self.of_joint[joint], self.s.joint(joint)
         for place, (body, rho) in enumerate(
-            zip(s.shape.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
+            zip(s.spec.scene.joint[joint].bodies, (pair.rho_a, pair.rho_b), strict=True)
         ):
             if body == GROUND:
                 continue
@@ -118,7 +118,7 @@ class FullSystem:
     def _put_constraint(self, line: int, first: int, one: JointRow) -> None:
         held = one.held
         for body, sign in zip(
-            self.s.shape.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
+            self.s.spec.scene.joint[one.row.joint].bodies, (-1.0, 1.0), strict=True
         ):
             if body == GROUND:
                 continue

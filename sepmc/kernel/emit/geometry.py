@@ -69,7 +69,7 @@ class State:
     def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str, time: str = ""):
         self.c, self.scope, self.stage, self.slab = c, scope, stage, slab
         self.clock = time or ("CLOCK" if slab == "S" else "T")
-        self.shape, self.case = c.shape, c.case
+        self.spec, self.case = c.spec, c.case
 
     @property
     def time(self) -> Value:
@@ -91,7 +91,7 @@ class State:
     def stream(self, body: str) -> Any:
         """What the flow around a body has besides its own speed: that of the start, less the
         wind."""
-        if self.shape.scene.environment.wind.profile is None:
+        if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
         along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
         gust = self.case.gust
@@ -128,8 +128,8 @@ class State:
 
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
         """Axis k of a joint as its first (or second) body carries it, ground axes."""
-        r = self.attitude(self.shape.scene.joint[joint].bodies[int(second)])
-        if self.shape.plain_axes(joint):
+        r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
+        if self.spec.plain_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
@@ -161,10 +161,10 @@ class State:
 
     def sliding_line(self, joint: str, k: int) -> Line | None:
         """Along axis k of a joint whose bodies turn as one; its length is that of the gap."""
-        slide = self.slide(self.shape.scene.joint[joint].bodies)
+        slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
-        plain = self.shape.plain_axes(joint)
+        plain = self.spec.plain_axes(joint)
         e: Any = UNIT[k] if plain else self.case.joint_axis(joint, k)
         end_a, end_b, _ = self.case.joint_ends(joint)
         r = slide.r
@@ -187,7 +187,7 @@ class State:
     def joint(self, name: str) -> Pair:
         """Between the points of a joint."""
         end_a, end_b, _ = self.case.joint_ends(name)
-        return self.pair(self.shape.scene.joint[name].bodies, end_a, end_b)
+        return self.pair(self.spec.scene.joint[name].bodies, end_a, end_b)
 
     def separation(self, joint: str) -> Line:
         """Along the x axis of a joint; its length is the separation distance."""
@@ -224,7 +224,7 @@ class State:
     def friction(self, joint: str) -> Any:
         """Friction on the second body of a joint, N, in the direction of separation; None if there
         is none."""
-        rubbing = self.shape.rubbing(self.stage)
+        rubbing = self.spec.rubbing(self.stage)
         return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
 
     def lengthening(
@@ -256,7 +256,7 @@ class State:
     def lengthening_by(self, slab: str, bodies: tuple[str, str], line: Line) -> Any:
         """Second derivative of a distance along a line, from the derivative of the state in a
         slab."""
-        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.shape.bodies}
+        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.spec.bodies}
         turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.stage.leaders}
         return self.lengthening(bodies, line, moving, turning)
 
@@ -295,7 +295,7 @@ class State:
 
     def _spring_axis_place(self, spring: Spring) -> int | None:
         """Where the axis of a spring stands in a case, if it is dispersed."""
-        return self.shape.plan.slots.get(f"spring.{spring.name}.axis.x")
+        return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
     def _spring_axis(self, spring: Spring) -> Value:
         if (place := self._spring_axis_place(spring)) is not None:
@@ -303,7 +303,7 @@ class State:
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)
 
     def _number(self, spring: Spring) -> int:
-        return [s.name for s in self.shape.scene.spring].index(spring.name)
+        return [s.name for s in self.spec.scene.spring].index(spring.name)
 
 
 def translation(pair: Pair, e: Any) -> Any:

@@ -25,7 +25,7 @@ Ends = list[tuple[Any, Any]]
 def emit_rub(out: Text, c: Context, stage: Stage) -> None:
     """A function for the friction of a phase's guides; the other functions of the phase take it as
     a load that is known."""
-    joints = c.shape.rubbing(stage)
+    joints = c.spec.rubbing(stage)
     if not joints:
         return
     says = (
@@ -34,7 +34,7 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
     )
     text = out.function(f"rub_{stage.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
-    c.slabs.add("FRICTION", len(c.shape.scene.joint))
+    c.slabs.add("FRICTION", len(c.spec.scene.joint))
     c.slabs.add(f"RUBBING_{stage.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
     s = State(c, c.scope(), stage, "S")
     motion, place = make_motion(s, rubs=False), 0
@@ -95,7 +95,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     if s.stage.least_squares:
         return _watch_held(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
-    pair, apart = s.shape.scene.joint[joint].bodies, s.case.apart(joint)
+    pair, apart = s.spec.scene.joint[joint].bodies, s.case.apart(joint)
     faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
     mobility = apart * s.lengthening(
         pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False

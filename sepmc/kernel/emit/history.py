@@ -25,7 +25,7 @@ def emit_history(out: Text, c: Context) -> None:
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         _everything(out, c, stage)
     _keep_everything(out, c)
 
@@ -34,7 +34,7 @@ def _emit_curves(out: Text, c: Context) -> None:
     """Functions for separations over time: the polynomial of a step through distance and speed at
     its ends and accelerations there and at stages within. They only look on: a flight is the same
     without them."""
-    joints = list(c.shape.scene.joint)
+    joints = list(c.spec.scene.joint)
     points = 2 + max(len(rk.within) for rk in c.used.values())
     for name, count in (
         ("BEGIN", c.size),
@@ -45,7 +45,7 @@ def _emit_curves(out: Text, c: Context) -> None:
         ("CURVES", (points + 4) * len(joints)),
     ):
         c.slabs.add(name, count)
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         _separation(out, c, stage)
     for rk in c.used.values():
         _trace(out, c, rk)
@@ -65,8 +65,8 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
     )
     text = out.function(f"separation_{stage.name}(w)", says)
     s = State(c, c.scope(), stage, "S")
-    for j, joint in enumerate(c.shape.scene.joint):
-        line, bodies = s.separation(joint), c.shape.scene.joint[joint].bodies
+    for j, joint in enumerate(c.spec.scene.joint):
+        line, bodies = s.separation(joint), c.spec.scene.joint[joint].bodies
         acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
         for k, value in enumerate((line.length, line.rate, acceleration)):
             s.scope.store(part("NOW", at.AT_POINT * j + k), value)
@@ -95,7 +95,7 @@ def _trace(out: Text, c: Context, rk: Method) -> None:
     text.lanes()("w[CLOCK + l] = w[T + l]")
     text("rates(w, phase)")
     _note_point(text, c, len(stages))
-    joints, points = len(c.shape.scene.joint), 1 + len(stages)
+    joints, points = len(c.spec.scene.joint), 1 + len(stages)
     stride = c.slabs.counts["CURVES"] // joints
     text(
         f"curves.fit(w, POINTS, {joints}, {points}, CURVE_{rk.name.upper()}, LENGTH, CURVES, "
@@ -105,7 +105,7 @@ def _trace(out: Text, c: Context, rk: Method) -> None:
 
 def _note_point(text: Text, c: Context, number: int) -> None:
     """What is so at the state S of a point of a step."""
-    for k, stage in enumerate(c.shape.stages):
+    for k, stage in enumerate(c.spec.stages):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{stage.name}(w)")
     size = c.slabs.counts["NOW"]
     text.block(f"for e in range({size} * LANES):")(
@@ -130,11 +130,11 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
     text = out.function(f"row_{stage.name}(w)", says)
     before_wrenches(text, c, stage)
     s = State(c, c.scope(), stage, "S")
-    motion, joints = make_wrenches(s), c.shape.scene.joint
-    row = [x for body in c.shape.bodies for x in of_body(s, body, _angles)]
+    motion, joints = make_wrenches(s), c.spec.scene.joint
+    row = [x for body in c.spec.bodies for x in of_body(s, body, _angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
     origin = (0.0, s.scope.load("ORIGIN_HEIGHT"), 0.0)
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         row.extend(vec3.add(s.place(body), vec3.add(origin, vec3.scale(s.time, s.case.velocity))))
         row.extend(vec3.add(s.speed(body), s.case.velocity))
         row.append(vec3.unrotate(s.attitude(body), motion.acceleration[body])[0])
@@ -154,7 +154,7 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
                 else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector))
             )
     row += [load for joint in c.guided for load in _pin_loads(s, motion, joint)]
-    clearances = c.shape.scene.clearance
+    clearances = c.spec.scene.clearance
     c.slabs.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):
         s.scope.store(part("ROW", k), value)
@@ -208,7 +208,7 @@ def _keep_everything(out: Text, c: Context) -> None:
     text = text.block("if there > 0.0:")
     emit_spread(text, c, "THETA")
     text("sample(w, phase)")
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{stage.name}(w)")
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block(
         "if w[WITHIN + l] > 0.0:"

@@ -15,7 +15,7 @@ def lights(motor: str) -> str:
 def ignition(scope: Scope, c: Context, motor: Motor) -> Value:
     """When such a motor lights, s; infinite until what it waits for has come."""
     assert motor.trigger is not None
-    slots, path = c.shape.plan.slots, f"motor.{motor.name}"
+    slots, path = c.spec.layout.slots, f"motor.{motor.name}"
     delay = c.case.number(slots[f"{path}.ignition.delay"]) + c.case.number(slots[f"{path}.delay"])
     return _comes(scope, c, motor.trigger) + delay
 
@@ -34,6 +34,6 @@ def _comes(scope: Scope, c: Context, trigger: Ignition) -> Value:
 
 def note_ignitions(scope: Scope, c: Context) -> None:
     """Note when all such motors light, for the loads of the stretch that begins."""
-    for motor in c.shape.triggered:
+    for motor in c.spec.triggered:
         c.start(lights(motor.name), math.inf)
         scope.store(lights(motor.name), ignition(scope, c, motor))

@@ -32,9 +32,9 @@ class _Loads:
 def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
     """Force and moment on every body; with the friction of guides, which has to be known, if it
     ``rubs``."""
-    scene, found = s.shape.scene, {body: _Loads() for body in s.shape.bodies}
+    scene, found = s.spec.scene, {body: _Loads() for body in s.spec.bodies}
     for body, acting in found.items():
-        if s.shape.feels_air(body):
+        if s.spec.feels_air(body):
             s.scope.comment(f"air on {body}")
             _air(s, body, acting)
         for i, motor in enumerate(scene.motor):
@@ -48,7 +48,7 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
-    for joint in s.shape.rubbing(s.stage) if rubs else []:
+    for joint in s.spec.rubbing(s.stage) if rubs else []:
         s.scope.comment(f"friction of {joint}")
         push = (s.case.apart(joint) * s.friction(joint)).called("rub")
         _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
@@ -94,7 +94,7 @@ _BORDER = 1e-6  # m
 def emit_centre(out: Text, c: Context) -> None:
     """A function that expands density and gravity anew for bodies that have left the height about
     which they were expanded."""
-    bodies = [body for body in c.shape.bodies if c.shape.in_layers(body)]
+    bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
     if not bodies:
         return
     says = (
@@ -103,7 +103,7 @@ def emit_centre(out: Text, c: Context) -> None:
     )
     text = out.function("centre(w, far: float)", says)
     scope, case = c.scope(), c.case
-    if not c.shape.borders:
+    if not c.spec.borders:
         c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
     for body in bodies:
         near = f"NEAR_{body}"
@@ -117,13 +117,13 @@ def emit_centre(out: Text, c: Context) -> None:
         scope.store(near, centre)
         scope.store(part(near, 1), inverse)
         scope.store(part(near, 2), scope.named("R0") * inverse)
-        if c.shape.scene.environment.gravity == "inverse-square":
+        if c.spec.scene.environment.gravity == "inverse-square":
             scope.store(
                 part(near, 3),
                 case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre),
             )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
-        if not c.shape.borders:
+        if not c.spec.borders:
             reached = air.geopotential(centre).called("reached")
             lose(
                 scope,
@@ -142,8 +142,8 @@ def emit_layers(out: Text, c: Context) -> None:
         "Let bodies that pass a border of their layer of air fly in the next, if there is one.",
     )
     text = text.lanes()
-    for body in c.shape.bodies:
-        if c.shape.in_layers(body):
+    for body in c.spec.bodies:
+        if c.spec.in_layers(body):
             layer, borders, flag = c.layer(body), f"BORDERS_{body}", f"ENTERS_{body}"
             c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
             inner = text.block(f"if w[{flag} + l] > 0.0:")
@@ -174,7 +174,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     alpha, beta = loads.flow_angles(flow).called("angles")
     pressure = (_density(s, body) * vec3.dot(flow, flow)).called("pressure")
     named = _coefficients(s, body, alpha, beta)
-    if looks_up(s.shape, body):
+    if looks_up(s.spec, body):
         named = [
             value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
         ]
@@ -187,7 +187,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
             "moment_scale"
         )
         acting.moments.append(loads.aero_moment(pressure * of_moment, tuple(named[3:])))
-    aero = s.shape.scene.body[body].aerodynamics
+    aero = s.spec.scene.body[body].aerodynamics
     if aero is not None and aero.moment_point is not None:
         arm = vehicle.arm(case.centre_of_mass(body), case.vector(p + at.MOMENT_POINT)).called(
             "air_arm"
@@ -197,7 +197,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
 
 def _density(s: State, body: str) -> Value:
     """Density of the air around a body."""
-    if not s.shape.in_layers(body):
+    if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, share = _rise(s, body)
     higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
@@ -208,7 +208,7 @@ def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
     """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand;
     0.0 where there is no term."""
     terms: dict[int, list[Value]] = {code: [] for code in range(6)}
-    for k, term in enumerate(aero_terms(s.shape.scene)):
+    for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
             value = s.case.number(int(s.c.model.terms_p) + k)
             for angle, power in ((alpha, term.alpha), (beta, term.beta)):
@@ -243,16 +243,16 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
     def level(since: Value) -> Value:
         """Thrust some time after ignition, apart from the profile."""
-        if not s.shape.may(f"motor.{name}.build_up", motor.build_up > 0.0):
+        if not s.spec.may(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full
         built = loads.building_up(full, rate, since)
         return (
             where(rate > 0.0, built, full)
-            if f"motor.{name}.build_up" in s.shape.dispersed
+            if f"motor.{name}.build_up" in s.spec.dispersed
             else built
         )
 
-    if not s.shape.switches:
+    if not s.spec.switches:
         thrust = level(s.time).called("thrust")
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
@@ -265,7 +265,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
             )
         since = scalar.larger(s.time - ignition, 0.0).called("since")
         thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
-        if s.shape.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):
+        if s.spec.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):
             burn, tail = case.number(p + at.BURN), case.number(p + at.TAIL_OFF)
             left = level(burn) * share * loads.tail_off(scalar.larger(since - burn, 0.0), tail)
             thrust = where(burning.equals(2.0), left, thrust)
@@ -276,10 +276,10 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
 def _load(s: State, i: int, acting: _Loads) -> None:
     """Constant force and moment, in body or ground axes."""
-    load, p = s.shape.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
+    load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     push: Any = s.case.vector(p + at.LOAD_FORCE)
     turn: Any = s.case.vector(p + at.LOAD_MOMENT)
-    if s.shape.switches:
+    if s.spec.switches:
         acts = s.scope.load(f"ACTS_{load.name}")
         push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)
     if load.frame == "ground":
@@ -298,13 +298,13 @@ def _load(s: State, i: int, acting: _Loads) -> None:
 
 def _weight(s: State, body: str) -> Any:
     """Weight of a body; None without gravity."""
-    kind, case = s.shape.scene.environment.gravity, s.case
+    kind, case = s.spec.scene.environment.gravity, s.case
     if kind == "none":
         return None
     surface = case.number(at.SURFACE_GRAVITY)
     if kind != "inverse-square":
         return (case.mass(body) * surface).called("weight")
-    if s.shape.in_layers(body):
+    if s.spec.in_layers(body):
         return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
     return case.mass(body) * loads.inverse_square(
         surface, s.place(body)[1] + level(s.scope, s.time)
@@ -319,9 +319,9 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     push = getattr(loads, "springs.spring_force")(
         *strengths, line.length - s.spring_start(spring), line.rate
     )
-    if s.shape.may(f"spring.{spring.name}.factor", spring.factor != 1.0):
+    if s.spec.may(f"spring.{spring.name}.factor", spring.factor != 1.0):
         push = s.case.number(p + at.SPRING_FACTOR) * push
-    if s.shape.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
+    if s.spec.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
         s.c.start(ended(spring.name), 0.0)
         push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)
     push = push.called("push")

@@ -2,7 +2,7 @@
 in order, and nothing else.
 
 The module flies LANES cases side by side. Sizes and places are constants in it, masses and
-coefficients are data: scenes of the same shape share it. `sepmc check --code` prints it.
+coefficients are data: scenes of one structure share it. `sepmc check --code` prints it.
 """
 
 from sepmc.kernel.emit.block import emit_block, emit_switch
@@ -29,14 +29,14 @@ from sepmc.kernel.emit.steps import (
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
 from sepmc.kernel.emit.wrenches import emit_shares
-from sepmc.kernel.spec.kernel_spec import Shape
+from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines.layout import FULL_HISTORY, NO_HISTORY, SEPARATION_HISTORY
 
 _HEADER = '''"""Flight of a scene.
 
-Written by sepmc for scenes of this shape; not edited by hand. {about}
+Written by sepmc for scenes of this structure; not edited by hand. {about}
 """
 
 import math
@@ -68,15 +68,26 @@ from sepmc.routines.load_intervals import next_break, set_stretch
 '''
 
 
-def emit(shape: Shape, method_name: str, history: int = NO_HISTORY) -> str:
-    """Text of the module that flies scenes of a shape with a Runge-Kutta method, or the methods
-    that AUTO (`sepmc.kernel.spec.methods`) has for each phase; ``history`` is
-    what it also writes over time: nothing, separations (`SEPARATION_HISTORY`), or all there is to
-    know (`FULL_HISTORY`)."""
+def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
+    """Write the module that integrates the cases of a specification.
+
+    Parameters
+    ----------
+    spec : KernelSpec
+    method_name : str
+        a Runge-Kutta method, or AUTO (`sepmc.kernel.spec.methods`): several for each segment
+    history : int
+        rows over time: `NO_HISTORY`, `SEPARATION_HISTORY` or `FULL_HISTORY`
+
+    Returns
+    -------
+    str
+        text of a Python module whose entry is ``fly_block``
+    """
     context = Context(
-        shape,
+        spec,
         method_name,
-        history if shape.scene.joint or history == FULL_HISTORY else NO_HISTORY,
+        history if spec.scene.joint or history == FULL_HISTORY else NO_HISTORY,
     )
     body = _body(context)  # first: the head names all slabs that its parts add
     return "\n".join(_head(context).lines + body.lines) + "\n"
@@ -87,9 +98,9 @@ def _body(c: Context) -> Text:
     _first_slabs(c)
     body = Text()
     emit_rates(body, c)
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         emit_rub(body, c, stage)
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         emit_energy(body, c, stage)
         if stage.rows:
             emit_correct(body, c, stage)
@@ -97,7 +108,7 @@ def _body(c: Context) -> Text:
             emit_aim(body, c, stage)
         if stage.awaited:
             emit_await(body, c, stage)
-    if c.shape.borders:
+    if c.spec.borders:
         emit_layers(body, c)
     emit_switch(body, c)
     emit_centre(body, c)
@@ -106,7 +117,7 @@ def _body(c: Context) -> Text:
     emit_guard(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
-    if any(stage.events for stage in c.shape.stages):
+    if any(stage.events for stage in c.spec.stages):
         emit_approach(body, c)
         emit_meet(body, c)
     emit_report(body, c)
@@ -124,10 +135,10 @@ def _optional(body: Text, c: Context) -> None:
     """Functions for what happens between the ends of steps."""
     if c.extends:
         emit_extension(body, c)
-        for stage in filter(c.carries, c.shape.stages):
+        for stage in filter(c.carries, c.spec.stages):
             emit_shares(body, c, stage)
     emit_watch(body, c)
-    if c.shape.scene.clearance:
+    if c.spec.scene.clearance:
         emit_clearances(body, c)
     if c.history:
         emit_history(body, c)
@@ -165,7 +176,7 @@ def _first_slabs(c: Context) -> None:
 def _head(c: Context) -> Text:
     """Docstring, imports and constants of a module."""
     about = (
-        "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.shape)[1]) + "."
+        "Not in it, because these scenes do not need it:\n" + ", ".join(features(c.spec)[1]) + "."
     )
     head = Text()
     head(*_HEADER.format(about=about).rstrip().split("\n"))
@@ -175,7 +186,7 @@ def _head(c: Context) -> Text:
             f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights, doubt, nodes.",
             *coefficients(rk, c.extends and rk is c.extended),
         )
-    if any(stage.events for stage in c.shape.stages) and "rk4" not in c.used:
+    if any(stage.events for stage in c.spec.stages) and "rk4" not in c.used:
         head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
     if c.history == SEPARATION_HISTORY:
         head("", "# Curves over a step, from what is so at its ends and within.")
@@ -192,32 +203,31 @@ def _head(c: Context) -> Text:
     head(
         *c.slabs.lines(),
         f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, "
-        f"{len(c.shape.stages)}, {len(c.sudden)}",
-        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.shape.stages)!r}",
-        *_places(c.shape),
+        f"{len(c.spec.stages)}, {len(c.sudden)}",
+        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.stages)!r}",
+        *_places(c.spec),
     )
     return head
 
 
-def _places(shape: Shape) -> list[str]:
+def _places(spec: KernelSpec) -> list[str]:
     """Where places and speeds, then the work of all loads, attitudes and rates stand in a state."""
     lines = [
         f"X_{body}, V_{body} = {6 * i} * LANES, {6 * i + 3} * LANES"
-        for i, body in enumerate(shape.bodies)
+        for i, body in enumerate(spec.bodies)
     ]
-    lines.append(f"WORK = {6 * len(shape.bodies)} * LANES")
-    start = 6 * len(shape.bodies) + 1
-    for i, body in enumerate(shape.turning):
+    lines.append(f"WORK = {6 * len(spec.bodies)} * LANES")
+    start = 6 * len(spec.bodies) + 1
+    for i, body in enumerate(spec.turning):
         lines.append(
             f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES"
         )
     return lines
 
 
-def features(shape: Shape) -> tuple[list[str], list[str]]:
-    """What the kernel of a shape computes, and what it could but does not, because no scene of the
-    shape needs it."""
-    scene = shape.scene
+def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
+    """List the features that the kernel of a specification computes, and those it leaves out."""
+    scene = spec.scene
     air = scene.environment.atmosphere != "none" and any(
         body.aerodynamics for body in scene.body.values()
     )
@@ -227,15 +237,15 @@ def features(shape: Shape) -> tuple[list[str], list[str]]:
         "motors": bool(scene.motor),
         "springs": bool(scene.spring),
         "constant loads": bool(scene.load),
-        "loads that switch on or off": shape.switches,
-        "constraint rows": any(stage.rows for stage in shape.stages),
-        "events on the state": any(stage.events for stage in shape.stages),
+        "loads that switch on or off": spec.switches,
+        "constraint rows": any(stage.rows for stage in spec.stages),
+        "events on the state": any(stage.events for stage in spec.stages),
         "rates at release": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
         "events that are told of": bool(scene.event),
-        "aerodynamic tables": any(looks_up(shape, body) for body in shape.bodies),
-        "wind or air over height": has_tables_over_height(shape),
-        "friction of pins": any(shape.rubbing(stage) for stage in shape.stages),
+        "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
+        "wind or air over height": has_tables_over_height(spec),
+        "friction of pins": any(spec.rubbing(stage) for stage in spec.stages),
         "joint loads": bool(scene.output.loads),
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),

@@ -17,9 +17,7 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 def emit_watch(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
-    stages = {
-        number: stage for number, stage in enumerate(c.shape.stages) if c.follows_loads(stage)
-    }
+    stages = {number: stage for number, stage in enumerate(c.spec.stages) if c.follows_loads(stage)}
     if c.watched:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
@@ -146,7 +144,7 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     emit_spread(inner, c, "THETA")
     emit_spread(inner, c, "MET")
     inner(f"sample(w, {number})")
-    inner.block(f"for e in range({c.shape.active(stage)} * LANES):")(
+    inner.block(f"for e in range({c.spec.active(stage)} * LANES):")(
         "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
     )
     emit_attitudes_where(inner, c, stage, "MET")

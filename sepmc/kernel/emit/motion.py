@@ -29,10 +29,10 @@ def before_motion(text: Text, c: Context, stage: Stage) -> None:
     """Lines for what has to be known of a state S before its motion: what tables give, and
     friction."""
     call_look_up(text, c, stage)
-    if c.shape.rubbing(stage):
+    if c.spec.rubbing(stage):
         text(f"rub_{stage.name}(w)")
     if stage.full:
-        before_full(text, stage, c.shape.bodies)
+        before_full(text, stage, c.spec.bodies)
 
 
 @dataclass
@@ -100,7 +100,7 @@ def without_joints(
     """Accelerations of bodies and angular accelerations of groups by loads alone."""
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
-        for body in s.shape.bodies
+        for body in s.spec.bodies
     }
     return acceleration, {
         group[0]: spin_rate_of(s, group, moment).called("spin_rate")
@@ -113,10 +113,10 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     """By how much 1 N changes a motion that drives the bodies of a joint apart along its x axis."""
     assert motion.system is not None
     assert motion.factors is not None
-    acceleration, moment = dict.fromkeys(s.shape.bodies, ZERO), dict.fromkeys(s.shape.bodies, ZERO)
+    acceleration, moment = dict.fromkeys(s.spec.bodies, ZERO), dict.fromkeys(s.spec.bodies, ZERO)
     line, apart = s.separation(joint), s.case.apart(joint)
     for body, sign, arm in zip(
-        s.shape.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
+        s.spec.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
     ):
         if body != GROUND:
             acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
@@ -161,7 +161,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     asks for it."""
     if c.hands_on(out, stage, "correct"):
         return
-    corrects = c.shape.scene.solver.drift == "projection"
+    corrects = c.spec.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"
     says += (
         ", and bring it back onto them by the least correction, weighted by mass."
@@ -194,7 +194,7 @@ def _correct(s: State, rows: Rows, factors: Solver) -> None:
     """Bring a state back onto its constraints: places and attitudes, speeds and rates."""
     shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
     kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))
-    for body in s.shape.bodies:
+    for body in s.spec.bodies:
         for slab, now, change in (
             ("X", s.place(body), shift[body]),
             ("V", s.speed(body), kick[body]),

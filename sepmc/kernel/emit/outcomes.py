@@ -26,14 +26,14 @@ AT_EVENT = 6  # the last outcomes of a body, which are told at events too: rates
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
-    shape, stage = c.shape, c.shape.stages[-1]
+    spec, stage = c.spec, c.spec.stages[-1]
     text = out.function(
         "report(w)", "Outcomes of the final state, in the order of the columns, into OUT."
     )
     c.slabs.add(
-        "OUT", len(shape.bodies) * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
+        "OUT", len(spec.bodies) * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
     )
-    if has_wind_profile(shape):
+    if has_wind_profile(spec):
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, stage)
@@ -41,11 +41,11 @@ def emit_report(out: Text, c: Context) -> None:
         c.slabs.add("OF_GUIDES", sum(2 + c.pins(joint) for joint in c.guides), optional=True)
     s = State(c, c.scope(), stage, "Y")
     o = 0
-    for body in shape.bodies:
+    for body in spec.bodies:
         for k, value in enumerate(of_body(s, body, angles)):
             s.scope.store(part("OUT", o + k), value)
         o += at.BODY_OUTCOMES
-    for joint in shape.scene.joint:
+    for joint in spec.scene.joint:
         line = s.separation(joint)
         c.start(f"RELEASE_{joint}", math.nan)
         for k, value in enumerate((line.rate, line.length, s.scope.load(f"RELEASE_{joint}"))):
@@ -53,7 +53,7 @@ def emit_report(out: Text, c: Context) -> None:
         o += at.JOINT_OUTCOMES
     for k, value in enumerate(guide_outcomes(s)):
         s.scope.store(part("OF_GUIDES", k), value)
-    events = [event.name for event in shape.scene.event]
+    events = [event.name for event in spec.scene.event]
     for number, event in enumerate(events):
         _at_event(s, event, number * _told_at_event(c))
     _ignitions(s)
@@ -69,20 +69,20 @@ def kept(event: str) -> str:
 
 def kept_angle(c: Context, event: str, body: str, k: int) -> str:
     """The place of the pitch (0) or roll (1) of a body at an event, carried through turns."""
-    return part(kept(event), c.size + 2 * c.shape.bodies.index(body) + k)
+    return part(kept(event), c.size + 2 * c.spec.bodies.index(body) + k)
 
 
 def _told_at_event(c: Context) -> int:
     """How many numbers are told at an event."""
-    scene = c.shape.scene
-    return 1 + AT_EVENT * len(c.shape.bodies) + 2 * len(scene.joint) + len(scene.clearance)
+    scene = c.spec.scene
+    return 1 + AT_EVENT * len(c.spec.bodies) + 2 * len(scene.joint) + len(scene.clearance)
 
 
 def _at_event(end: State, event: str, o: int) -> None:
     """The time of an event, rates and attitudes of all bodies and all separations then, from number
     ``o`` of OF_EVENTS on."""
-    c, scope, shape = end.c, end.scope, end.shape
-    c.slabs.add("OF_EVENTS", len(shape.scene.event) * _told_at_event(c), optional=True)
+    c, scope, spec = end.c, end.scope, end.spec
+    c.slabs.add("OF_EVENTS", len(spec.scene.event) * _told_at_event(c), optional=True)
     c.start(f"COMES_{event}", math.inf)
     s = State(c, scope, end.stage, kept(event), f"COMES_{event}")
 
@@ -92,9 +92,9 @@ def _at_event(end: State, event: str, o: int) -> None:
 
     came = s.time < math.inf
     found = [where(came, s.time, math.nan)]
-    for body in shape.bodies:
+    for body in spec.bodies:
         found += of_body(s, body, followed)[-AT_EVENT:]
-    for joint in shape.scene.joint:
+    for joint in spec.scene.joint:
         line = s.separation(joint)
         found += [line.rate, line.length]
     for k, value in enumerate(found):
@@ -104,7 +104,7 @@ def _at_event(end: State, event: str, o: int) -> None:
 def _ignitions(end: State) -> None:
     """When motors lit that waited for an instant of the flight, into IGNITIONS; NaN if they did
     not."""
-    c, motors = end.c, end.shape.triggered
+    c, motors = end.c, end.spec.triggered
     if motors:
         c.slabs.add("IGNITIONS", len(motors), optional=True)
     for k, motor in enumerate(motors):
@@ -114,7 +114,7 @@ def _ignitions(end: State) -> None:
 
 def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> None:
     """Lines for all clearances at an event, into OF_EVENTS, up to number ``behind``."""
-    c, clearances = end.c, end.shape.scene.clearance
+    c, clearances = end.c, end.spec.scene.clearance
     s = State(c, end.scope, end.stage, kept(event), f"COMES_{event}")
     for i, entry in enumerate(clearances):
         counts = f"w[COMES_{event} + l] < math.inf"
@@ -149,8 +149,8 @@ def emit_results(text: Text, c: Context) -> None:
     """Lines that copy outcomes, rates at release, audit columns and ends of phases into the arrays
     of a block, and say which cases hold. Numbers go from slabs to columns for all lanes at once:
     one by one they took a tenth of a flight."""
-    shape, bodies = c.shape, len(c.shape.bodies)
-    own = bodies * at.BODY_OUTCOMES + len(shape.scene.joint) * at.JOINT_OUTCOMES
+    spec, bodies = c.spec, len(c.spec.bodies)
+    own = bodies * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
     audits = _audits(c)
     text("# outcomes", "report(w)")
     _judge(text, c)
@@ -169,7 +169,7 @@ def emit_results(text: Text, c: Context) -> None:
     for slab, count in [("OUT", own), *_other_outcomes(c)]:
         text(f"put_columns(outcomes, {o}, w, {slab}, {count}, first)")
         o += count
-    for y, z in across(contents(shape.scene)):
+    for y, z in across(contents(spec.scene)):
         text.block("for i in range(first, min(first + LANES, draws.shape[1])):")(
             f"outcomes[{o}, i] = math.hypot(outcomes[{y}, i], outcomes[{z}, i])"
         )
@@ -177,7 +177,7 @@ def emit_results(text: Text, c: Context) -> None:
     text(f"put_columns(outcomes, {o}, w, AUDITS, {len(audits)}, first)")
     o += len(audits) + 1  # the estimate of the error is not known here
     text(f"put_columns(outcomes, {o}, w, GUARD, GUARDS, first)")
-    for number, place in enumerate([*(f"ENDED_{one.name}" for one in shape.stages), *c.sudden]):
+    for number, place in enumerate([*(f"ENDED_{one.name}" for one in spec.stages), *c.sudden]):
         text(f"put_columns(ends, {number}, w, {place}, 1, first)")
     inner = text.block("for i in range(first, min(first + LANES, draws.shape[1])):")
     inner("status[i] = int(w[TOLD + i - first])")
@@ -193,7 +193,7 @@ def tip_off(joint: str, body: str) -> str:
 
 def tip_offs(c: Context) -> list[str]:
     """All of them that are asked for, in the order of the columns."""
-    scene = c.shape.scene
+    scene = c.spec.scene
     return [
         tip_off(joint, body)
         for joint in scene.output.tip_off
@@ -220,7 +220,7 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
 
 def _audits(c: Context) -> list[str]:
     """Values of the audit columns, for a lane."""
-    redundant = str(float(max(stage.redundant for stage in c.shape.stages)))
+    redundant = str(float(max(stage.redundant for stage in c.spec.stages)))
     return [
         *(f"w[{part('RESIDUAL', k)} + l]" for k in range(4)),
         "w[DRIFT + l]",
@@ -238,7 +238,7 @@ def _judge(text: Text, c: Context) -> None:
     is sound and the outcomes that all have are finite."""
     c.slabs.add("TOLD", 1)
     text.lanes()("w[UNSOUND + l] = 0.0")
-    bodies = len(c.shape.bodies)
+    bodies = len(c.spec.bodies)
     for body in range(bodies):
         finite = range(at.BODY_OUTCOMES * body + at.FLOW_ANGLES, at.BODY_OUTCOMES * (body + 1))
         text.block(f"for k in range({finite.start}, {finite.stop}):").lanes()(

@@ -13,12 +13,12 @@ from sepmc.kernel.tracer.text import Text
 
 def emit_rates(out: Text, c: Context) -> None:
     """Functions for the derivative in every phase, and one that calls that of the phase."""
-    for stage in c.shape.stages:
+    for stage in c.spec.stages:
         emit_look_up(out, c, stage)
         if not c.hands_on(out, stage, "rates"):
             _rates(out, c, stage)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"rates_{stage.name}(w)")
 
 
@@ -30,7 +30,7 @@ def _rates(out: Text, c: Context, stage: Stage) -> None:
     before_motion(text, c, stage)
     s = State(c, c.scope(), stage, "S")
     motion = make_motion(s)
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         s.scope.store(f"D + X_{body}", s.speed(body))
         s.scope.store(f"D + V_{body}", motion.acceleration[body])
     for leader in stage.leaders:

@@ -48,10 +48,10 @@ class Rows:
     one, or of bodies ``apart``."""
 
     def __init__(self, s: State, rows: list[Row] | None = None, apart: bool = False):
-        self.s, self.bodies = s, {name: joint.bodies for name, joint in s.shape.scene.joint.items()}
+        self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
         self.apart, groups = (
             apart,
-            [(body,) for body in s.shape.bodies] if apart else s.stage.groups,
+            [(body,) for body in s.spec.bodies] if apart else s.stage.groups,
         )
         self.inverse = {
             group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group
@@ -117,7 +117,7 @@ class Rows:
 
     def _pulled_back(self, gamma: Any, value: Any, rate: Any) -> Any:
         """The right-hand side of a row that is off by so much, if drift is to decay."""
-        if self.s.shape.scene.solver.drift != "baumgarte":
+        if self.s.spec.scene.solver.drift != "baumgarte":
             return gamma
         return gamma - at.BAUMGARTE_RATE * (2.0 * rate + at.BAUMGARTE_RATE * value)
 
@@ -214,7 +214,7 @@ class Rows:
         """What multipliers do to bodies, in ground axes, and to groups, in body axes."""
         linear, angular = {}, {}
         of_slides = self._slide_forces(multipliers)
-        for body in self.s.shape.bodies:
+        for body in self.s.spec.bodies:
             pulls = []
             for m, one in zip(multipliers, self.rows, strict=True):
                 a, b = self.bodies[one.row.joint]
@@ -330,7 +330,7 @@ def is_finite(s: State) -> Value:
     """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that
     it moves."""
     found: Value = getattr(scalar, "math.isfinite")(
-        total([x for body in s.shape.bodies for x in s.speed(body)])
+        total([x for body in s.spec.bodies for x in s.speed(body)])
     )
     return found
 

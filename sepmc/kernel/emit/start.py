@@ -20,14 +20,14 @@ ZERO_AT_FIRST = ("DRIFT", "TURNED_FAR", "EVENT_ERROR", "STEPS", "UNEVEN", "UNCLE
 def shared_size(c: Context) -> int:
     """Numbers that all cases share: axes of joints and what makes their separation positive, axes
     of springs; outlines and tables."""
-    if c.shape.scene.clearance or has_tables(c.shape):
-        return len(c.shape.plan.model.numbers)
-    return int(c.model.springs_x) + 3 * len(c.shape.scene.spring)
+    if c.spec.scene.clearance or has_tables(c.spec):
+        return len(c.spec.layout.model.numbers)
+    return int(c.model.springs_x) + 3 * len(c.spec.scene.spring)
 
 
 def emit_prepare(out: Text, c: Context) -> None:
     """A function that sets up a flight; written when the other parts have said what they need."""
-    shape, slabs, case = c.shape, c.slabs, c.case
+    spec, slabs, case = c.spec, c.slabs, c.case
     text = out.function("prepare(w)", "What a flight needs of the parameters P of its cases.")
     slabs.add("P", int(c.model.work)), slabs.add("UNSOUND", 1), slabs.add("SHARED", shared_size(c))
     text.block("for k in range(D, D + SIZE_Y):  # what a phase does not integrate stays")(
@@ -42,22 +42,22 @@ def emit_prepare(out: Text, c: Context) -> None:
     ):
         scope.store(name, 0.0)
     lose(scope, scope.load("UNSOUND").equals(0.0), Status.INVALID_INPUT)
-    for stage in shape.stages:
+    for stage in spec.stages:
         if stage.end_time:
             slabs.add(f"UNTIL_{stage.name}", 1)
             scope.store(
                 f"UNTIL_{stage.name}",
                 total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]),
             )
-    for joint in [] if shape.any_order else shape.failing:
-        lose(scope, case.number(shape.plan.slots[f"joint.{joint}.fails"]) < 0.5, at.ANY_ORDER)
+    for joint in [] if spec.any_order else spec.failing:
+        lose(scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, at.ANY_ORDER)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()
         inner(
             f"air, w[AIR_TOP + l] = layer(w[P + {at.ALTITUDE} * LANES + l])",
             "put4(w, AIR + l, air)",
         )
-    for body, start in shape.plan.outlines.items():
+    for body, start in spec.layout.outlines.items():
         if slabs.has(held := f"OUTLINE_{body}"):
             size = slabs.counts[held]
             text.lanes()(
@@ -79,11 +79,11 @@ def _start(c: Context) -> None:
     of separation are then small numbers, and lose nothing to cancellation. A vehicle held to the
     ground turns about the joint that holds it.
     """
-    shape, slabs, case, scope = c.shape, c.slabs, c.case, c.case.scope
+    spec, slabs, case, scope = c.spec, c.slabs, c.case, c.case.scope
     r, omega = quat.matrix(case.attitude).called("r"), case.vector(at.OMEGA)
-    pivot, found = _pivot(c), dict(swings(shape.scene, shape.dispersed))
+    pivot, found = _pivot(c), dict(swings(spec.scene, spec.dispersed))
     sound: Any = None
-    for body in shape.bodies:
+    for body in spec.bodies:
         offset = vec3.scale(
             -1.0, vehicle.arm(case.centre_of_mass(body), case.common_centre)
         ).called("offset")
@@ -112,7 +112,7 @@ def _start(c: Context) -> None:
     slabs.add("ORIGIN_HEIGHT", 1), slabs.add("ORIGIN_CLIMB", 1)
     scope.store("ORIGIN_HEIGHT", case.number(at.ALTITUDE))
     scope.store("ORIGIN_CLIMB", case.velocity[1])
-    for body in shape.bodies:
+    for body in spec.bodies:
         if slabs.has(f"CLIMB_{body}"):  # height and its rate at the last end of a step
             scope.store(
                 f"CLIMB_{body}", scope.load(f"Y + X_{body}", 3)[1] + case.number(at.ALTITUDE)
@@ -127,7 +127,7 @@ def _pivot(c: Context) -> Any:
     about the mass centre."""
     if c.model.pivot_joint < 0:
         return None
-    joint = list(c.shape.scene.joint.values())[int(c.model.pivot_joint)]
+    joint = list(c.spec.scene.joint.values())[int(c.model.pivot_joint)]
     start = int(c.model.joints_p) + at.JOINT_SIZE * int(c.model.pivot_joint)
     second = joint.bodies[0] != GROUND and joint.second_point is not None
     return vehicle.arm(

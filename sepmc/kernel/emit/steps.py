@@ -79,7 +79,7 @@ def emit_lengths(out: Text, c: Context) -> None:
         "set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first."
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         if not (stage.events or c.paces(stage)):
             continue
         inner = text.block(f"if phase == {number}:")
@@ -90,10 +90,10 @@ def emit_lengths(out: Text, c: Context) -> None:
             inner(f"aim_{stage.name}(w, usual)")
         if c.paces(stage):
             end = "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]"
-            _keep_pace(inner.lanes(), end, c.shape.scene.solver.step is not None)
+            _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
     emit_spread(text, c, "STEP")
-    if any(stage.events for stage in c.shape.stages):
+    if any(stage.events for stage in c.spec.stages):
         _emit_rest(out, c)
 
 
@@ -142,7 +142,7 @@ def _emit_rest(out: Text, c: Context) -> None:
         "What is left of the way to END or to the next event, into all of STEP.",
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.shape.stages):
+    for number, stage in enumerate(c.spec.stages):
         if stage.events:
             inner = text.block(f"if phase == {number}:")
             if stage.waits_for_load:
@@ -192,8 +192,8 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 def _extends(text: Text, c: Context) -> None:
     """Lines that extend the step just made where states within it are needed. Rows of a full
     history are asked for in few of the flights of a case."""
-    where = [f"phase == {number}" for number, one in enumerate(c.shape.stages) if c.follows(one)]
-    if len(where) == len(c.shape.stages):
+    where = [f"phase == {number}" for number, one in enumerate(c.spec.stages) if c.follows(one)]
+    if len(where) == len(c.spec.stages):
         text("extend(w, phase)")
         return
     if c.history == FULL_HISTORY:
@@ -296,7 +296,7 @@ def _stages(
 
 def emit_settle(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
-    shape = c.shape
+    spec = c.spec
     says = (
         "After a step: attitudes of unit length, pitch and roll followed through turns, "
         "constraints, and what disqualifies a case."
@@ -308,7 +308,7 @@ def emit_settle(out: Text, c: Context) -> None:
             _settle_attitude(scope, c, body)
         scope.write(text if first == 0 else text.block(f"if phase >= {first}:"))
     scope = c.scope()
-    in_air = [body for body in shape.bodies if shape.in_layers(body)]
+    in_air = [body for body in spec.bodies if spec.in_layers(body)]
     if in_air:
         c.slabs.add("FAR", 1)
         scope.store("FAR", 0.0)
@@ -322,7 +322,7 @@ def emit_settle(out: Text, c: Context) -> None:
         text("farthest = 0.0")
         text.lanes()("farthest = max(farthest, w[FAR + l])")
         text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
-    for number, stage in enumerate(shape.stages):
+    for number, stage in enumerate(spec.stages):
         if stage.rows:
             text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
     if c.idles:
@@ -335,7 +335,7 @@ def emit_settle(out: Text, c: Context) -> None:
             )
         # a state would count for the energy that is none at the end of a step of the case
         text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
-    for number, stage in enumerate(shape.stages):
+    for number, stage in enumerate(spec.stages):
         text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
     if c.idles:
         text.block("for e in range(3 * LANES):")(
@@ -346,8 +346,8 @@ def emit_settle(out: Text, c: Context) -> None:
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     """Phases and the bodies whose attitudes are integrated from then on."""
     found: dict[int, list[str]] = {}
-    for body in c.shape.turning:
-        first = next((n for n, stage in enumerate(c.shape.stages) if body in stage.leaders), None)
+    for body in c.spec.turning:
+        first = next((n for n, stage in enumerate(c.spec.stages) if body in stage.leaders), None)
         if first is not None:
             found.setdefault(first, []).append(body)
     return sorted(found.items())
@@ -358,7 +358,7 @@ def emit_attitudes_where(text: Text, c: Context, stage: Stage, flag: str) -> Non
 
     A step that was cut short leaves pitch, roll and heading as they were at its full length.
     """
-    for body in c.shape.turning:
+    for body in c.spec.turning:
         if body not in stage.leaders:
             continue
         scope = c.scope()
@@ -437,7 +437,7 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     scope.store(
         "FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}")))
     )
-    if c.shape.borders:
+    if c.spec.borders:
         return
     c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
@@ -467,7 +467,7 @@ def emit_guard(out: Text, c: Context) -> None:
         "The largest that steps may have done wrong, for every body, into GUARD.",
     )
     scope = c.scope()
-    for body in c.shape.bodies:
+    for body in c.spec.bodies:
         _largest(scope, c, "V", body)
     scope.write(text)
     for first, bodies in turning_from(c):

@@ -11,7 +11,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, level, lost_unless, part
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.kernel_spec import Shape, Stage
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Value
@@ -22,43 +22,43 @@ from sepmc.schema import Status
 COEFFICIENTS = 6
 
 
-def looks_up(shape: Shape, body: str) -> bool:
+def looks_up(spec: KernelSpec, body: str) -> bool:
     """Whether a body has coefficients from a table, or increments."""
-    aero = shape.scene.body[body].aerodynamics
-    in_air = shape.scene.environment.atmosphere != "none" and aero is not None
+    aero = spec.scene.body[body].aerodynamics
+    in_air = spec.scene.environment.atmosphere != "none" and aero is not None
     return in_air and (
         (aero is not None and aero.table is not None)
-        or any(one.body == body for one in shape.scene.proximity)
+        or any(one.body == body for one in spec.scene.proximity)
     )
 
 
-def has_wind_profile(shape: Shape) -> bool:
+def has_wind_profile(spec: KernelSpec) -> bool:
     """Whether the wind depends on height."""
-    return shape.scene.environment.wind.profile is not None
+    return spec.scene.environment.wind.profile is not None
 
 
-def has_tables_over_height(shape: Shape) -> bool:
+def has_tables_over_height(spec: KernelSpec) -> bool:
     """Whether wind or air comes from a table over height."""
-    return has_wind_profile(shape) or any(_has_air(shape, body) for body in shape.bodies)
+    return has_wind_profile(spec) or any(_has_air(spec, body) for body in spec.bodies)
 
 
-def has_tables(shape: Shape) -> bool:
+def has_tables(spec: KernelSpec) -> bool:
     """Whether anything is looked up."""
-    return has_tables_over_height(shape) or any(looks_up(shape, body) for body in shape.bodies)
+    return has_tables_over_height(spec) or any(looks_up(spec, body) for body in spec.bodies)
 
 
-def _has_air(shape: Shape, body: str) -> bool:
+def _has_air(spec: KernelSpec, body: str) -> bool:
     """Whether a body flies in air from a table over height."""
-    return shape.feels_air(body) and not shape.in_layers(body)
+    return spec.feels_air(body) and not spec.in_layers(body)
 
 
 def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
     """A function for what tables give at a state of a phase."""
-    if not has_tables(c.shape) or c.hands_on(out, stage, "look_up"):
+    if not has_tables(c.spec) or c.hands_on(out, stage, "look_up"):
         return
     text = Text(out.indent + 1)  # that of each table comes before it
     _over_height(out, text, c, stage)
-    bodies = [body for body in c.shape.bodies if looks_up(c.shape, body)]
+    bodies = [body for body in c.spec.bodies if looks_up(c.spec, body)]
     if bodies:
         _of_bodies(out, text, c, stage, bodies)
     out.function(
@@ -84,7 +84,7 @@ def _of_bodies(out: Text, text: Text, c: Context, stage: Stage, bodies: list[str
             text.block(f"for e in range({COEFFICIENTS} * LANES):")(f"w[LOOKED_UP_{body} + e] = 0.0")
     for i, entry in _entries(c, bodies):
         start, factor = (
-            int(c.shape.plan.model.table[int(c.model.proximity_i) + i]),
+            int(c.spec.layout.model.table[int(c.model.proximity_i) + i]),
             int(c.model.proximity_p) + i,
         )
         c.slabs.add(f"INCREMENTS_{i}", COEFFICIENTS)
@@ -100,8 +100,8 @@ def _of_bodies(out: Text, text: Text, c: Context, stage: Stage, bodies: list[str
 def _over_height(out: Text, text: Text, c: Context, stage: Stage) -> None:
     """Lines for what depends on the height of a body: logarithm of the density and speed of sound,
     and what the wind has there more."""
-    in_air = [body for body in c.shape.bodies if _has_air(c.shape, body)]
-    windy = c.shape.bodies if has_wind_profile(c.shape) else []
+    in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
+    windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):
         return
     s = State(c, c.scope(), stage, "S")
@@ -144,7 +144,7 @@ def _put_place(s: State, slab: str, place: tuple[Any, Any, Any]) -> None:
 
 def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
     """Lines that hold a place between the ends of a pack of one axis."""
-    first, last = start + 2, start + 2 + int(c.shape.plan.model.numbers[start + 1])
+    first, last = start + 2, start + 2 + int(c.spec.layout.model.numbers[start + 1])
     text.lanes()(
         f"w[{place} + l] = min(max(w[{place} + l], w[SHARED + {first}]), w[SHARED + {last}])"
     )
@@ -163,7 +163,7 @@ def _sum_cells(
     """Lines that put what a pack gives at places of three numbers where it is read, and, the first
     time, a function that sums it; ``start`` is that of the pack among the numbers that cases share,
     ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
-    functions, counts = int(c.shape.plan.model.numbers[start]), _counts(c, start)
+    functions, counts = int(c.spec.layout.model.numbers[start]), _counts(c, start)
     if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
         for n in range(3):  # holds no place
             c.case.scope.store(part(cell, at.CELL_ENDS + 3 * n), math.inf)
@@ -218,7 +218,7 @@ def _counts(c: Context, start: int) -> list[int]:
     """Basis functions that a place sees along each axis of a pack."""
     found, axis = [], start + 1
     for _ in range(3):
-        spans = int(c.shape.plan.model.numbers[axis])
+        spans = int(c.spec.layout.model.numbers[axis])
         found.append(4 if spans else 1)
         axis += 2 + 17 * spans
     return found
@@ -226,20 +226,20 @@ def _counts(c: Context, start: int) -> list[int]:
 
 def call_look_up(text: Text, c: Context, stage: Stage) -> None:
     """A line for it, ahead of what needs it."""
-    if has_tables(c.shape):
+    if has_tables(c.spec):
         text(f"look_up_{stage.name}(w)")
 
 
 def _entries(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:
     """Increments over a distance of separation, and their numbers."""
-    return [(i, entry) for i, entry in enumerate(c.shape.scene.proximity) if entry.body in bodies]
+    return [(i, entry) for i, entry in enumerate(c.spec.scene.proximity) if entry.body in bodies]
 
 
 def _table(c: Context, body: str) -> int:
     """Where a body's table over Mach number, alpha and beta starts among the numbers that cases
     share; -1 if it has none."""
     return int(
-        c.shape.plan.model.table[int(c.model.aero_table_i) + list(c.shape.bodies).index(body)]
+        c.spec.layout.model.table[int(c.model.aero_table_i) + list(c.spec.bodies).index(body)]
     )
 
 
@@ -249,7 +249,7 @@ def _flow(s: State, body: str) -> tuple[Value, Value, Value]:
         "flow"
     )
     alpha, beta = loads.flow_angles(flow).called("angles")
-    if not s.shape.in_layers(body):
+    if not s.spec.in_layers(body):
         return (
             square_root(vec3.dot(flow, flow)) / s.scope.load(part(f"AIR_OF_{body}", 1)),
             alpha,

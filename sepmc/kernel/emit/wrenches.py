@@ -30,10 +30,10 @@ def emit_shares(out: Text, c: Context, stage: Stage) -> None:
     rows, count = Rows(s, stage.every_row, apart=True), len(stage.every_row)
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
-        for body in c.shape.bodies
+        for body in c.spec.bodies
     }
     spin_rate = {
-        body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.shape.bodies
+        body: spin_rate_of(s, (body,), moment).called("spin_rate") for body in c.spec.bodies
     }
     system = [x for row in rows.coupling() for x in row] + rows.without_joints(
         acceleration, spin_rate
@@ -75,7 +75,7 @@ def store_wrenches(s: State, motion: Motion) -> None:
     with s.c.slabs.optional():
         s.c.slabs.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.followed):
-        r = s.attitude(s.shape.scene.joint[joint].bodies[0])
+        r = s.attitude(s.spec.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(
                 part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
@@ -108,7 +108,7 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
 def _moment_of_weld(s: State, motion: Motion, joint: str) -> Any:
     """Euler's equations of the bodies on one side of a joint that lets nothing turn: what other
     loads and joints leave to it."""
-    joints = s.shape.scene.joint
+    joints = s.spec.scene.joint
     first, second = joints[joint].bodies
     side = _side(s, joint, second)
     if GROUND in side:  # nothing is known of what else the ground feels
@@ -122,7 +122,7 @@ def _side(s: State, joint: str, body: str) -> set[str]:
     """Bodies that turn as one with a body though a joint is cut."""
     found, pairs = (
         {body},
-        [set(s.shape.scene.joint[weld].bodies) for weld in s.stage.welds if weld != joint],
+        [set(s.spec.scene.joint[weld].bodies) for weld in s.stage.welds if weld != joint],
     )
     while more := [pair for pair in pairs if found & pair and not pair <= found]:
         found |= more[0]
@@ -146,7 +146,7 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
             left = inertial if moment is ZERO else vec3.sub(inertial, moment)
             terms.append(vec3.rotate(s.attitude(body), left))
         for m, one in zip(motion.multipliers, motion.rows, strict=True):
-            pair = s.shape.scene.joint[one.row.joint].bodies
+            pair = s.spec.scene.joint[one.row.joint].bodies
             terms += [
                 vec3.scale(-m, arm) for end, arm in zip(pair, one.arms, strict=True) if end == body
             ]

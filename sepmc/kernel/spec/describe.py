@@ -1,20 +1,20 @@
-"""What a plan contains, in words, and which of its joints are redundant: for ``sepmc check``."""
+"""What a layout contains, in words, and which of its joints are redundant: for ``sepmc check``."""
 
 import numpy as np
 
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import Motor, Scene, Until
 
 
-def lines(plan: Plan) -> list[str]:
+def lines(layout: ParameterLayout) -> list[str]:
     """A line for each thing a scene contains."""
-    scene, m = plan.scene, plan.model.scene[0]
+    scene, m = layout.scene, layout.model.scene[0]
     found = [
-        f"bodies       {len(plan.bodies)}: {', '.join(plan.bodies)}"
+        f"bodies       {len(layout.bodies)}: {', '.join(layout.bodies)}"
         + (" (and the ground)" if m.ground >= 0 else ""),
-        f"joints       {len(plan.joints)}: "
-        + _names(f"{j} ({a} - {b})" for j, (a, b) in plan.joints.items()),
+        f"joints       {len(layout.joints)}: "
+        + _names(f"{j} ({a} - {b})" for j, (a, b) in layout.joints.items()),
         f"motors       {m.n_motors}: "
         + _names(f"{motor.name} ({_push(motor)})" for motor in scene.motor),
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, slides
 from sepmc.scene.model import GROUND, Motor, Scene
@@ -234,11 +234,11 @@ class Stage:
 
 
 @dataclass
-class Shape:
-    """A scene as a kernel sees it: all names are those of the kernel (`Names`), in ``plan`` and in
-    ``dispersed`` too."""
+class KernelSpec:
+    """Everything the emitter needs to know of a scene; all names are those of `Names`, in
+    ``layout`` and ``dispersed`` too."""
 
-    plan: Plan
+    layout: ParameterLayout
     dispersed: frozenset[str]
     names: Names
     stages: list[Stage]
@@ -252,8 +252,8 @@ class Shape:
 
     @property
     def scene(self) -> Scene:
-        """The scene of the plan."""
-        return self.plan.scene
+        """The scene of the layout."""
+        return self.layout.scene
 
     @property
     def triggered(self) -> list[Motor]:
@@ -262,8 +262,8 @@ class Shape:
 
     @property
     def bodies(self) -> list[str]:
-        """Names of the bodies, in the order of the plan."""
-        return self.plan.bodies
+        """Names of the bodies, in the order of the layout."""
+        return self.layout.bodies
 
     def may(self, path: str, nominally: bool) -> bool:
         """Whether some case may have what the nominal one has if ``nominally``, since a parameter
@@ -364,6 +364,6 @@ class Shape:
     def plain_axes(self, joint: str) -> bool:
         """Whether a joint's axes are those of its first body."""
         j = self.scene.joint[joint]
-        if f"joint.{joint}.x_axis.x" in self.plan.slots:
+        if f"joint.{joint}.x_axis.x" in self.layout.slots:
             return False
         return tuple(joint_axes(j.x_axis, j.y_axis)) == _IDENTITY

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from msgspec.structs import replace as change
 
-from sepmc.kernel.spec.parameter_layout import Plan
+from sepmc.kernel.spec.parameter_layout import ParameterLayout
 from sepmc.scene.model import GROUND, Ignition, Phase, Scene, Until
 
 # Tables whose items have a name of the user's, and the word their items are numbered by.
@@ -118,19 +118,19 @@ class Names:
             ),
         )
 
-    def plan(self, plan: Plan) -> Plan:
-        """A plan of the renamed scene; every number stays at its place."""
+    def layout(self, layout: ParameterLayout) -> ParameterLayout:
+        """A layout of the renamed scene; every number stays at its place."""
         return replace(
-            plan,
-            scene=self.scene(plan.scene),
-            extremes=tuple(map(self.scene, plan.extremes)),
-            slots={self.path(path): place for path, place in plan.slots.items()},
-            outlines={self.of["body"][name]: place for name, place in plan.outlines.items()},
-            bodies=[self._body(name) for name in plan.bodies],
+            layout,
+            scene=self.scene(layout.scene),
+            extremes=tuple(map(self.scene, layout.extremes)),
+            slots={self.path(path): place for path, place in layout.slots.items()},
+            outlines={self.of["body"][name]: place for name, place in layout.outlines.items()},
+            bodies=[self._body(name) for name in layout.bodies],
             joints={
-                self.of["joint"][name]: self._pair(bodies) for name, bodies in plan.joints.items()
+                self.of["joint"][name]: self._pair(bodies) for name, bodies in layout.joints.items()
             },
-            phases=[self.of["phase"][name] for name in plan.phases],
+            phases=[self.of["phase"][name] for name in layout.phases],
         )
 
     def _joints(self, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -98,7 +98,7 @@ _LOAD = {
 
 
 @dataclass(frozen=True)
-class Plan:
+class ParameterLayout:
     """What a kernel needs to fly a scene.
 
     ``slots`` maps each parameter path to its place in the vector ``nominal`` (p,), which is in SI.
@@ -119,11 +119,11 @@ class Plan:
     extremes: tuple[Scene, ...] = ()
 
 
-def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
+def make_parameter_layout(scene: Scene, dispersed: frozenset[str] = frozenset()) -> ParameterLayout:
     """Pack a scene.
 
     ``dispersed`` : paths of the parameters that vary from case to case. What only they make
-        possible is in the plan too.
+        possible is in the layout too.
     """
     conditions = make_conditions(scene, dispersed)
     order = body_order(scene)
@@ -141,7 +141,7 @@ def make_plan(scene: Scene, dispersed: frozenset[str] = frozenset()) -> Plan:
             nominal[starts["motors_p"] + at.MOTOR_SIZE * i + at.BURN] = motor.profile.time[-1]
     model = _model(scene, order, starts, len(nominal), WIND_FACTOR in slots)
     pairs = {j: joint.bodies for j, joint in scene.joint.items()}
-    return Plan(
+    return ParameterLayout(
         scene,
         model,
         nominal,

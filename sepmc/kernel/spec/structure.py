@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.kernel_spec import Change, Due, Event, Kinds, Release, Shape, Stage
+from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Stage
 from sepmc.kernel.spec.naming import Names
-from sepmc.kernel.spec.parameter_layout import Plan, is_ground_named
+from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
@@ -28,17 +28,17 @@ _ON_LOAD = {"force": at.AT_FORCE, "moment": at.AT_MOMENT}
 _UNTOLD = 2**17
 
 
-def _needs_any_order(shape: Shape) -> bool:
+def _needs_any_order(spec: KernelSpec) -> bool:
     """Whether a scene asks for more than phases that follow each other, with joints that are late
     between them: where conditions are waited for meanwhile that cannot be noted, joints fail
     nominally or let go in part twice, or rows are redundant while joints let go."""
-    scene, stages = shape.scene, shape.stages
+    scene, stages = spec.scene, spec.stages
     if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(
         j.fails for j in scene.joint.values()
     ):
         return True
     if any(
-        release.to != "free" or _may_be_late(scene, release.joint, shape.dispersed)
+        release.to != "free" or _may_be_late(scene, release.joint, spec.dispersed)
         for release in scene.release
     ):
         return True
@@ -63,8 +63,10 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
     return scene.joint[joint].delay > 0.0 or f"joint.{joint}.delay" in dispersed
 
 
-def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL) -> Shape:
-    """The shape of a scene.
+def make_kernel_spec(
+    layout: ParameterLayout, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL
+) -> KernelSpec:
+    """The spec of a scene.
 
     A joint that is late lets go between two phases, in a stage of its own; a case in which the next
     phase ends meanwhile is lost. With the ``care`` of ANY_ORDER, and for scenes that need it, it
@@ -73,34 +75,34 @@ def make_shape(plan: Plan, dispersed: frozenset[str] = frozenset(), care: int = 
     case.
     """
     if care == at.USUAL:
-        shape = _shape(plan, dispersed, at.USUAL)
-        if not _needs_any_order(shape):
-            return shape
-    return _shape(plan, dispersed, min(care, at.ANY_ORDER))
+        spec = _make(layout, dispersed, at.USUAL)
+        if not _needs_any_order(spec):
+            return spec
+    return _make(layout, dispersed, min(care, at.ANY_ORDER))
 
 
-def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
-    names = Names(plan.scene)
-    plan, dispersed = names.plan(plan), frozenset(names.path(path) for path in dispersed)
-    scene = plan.scene
+def _make(layout: ParameterLayout, dispersed: frozenset[str], care: int) -> KernelSpec:
+    names = Names(layout.scene)
+    layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
+    scene = layout.scene
     spent = {
         s.name: s.bodies
         for s in scene.spring
         if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed
     }
-    switches, releases = _breaks(scene, dispersed), _releases(plan, dispersed)
-    stages, any_order = _stages(plan, dispersed, releases, care), care <= at.ANY_ORDER
+    switches, releases = _breaks(scene, dispersed), _releases(layout, dispersed)
+    stages, any_order = _stages(layout, dispersed, releases, care), care <= at.ANY_ORDER
     in_layers = scene.environment.atmosphere == "us1976" and any(
         body.aerodynamics is not None for body in scene.body.values()
     )
-    borders = in_layers and (any_order or may_pass_borders(scene, plan.extremes))
+    borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
     for stage in stages:
         stage.events += [
-            Event(at.AT_SPRING_STROKE, name, plan.slots[f"spring.{name}.stroke"], False)
+            Event(at.AT_SPRING_STROKE, name, layout.slots[f"spring.{name}.stroke"], False)
             for name, bodies in spent.items()
             if not _still(scene, stage, bodies)
         ]
-        for body in plan.bodies if borders else []:
+        for body in layout.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
                 stage.events += [
                     Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
@@ -120,10 +122,10 @@ def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
     turning: list[str] = []
     for stage in stages:
         turning += [b for b in stage.leaders if b not in turning]
-    turning += [b for b in plan.bodies if b not in turning]
+    turning += [b for b in layout.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
-    return Shape(
-        plan,
+    return KernelSpec(
+        layout,
         dispersed,
         names,
         stages,
@@ -137,19 +139,19 @@ def _shape(plan: Plan, dispersed: frozenset[str], care: int) -> Shape:
 
 
 def _stages(
-    plan: Plan, dispersed: frozenset[str], releases: list[Release], care: int
+    layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], care: int
 ) -> list[Stage]:
     """The stages of a flight, with what ends each by itself."""
-    scene, stages, any_order = plan.scene, list[Stage](), care <= at.ANY_ORDER
+    scene, stages, any_order = layout.scene, list[Stage](), care <= at.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
-        stage = _stage(scene, phase.name, phase.name, may, plan.bodies, releases, care)
+        stage = _stage(scene, phase.name, phase.name, may, layout.bodies, releases, care)
         if phase.until is not None and _is_manifold(scene, phase.until):
-            _add_clauses(stage, number, plan, dispersed)
+            _add_clauses(stage, number, layout, dispersed)
         else:
-            _add_end(stage, phase, plan, dispersed)
+            _add_end(stage, phase, layout, dispersed)
         if number and not any_order:
-            _add_late(stages, stage, number, plan, dispersed, releases)
+            _add_late(stages, stage, number, layout, dispersed, releases)
         stages.append(stage)
     return stages
 
@@ -208,7 +210,7 @@ def _add_late(
     stages: list[Stage],
     stage: Stage,
     number: int,
-    plan: Plan,
+    layout: ParameterLayout,
     dispersed: frozenset[str],
     releases: list[Release],
 ) -> None:
@@ -219,14 +221,14 @@ def _add_late(
     What ends the second phase is waited for meanwhile, too: cases in which it may have come are
     lost (`Stage.after_late`).
     """
-    scene, phase = plan.scene, plan.scene.phase[number]
+    scene, phase = layout.scene, layout.scene.phase[number]
     changed = [
         joint
         for joint in scene.joint
         if _in_phase(scene, joint, number) != _in_phase(scene, joint, number - 1)
     ]
     late = {
-        joint: plan.slots[f"joint.{joint}.delay"]
+        joint: layout.slots[f"joint.{joint}.delay"]
         for joint in changed
         if _may_be_late(scene, joint, dispersed)
     }
@@ -243,7 +245,9 @@ def _add_late(
     for joint in late:
         before = _may_hold(scene, joint, number - 1, dispersed, False)
         may[joint] = before | stage.may[joint] if len(late) > 1 else before
-    between = _stage(scene, f"{phase.name}_late", phase.name, may, plan.bodies, releases, at.USUAL)
+    between = _stage(
+        scene, f"{phase.name}_late", phase.name, may, layout.bodies, releases, at.USUAL
+    )
     between.late, between.awaited = late, awaited
     if _holds_alike(stages[-1], between):
         stages[-1].flown_as = between.name
@@ -259,16 +263,18 @@ def _holds_alike(stage: Stage, late: Stage) -> bool:
     )
 
 
-def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) -> None:
+def _add_end(
+    stage: Stage, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
+) -> None:
     """What ends a phase: a time, the end of a burn, or a condition on a joint."""
     until, path = phase.until, f"phase.{phase.name}.until"
-    leaves = {leaf.path: (leaf, place) for leaf, place in _thresholds(plan, dispersed)}
+    leaves = {leaf.path: (leaf, place) for leaf, place in _thresholds(layout, dispersed)}
     if until is None:
         return
     if until.time is not None:
         stage.end_time = (leaves[f"{path}.time"][1],)
     elif until.burn_out is not None:
-        stage.end_time = _burn_out(plan, until.burn_out).places
+        stage.end_time = _burn_out(layout, until.burn_out).places
     else:
         key = next(key for key in (*_ON_LOAD, *_ON_STATE) if getattr(until, key) is not None)
         leaf, place = leaves[f"{path}.{key}"]
@@ -276,27 +282,32 @@ def _add_end(stage: Stage, phase: Phase, plan: Plan, dispersed: frozenset[str]) 
         (stage.loads if key in _ON_LOAD else stage.events).append(event)
 
 
-def _burn_out(plan: Plan, name: str) -> Due:
+def _burn_out(layout: ParameterLayout, name: str) -> Due:
     """The time of a burn-out."""
-    motor = next(one for one in plan.scene.motor if one.name == name)
+    motor = next(one for one in layout.scene.motor if one.name == name)
     keys = ("burn",) if motor.trigger is not None else ("ignition", "delay", "burn")
-    places = tuple(plan.slots[f"motor.{name}.{key}"] for key in keys)
+    places = tuple(layout.slots[f"motor.{name}.{key}"] for key in keys)
     return Due(places, name if motor.trigger is not None else "")
 
 
-def _add_clauses(stage: Stage, number: int, plan: Plan, dispersed: frozenset[str]) -> None:
+def _add_clauses(
+    stage: Stage, number: int, layout: ParameterLayout, dispersed: frozenset[str]
+) -> None:
     """Several conditions that end phase ``number``."""
-    stage.clauses, stage.times, stage.springs, events, loads = _clauses(number, plan, dispersed)
+    stage.clauses, stage.times, stage.springs, events, loads = _clauses(number, layout, dispersed)
     stage.events += events
     stage.loads += loads
 
 
 def _clauses(
-    number: int, plan: Plan, dispersed: frozenset[str]
+    number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> tuple[list[tuple[int, ...]], dict[int, Due], dict[int, str], list[Event], list[Event]]:
     """What makes the event ``number`` of all, the ends of phases first: any of clauses, each all of
     conditions; those that are times, ends of springs, those on the state, those on loads."""
-    conditions, first = make_conditions(plan.scene, dispersed), int(plan.model.scene[0].leaves_p)
+    conditions, first = (
+        make_conditions(layout.scene, dispersed),
+        int(layout.model.scene[0].leaves_p),
+    )
     start, count = conditions.events[2 * number : 2 * number + 2]
     clauses: list[tuple[int, ...]] = []
     times: dict[int, Due] = {}
@@ -312,30 +323,30 @@ def _clauses(
         if leaf.what == at.AT_TIME:
             times[k] = Due((first + k,))
         elif leaf.what == at.AT_BURN_OUT:
-            times[k] = _burn_out(plan, leaf.which)
+            times[k] = _burn_out(layout, leaf.which)
         elif leaf.what == at.AT_SPRING_STROKE:
             springs[k] = leaf.which
         else:
-            apart = number >= len(plan.scene.phase)
+            apart = number >= len(layout.scene.phase)
             event = Event(leaf.what, leaf.which, first + k, False, k, apart, leaf.direction)
             (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
     return clauses, times, springs, on_state, on_load
 
 
-def _releases(plan: Plan, dispersed: frozenset[str]) -> list[Release]:
+def _releases(layout: ParameterLayout, dispersed: frozenset[str]) -> list[Release]:
     """Releases apart from phases, and instants that are told of."""
-    told = [(r.name, r.joint) for r in plan.scene.release]
-    told += [(event.name, "") for event in plan.scene.event]
+    told = [(r.name, r.joint) for r in layout.scene.release]
+    told += [(event.name, "") for event in layout.scene.event]
     return [
-        Release(name, joint, *_clauses(number, plan, dispersed))
-        for number, (name, joint) in enumerate(told, len(plan.scene.phase))
+        Release(name, joint, *_clauses(number, layout, dispersed))
+        for number, (name, joint) in enumerate(told, len(layout.scene.phase))
     ]
 
 
-def _thresholds(plan: Plan, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
+def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[tuple[Leaf, int]]:
     """Leaves with a path of their own, and the place of their thresholds."""
-    first = int(plan.model.scene[0].leaves_p)
-    for number, leaf in enumerate(make_conditions(plan.scene, dispersed).leaves):
+    first = int(layout.model.scene[0].leaves_p)
+    for number, leaf in enumerate(make_conditions(layout.scene, dispersed).leaves):
         if leaf.path is not None:
             yield leaf, first + number
 
