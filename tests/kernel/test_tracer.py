@@ -1,4 +1,4 @@
-"""The recorder of kernels: what is written, once, in which order; what is computed before a flight;
+"""The tracer of kernels: what is written, once, in which order; what is computed before a flight;
 and that it means what was wired."""
 
 import math
@@ -255,7 +255,7 @@ def _expected(shape):
 
 
 @pytest.mark.parametrize(("module", "name"), ALL, ids=[name for _, name in ALL])
-def test_formulas_give_what_the_recorder_thinks(plain, module, name):
+def test_formulas_give_what_the_tracer_expects(plain, module, name):
     """Shapes are told by hand in `sepmc.kernel.tracer.formulas`: each against what the formula
     gives."""
     last = name.rpartition(".")[2]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from sepmc.kernel.emit.context import Context, lose, part, went
-from sepmc.kernel.emit.history import trace
+from sepmc.kernel.emit.history import fit_curves
 from sepmc.kernel.emit.ignition import ignition, lights, note_ignitions
 from sepmc.kernel.emit.monitor import side_before
 from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
@@ -16,7 +16,7 @@ from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import APART, Change, Due, Release, Stage, ended, met, numbers_of
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Scope, Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -164,19 +164,19 @@ def _note_unreleased(text: Text, c: Context) -> None:
     scope.write(text)
 
 
-def _kind(scope: Scope, c: Context, joint: str) -> Value:
+def _kind(scope: Scope, c: Context, joint: str) -> Expr:
     """As which of its kinds a joint holds, by number."""
     c.start(f"KIND_{joint}", float(c.spec.masked[joint]))
     return scope.load(f"KIND_{joint}")
 
 
-def _comes(scope: Scope, c: Context, change: Change) -> Value:
+def _comes(scope: Scope, c: Context, change: Change) -> Expr:
     """When an event came that tells a joint to let go."""
     c.start(f"COMES_{change.event}", math.inf)
     return scope.load(f"COMES_{change.event}")
 
 
-def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[Change, Value]]:
+def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[Change, Expr]]:
     """Changes that a joint may make in a stage, and when each is due."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
@@ -217,7 +217,7 @@ def _holds(
     c: Context,
     stage: str,
     told: Stage | Release,
-) -> Value:
+) -> Expr:
     """Whether any of the clauses of what is told is met, each all of conditions; of these, times
     that have come and ends of springs are noted."""
     flags = {}
@@ -236,7 +236,7 @@ def _holds(
     return found
 
 
-def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tuple[int, Value]]:
+def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tuple[int, Expr]]:
     """Conditions, by number, that no step is aimed at, for time or a spring tell: whether each
     holds."""
     now = scope.load("T")
@@ -247,7 +247,7 @@ def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tupl
         yield number, scope.load(ended(spring)) > 0.0
 
 
-def _time(scope: Scope, c: Context, due: Due) -> Value:
+def _time(scope: Scope, c: Context, due: Due) -> Expr:
     """When something is due."""
     terms = [c.case.number(place) for place in due.places]
     for motor in c.spec.triggered:
@@ -461,7 +461,7 @@ def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> No
         size = f"{c.spec.active(stage)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
         if c.history == at.SEPARATION_HISTORY:
-            inner(f"{trace(rk)}(w, {number})")
+            inner(f"{fit_curves(rk)}(w, {number})")
 
 
 def _awaited(stage: Stage) -> list[str]:
@@ -486,7 +486,7 @@ def _let_go(text: Text, c: Context, stage: Stage) -> None:
     scope.write(text)
 
 
-def _note_change(scope: Scope, c: Context, joint: str, before: Value, kind: Value) -> None:
+def _note_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
     """For rows of a history on both sides of it: when a joint takes another of its kinds."""
     for changing, number in c.spec.changing if c.sudden else []:
         if changing == joint:
@@ -496,7 +496,7 @@ def _note_change(scope: Scope, c: Context, joint: str, before: Value, kind: Valu
             scope.store(place, where(goes, scope.load("T"), scope.load(place)))
 
 
-def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Value | None) -> None:
+def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Expr | None) -> None:
     """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far:
     when, and the rates of its bodies if they are asked for."""
     c.start(f"RELEASE_{joint}", math.nan)

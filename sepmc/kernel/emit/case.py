@@ -6,23 +6,23 @@ from typing import Any
 from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.parameter_layout import WIND_FACTOR, WIND_TURN
 from sepmc.kernel.tracer.formulas import ZERO, joints, loads, quat, vec3, vehicle
-from sepmc.kernel.tracer.tracer import Scope, Value, total
+from sepmc.kernel.tracer.tracer import Expr, Scope, total
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
 
 class Case:
-    """The parameters of a case and what follows from them, as Values of the scope that runs before
-    a flight."""
+    """The parameters of a case and what follows from them, as expressions of the scope that runs
+    before a flight."""
 
     def __init__(self, scope: Scope, spec: KernelSpec):
         self.scope, self.spec, self.model = scope, spec, spec.layout.model.scene[0]
 
-    def number(self, place: int) -> Value:
+    def number(self, place: int) -> Expr:
         """A parameter by its place."""
         return self.scope.parameter(place)
 
-    def vector(self, place: int) -> tuple[Value, ...]:
+    def vector(self, place: int) -> tuple[Expr, ...]:
         """Three parameters in a row."""
         return tuple(self.scope.parameter(place + i) for i in range(3))
 
@@ -30,11 +30,11 @@ class Case:
         """Where the parameters of a body start."""
         return at.HEAD + at.BODY_SIZE * self.spec.bodies.index(body)
 
-    def mass(self, body: str) -> Value:
+    def mass(self, body: str) -> Expr:
         """Mass of a body, kg."""
         return self.number(self.body(body) + at.MASS)
 
-    def inverse_mass(self, body: str) -> Value:
+    def inverse_mass(self, body: str) -> Expr:
         """One over the mass of a body, 1/kg."""
         return (1.0 / self.mass(body)).called("inverse_mass")
 
@@ -43,7 +43,7 @@ class Case:
         bodies."""
         return self.common_centre if body == GROUND else self.vector(self.body(body) + at.CG)
 
-    def inertia(self, body: str) -> Value:
+    def inertia(self, body: str) -> Expr:
         """Inertia tensor of a body."""
         p = self.body(body)
         return vehicle.inertia_tensor(
@@ -52,19 +52,19 @@ class Case:
             self.vector(p + at.PRODUCTS),
         )
 
-    def group_inertia(self, group: tuple[str, ...]) -> Value:
+    def group_inertia(self, group: tuple[str, ...]) -> Expr:
         """Inertia tensor of bodies that turn as one: their axes are parallel."""
         found = self.inertia(group[0])
         for body in group[1:]:
             found = vec3.add_matrices(found, self.inertia(body))
         return found.called("inertia")
 
-    def inverse_inertia(self, group: tuple[str, ...]) -> Value:
+    def inverse_inertia(self, group: tuple[str, ...]) -> Expr:
         """Inverse of the inertia tensor of bodies that turn as one, 1/(kg m2)."""
         return vec3.symmetric_inverse(self.group_inertia(group)).called("inverse_inertia")
 
     @property
-    def common_centre(self) -> Value:
+    def common_centre(self) -> Expr:
         """Layout point of the mass centre of all bodies."""
         bodies = self.spec.bodies
         weighted = vec3.scale(self.mass(bodies[0]), self.centre_of_mass(bodies[0]))
@@ -75,14 +75,14 @@ class Case:
         )
 
     @property
-    def attitude(self) -> Value:
+    def attitude(self) -> Expr:
         """Quaternion of the vehicle at the start."""
         return quat.from_angles(
             self.number(at.PITCH), self.number(at.YAW), self.number(at.ROLL)
         ).called("start")
 
     @property
-    def velocity(self) -> Value:
+    def velocity(self) -> Expr:
         """Velocity of the vehicle's mass centre at the start, ground axes."""
         path = vehicle.flight_direction(
             self.number(at.PITCH) - self.number(at.ALPHA), self.number(at.PATH_YAW)
@@ -90,7 +90,7 @@ class Case:
         return vec3.scale(self.number(at.SPEED), path).called("velocity")
 
     @property
-    def stream(self) -> Value:
+    def stream(self) -> Expr:
         """What the flow around a body has besides the body's own speed: that of the start, less the
         wind that is the same at all heights."""
         moving = loads.wind(self.number(at.WIND_SPEED), self.number(at.WIND_DIRECTION))
@@ -134,7 +134,7 @@ class Case:
         point = self.vector(start + at.POINT)
         return self.vector(start + at.SWING), vehicle.arm(self.centre_of_mass(body), point)
 
-    def joint_axis(self, name: str, k: int) -> Value:
+    def joint_axis(self, name: str, k: int) -> Expr:
         """Axis k of a joint, in body axes of the first body."""
         slots = self.spec.layout.slots
         if (place := slots.get(f"joint.{name}.x_axis.x")) is not None:
@@ -146,6 +146,6 @@ class Case:
             return up if k == 1 else vec3.cross(ahead, up).called("axis")
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
-    def apart(self, name: str) -> Value:
+    def apart(self, name: str) -> Expr:
         """What makes a joint's separation positive: 1 or -1."""
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

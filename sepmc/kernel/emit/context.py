@@ -8,7 +8,7 @@ from sepmc.kernel.emit.case import Case
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
 from sepmc.kernel.spec.methods import Method, methods_of
 from sepmc.kernel.tracer.text import Slabs, Text
-from sepmc.kernel.tracer.tracer import Scope, Value, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, where
 from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 
 
@@ -16,8 +16,8 @@ from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 class Context:
     """What a module is written for, and what its parts have asked for so far.
 
-    Any part may add slabs, and ask for Values of the ``case``, which are computed before a flight.
-    The function that does this and the constants of the slabs are therefore written last.
+    Any part may add slabs, and ask for expressions of the ``case``, which are computed before a
+    flight. The function that does this and the constants of the slabs are therefore written last.
     """
 
     spec: KernelSpec
@@ -244,28 +244,28 @@ def part(slab: str, k: int) -> str:
     return f"{slab} + {k} * LANES" if k else slab
 
 
-def level(scope: Scope, time: Value) -> Value:
+def level(scope: Scope, time: Expr) -> Expr:
     """Height at some time of what places are seen from: it moves with the vehicle's first speed."""
     return scope.load("ORIGIN_HEIGHT") + scope.load("ORIGIN_CLIMB") * time
 
 
-def height(scope: Scope, body: str) -> Value:
+def height(scope: Scope, body: str) -> Expr:
     """Height of a body's mass centre at the end of a step."""
     return scope.load(f"Y + X_{body}", 3)[1] + level(scope, scope.load("T"))
 
 
-def lose(scope: Scope, unless: Value, status: int = FINER_STEPS) -> None:
+def lose(scope: Scope, unless: Expr, status: int = FINER_STEPS) -> None:
     """A case that is not lost yet is, where a condition does not hold: with a status, or for finer
     steps or another kernel to tell."""
     _lose(scope, where(unless, 0.0, float(status)))
 
 
-def lose_if(scope: Scope, condition: Value, status: int = FINER_STEPS) -> None:
+def lose_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
     """The same where a condition holds."""
     _lose(scope, where(condition, float(status), 0.0))
 
 
-def _lose(scope: Scope, status: Value) -> None:
+def _lose(scope: Scope, status: Expr) -> None:
     lost = scope.load("LOST")
     scope.store("LOST", where(lost.equals(0.0), status, lost))
 

@@ -10,7 +10,7 @@ from sepmc.kernel.emit.steps import hold_back
 from sepmc.kernel.spec.kernel_spec import Event, Stage
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Scope, Value, called, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, called, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 
@@ -137,12 +137,12 @@ def _wait_to_cross(s: State, event: Event) -> Any:
     return wait if event.ends_phase else where(met > 0.0, math.inf, wait)
 
 
-def _touch(c: Context, event: Event) -> Value:
+def _touch(c: Context, event: Event) -> Expr:
     """How far from its threshold a quantity still stands at it."""
     return _TOUCH * scalar.larger(1.0, scalar.abs(c.case.number(event.threshold)))
 
 
-def _counts(event: Event, side: Value) -> Value:
+def _counts(event: Event, side: Expr) -> Expr:
     """Whether a crossing counts from a side: 1 below the threshold, -1 above, 0 neither."""
     if event.direction == "either":
         return side * side > 0.0
@@ -150,7 +150,7 @@ def _counts(event: Event, side: Value) -> Value:
 
 
 def _note_graze(
-    scope: Scope, event: Event, stage: str, value: Value, rate: Any, side: Any = 1.0
+    scope: Scope, event: Event, stage: str, value: Expr, rate: Any, side: Any = 1.0
 ) -> None:
     """A condition may be met and left again within a step: then the case is on its own. What was
     noted of it counts from a ``side``."""
@@ -170,7 +170,7 @@ def _note_graze(
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
-def _may_rise(past: Value, slope: Value, value: Value, rate: Any, length: Value) -> Any:
+def _may_rise(past: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> Any:
     """Whether a value may be zero or more between two times: it rises at the first, falls at the
     second, and its tangents there cross beyond zero."""
     turns = (slope > 0.0) & (rate < 0.0)
@@ -262,7 +262,7 @@ def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     return (value, rate, acceleration) if up else (-value, -rate, -acceleration)
 
 
-def _climb(s: State, body: str, threshold: Value) -> tuple[Any, Any]:
+def _climb(s: State, body: str, threshold: Expr) -> tuple[Any, Any]:
     """Height of a body above a threshold, and its rate."""
     return height(s.scope, body) - threshold, _climb_rate(s, body)
 
@@ -272,7 +272,7 @@ def _climb_rate(s: State, body: str) -> Any:
     return s.speed(body)[1] + s.scope.load("ORIGIN_CLIMB")
 
 
-def _angle(s: State, joint: str, threshold: Value) -> tuple[Any, Any, Any]:
+def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
     """The angle by which the second body of a joint has turned from the first; at 0 its axis is
     that of the motion to come."""
     first, second = s.spec.scene.joint[joint].bodies

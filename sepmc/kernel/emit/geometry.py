@@ -1,4 +1,4 @@
-"""A state of the bodies in a phase, as Values: attitudes, rates, and what lies between two
+"""A state of the bodies in a phase, as expressions: attitudes, rates, and what lies between two
 bodies."""
 
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import Any
 from sepmc.kernel.emit.context import Context, part
 from sepmc.kernel.spec.kernel_spec import Stage
 from sepmc.kernel.tracer.formulas import UNIT, ZERO, joints, quat, square_root, vec3
-from sepmc.kernel.tracer.tracer import Scope, Value, product, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, product, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Spring
 
@@ -72,7 +72,7 @@ class State:
         self.spec, self.case = c.spec, c.case
 
     @property
-    def time(self) -> Value:
+    def time(self) -> Expr:
         """Time of the state, s."""
         return self.scope.load(self.clock)
 
@@ -102,11 +102,11 @@ class State:
             )
         return vec3.sub(self.case.stream, (along, 0.0, across)).called("stream")
 
-    def quaternion(self, leader: str) -> Value:
+    def quaternion(self, leader: str) -> Expr:
         """Attitude quaternion of the group that a body leads."""
         return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")
 
-    def rate(self, leader: str) -> Value:
+    def rate(self, leader: str) -> Expr:
         """Angular rate in body axes."""
         return self.scope.load(f"{self.slab} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
@@ -297,7 +297,7 @@ class State:
         """Where the axis of a spring stands in a case, if it is dispersed."""
         return self.spec.layout.slots.get(f"spring.{spring.name}.axis.x")
 
-    def _spring_axis(self, spring: Spring) -> Value:
+    def _spring_axis(self, spring: Spring) -> Expr:
         if (place := self._spring_axis_place(spring)) is not None:
             return vec3.unit(self.case.vector(place)).called("axis")
         return self.case.scope.shared(int(self.c.model.springs_x) + 3 * self._number(spring), 3)

@@ -13,7 +13,7 @@ from sepmc.kernel.emit.wrenches import force_of, moment_of
 from sepmc.kernel.spec.kernel_spec import Row, Stage
 from sepmc.kernel.tracer.formulas import ZERO, guides, scalar, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -105,7 +105,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone
     lose(
         s.scope,
-        drives | sliding.equals(0.0) if isinstance(sliding, Value) else drives,
+        drives | sliding.equals(0.0) if isinstance(sliding, Expr) else drives,
         at.LEAST_SQUARES,
     )
     left = (faster / mobility).called("left")  # of the drive, by friction

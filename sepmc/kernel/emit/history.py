@@ -16,7 +16,7 @@ from sepmc.kernel.spec.kernel_spec import Stage
 from sepmc.kernel.spec.methods import Method
 from sepmc.kernel.tracer.formulas import ZERO, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, where
+from sepmc.kernel.tracer.tracer import Expr, where
 from sepmc.routines import layout as at
 
 
@@ -48,7 +48,7 @@ def _emit_curves(out: Text, c: Context) -> None:
     for stage in c.spec.stages:
         _separation(out, c, stage)
     for rk in c.used.values():
-        _trace(out, c, rk)
+        _emit_fit_curves(out, c, rk)
     says = "Separations of the step just made, every so many seconds, into rows of the history."
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
     text(
@@ -73,16 +73,16 @@ def _separation(out: Text, c: Context, stage: Stage) -> None:
     s.scope.write(text)
 
 
-def trace(rk: Method) -> str:
+def fit_curves(rk: Method) -> str:
     """The name of the function that follows separations over a step by a method."""
-    return f"trace_{rk.name}"
+    return f"fit_curves_{rk.name}"
 
 
-def _trace(out: Text, c: Context, rk: Method) -> None:
+def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     """A function for the curves of a step that was just made by a method, whose stages are still
     there."""
     text = out.function(
-        f"{trace(rk)}(w, phase: int)",
+        f"{fit_curves(rk)}(w, phase: int)",
         f"Curves of the separations over the step from BEGIN just made by {rk.name}, into CURVES.",
     )
     text.lanes()("w[LENGTH + l] = w[STEP + l]")
@@ -170,7 +170,7 @@ def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     sliding = s.sliding(joint)
     loads = [square_root(y * y + z * z).called("load") for y, z in pin_forces(s, motion, joint)]
     return (
-        [where(sliding > 0.0, x, math.nan) for x in loads] if isinstance(sliding, Value) else loads
+        [where(sliding > 0.0, x, math.nan) for x in loads] if isinstance(sliding, Expr) else loads
     )
 
 

@@ -3,7 +3,7 @@
 import math
 
 from sepmc.kernel.emit.context import Context
-from sepmc.kernel.tracer.tracer import Scope, Value, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, where
 from sepmc.scene.model import Ignition, Motor
 
 
@@ -12,7 +12,7 @@ def lights(motor: str) -> str:
     return f"LIGHTS_{motor}"
 
 
-def ignition(scope: Scope, c: Context, motor: Motor) -> Value:
+def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
     """When such a motor lights, s; infinite until what it waits for has come."""
     assert motor.trigger is not None
     slots, path = c.spec.layout.slots, f"motor.{motor.name}"
@@ -20,7 +20,7 @@ def ignition(scope: Scope, c: Context, motor: Motor) -> Value:
     return _comes(scope, c, motor.trigger) + delay
 
 
-def _comes(scope: Scope, c: Context, trigger: Ignition) -> Value:
+def _comes(scope: Scope, c: Context, trigger: Ignition) -> Expr:
     """When the event or release comes, or the joint becomes free, that a motor waits for."""
     if trigger.joint is None:
         place = f"COMES_{trigger.event or trigger.release}"

@@ -12,7 +12,7 @@ from sepmc.kernel.spec.kernel_spec import ended
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND, Motor, Spring
 from sepmc.schema import Status
@@ -79,7 +79,7 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
     )
 
 
-def _rise(s: State, body: str) -> tuple[Value, Value]:
+def _rise(s: State, body: str) -> tuple[Expr, Expr]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the
     distance there from the earth's centre."""
     rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called(
@@ -182,7 +182,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
     force = loads.aero_force(pressure * of_force, tuple(named[:3])).called("push")
     acting.forces.append(force)
-    if any(isinstance(value, Value) for value in named[3:]):
+    if any(isinstance(value, Expr) for value in named[3:]):
         of_moment = (scale * case.number(p + at.LENGTH) * case.number(p + at.MOMENT_FACTOR)).called(
             "moment_scale"
         )
@@ -195,7 +195,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
         acting.moments.append(vec3.cross(arm, force))
 
 
-def _density(s: State, body: str) -> Value:
+def _density(s: State, body: str) -> Expr:
     """Density of the air around a body."""
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
@@ -204,10 +204,10 @@ def _density(s: State, body: str) -> Value:
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
-def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
+def _coefficients(s: State, body: str, alpha: Expr, beta: Expr) -> list[Any]:
     """The six coefficients, polynomials in the angles of the flow, multiplied out as they stand;
     0.0 where there is no term."""
-    terms: dict[int, list[Value]] = {code: [] for code in range(6)}
+    terms: dict[int, list[Expr]] = {code: [] for code in range(6)}
     for k, term in enumerate(aero_terms(s.spec.scene)):
         if term.body == body:
             value = s.case.number(int(s.c.model.terms_p) + k)
@@ -221,7 +221,7 @@ def _coefficients(s: State, body: str, alpha: Value, beta: Value) -> list[Any]:
     ]
 
 
-def _power(x: Value, n: int) -> Value:
+def _power(x: Expr, n: int) -> Expr:
     return x if n == 1 else _power(x, n - 1) * x
 
 
@@ -241,7 +241,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
     full, build_up = case.number(p + at.THRUST), case.number(p + at.BUILD_UP)
     rate = where(build_up > 0.0, 1.0 / build_up, 0.0).called("building")
 
-    def level(since: Value) -> Value:
+    def level(since: Expr) -> Expr:
         """Thrust some time after ignition, apart from the profile."""
         if not s.spec.may(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full
@@ -329,7 +329,7 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
 
 
 def _push_apart(
-    s: State, bodies: tuple[str, str], line: Line, push: Value, found: dict[str, _Loads]
+    s: State, bodies: tuple[str, str], line: Line, push: Expr, found: dict[str, _Loads]
 ) -> None:
     """A force on two bodies along a line, away from each other."""
     for body, signed, arm in zip(bodies, (-push, push), (line.arm_a, line.arm_b), strict=True):

@@ -1,4 +1,4 @@
-"""Constraint rows of a phase and the reduced constraint force equation, as Values."""
+"""Constraint rows of a phase and the reduced constraint force equation, as expressions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +16,7 @@ from sepmc.kernel.emit.geometry import (
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.spec.kernel_spec import Row
 from sepmc.kernel.tracer.formulas import ZERO, joints, linear, scalar, square_root, vec3
-from sepmc.kernel.tracer.tracer import Value, called, product, total, where
+from sepmc.kernel.tracer.tracer import Expr, called, product, total, where
 from sepmc.routines import layout as at
 from sepmc.scene.model import GROUND
 from sepmc.schema import Status
@@ -326,10 +326,10 @@ class Factors:
 Solver = Factors | LeastSquares
 
 
-def is_finite(s: State) -> Value:
+def is_finite(s: State) -> Expr:
     """Whether a state is made of numbers: what is none spreads to the velocities of all bodies that
     it moves."""
-    found: Value = getattr(scalar, "math.isfinite")(
+    found: Expr = getattr(scalar, "math.isfinite")(
         total([x for body in s.spec.bodies for x in s.speed(body)])
     )
     return found
@@ -353,7 +353,7 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
         s.scope.store("PIVOT", where(factors.smallest < least, factors.smallest, least))
         return
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
-        if isinstance(pivot, Value):
+        if isinstance(pivot, Expr):
             share = (pivot / row[-1]).called("share")
             lose(s.scope, share > DEPENDENT, at.LEAST_SQUARES)
             least = where(share < least, share, least).called("least")

@@ -11,7 +11,7 @@ from sepmc.kernel.spec.kernel_spec import Stage
 from sepmc.kernel.spec.methods import Method, method
 from sepmc.kernel.tracer.formulas import air, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Scope, Value, total, where
+from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
 from sepmc.routines.layout import ANY_ORDER, FULL_HISTORY, GRAIN
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low
@@ -412,7 +412,7 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
 
 
-def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -> None:
+def _note_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
     """Whether pitch or roll may have gone on by a turn more or less in the step
     (`quat.turns_unclear`)."""
     c.slabs.add(f"HEADING_{body}", 4), c.slabs.add(f"LAST_RATE_{body}", 3)
@@ -424,7 +424,7 @@ def _note_winding(scope: Scope, c: Context, body: str, r: Value, omega: Value) -
     scope.store(f"LAST_RATE_{body}", _unless_idle(scope, c, omega, rate))
 
 
-def _unless_idle(scope: Scope, c: Context, now: Value, before: Any) -> Value:
+def _unless_idle(scope: Scope, c: Context, now: Expr, before: Any) -> Expr:
     """What holds after a step, if it had any length, and before."""
     return where(scope.load("STEP").equals(0.0), before, now) if c.idles else now
 

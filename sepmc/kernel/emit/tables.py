@@ -14,7 +14,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
-from sepmc.kernel.tracer.tracer import Value
+from sepmc.kernel.tracer.tracer import Expr
 from sepmc.routines import layout as at
 from sepmc.scene.model import Proximity
 from sepmc.schema import Status
@@ -243,7 +243,7 @@ def _table(c: Context, body: str) -> int:
     )
 
 
-def _flow(s: State, body: str) -> tuple[Value, Value, Value]:
+def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
     """Mach number, alpha and beta."""
     flow: Any = vec3.unrotate(s.attitude(body), vec3.add(s.speed(body), s.stream(body))).called(
         "flow"

@@ -2,9 +2,9 @@
 lines for one lane.
 
 The wiring of a kernel is ordinary Python: ``flow = vec3.unrotate(attitude, vec3.add(velocity,
-stream))`` on Values records two calls. The same call is recorded once, a value that nothing asks
-for is not written, and a value that depends on the parameters of a case alone is computed before
-the flight and kept in a slab.
+stream))`` on expressions records two calls. The same call is recorded once, a value that nothing
+asks for is not written, and a value that depends on the parameters of a case alone is computed
+before the flight and kept in a slab.
 """
 
 import math
@@ -57,13 +57,13 @@ _TAKEN |= {
 }
 
 
-class Value:
+class Expr:
     """A number, a condition or a tuple of them in the kernel that is being written."""
 
     def __init__(self, scope: "Scope", node: int, shape: Shape):
         self.scope, self.node, self.shape = scope, node, shape
 
-    def called(self, name: str) -> "Value":
+    def called(self, name: str) -> "Expr":
         """This value, written on a line of its own under that name, or that and a number."""
         self.scope.names.setdefault(self.node, name)
         return self
@@ -75,74 +75,74 @@ class Value:
             raise TypeError("a number has no parts")
         return 9 if self.shape == SYMMETRIC else int(self.shape)
 
-    def __getitem__(self, i: int) -> "Value":
+    def __getitem__(self, i: int) -> "Expr":
         shape = self.shape[i] if isinstance(self.shape, tuple) else NUMBER
-        return record("item", (self, i), shape)
+        return trace("item", (self, i), shape)
 
-    def __iter__(self) -> Iterator["Value"]:
+    def __iter__(self) -> Iterator["Expr"]:
         return (self[i] for i in range(len(self)))
 
     def __bool__(self) -> bool:
         raise TypeError("a condition of the kernel is not known while it is written: use where")
 
-    def __add__(self, other: Any) -> "Value":
-        return self if _is(other, 0.0) else record("+", (self, other), NUMBER)
+    def __add__(self, other: Any) -> "Expr":
+        return self if _is(other, 0.0) else trace("+", (self, other), NUMBER)
 
-    def __radd__(self, other: Any) -> "Value":
-        return self if _is(other, 0.0) else record("+", (other, self), NUMBER)
+    def __radd__(self, other: Any) -> "Expr":
+        return self if _is(other, 0.0) else trace("+", (other, self), NUMBER)
 
-    def __sub__(self, other: Any) -> "Value":
-        return self if _is(other, 0.0) else record("-", (self, other), NUMBER)
+    def __sub__(self, other: Any) -> "Expr":
+        return self if _is(other, 0.0) else trace("-", (self, other), NUMBER)
 
-    def __rsub__(self, other: Any) -> "Value":
-        return -self if _is(other, 0.0) else record("-", (other, self), NUMBER)
+    def __rsub__(self, other: Any) -> "Expr":
+        return -self if _is(other, 0.0) else trace("-", (other, self), NUMBER)
 
     def __mul__(self, other: Any) -> Any:
         found = _times(self, other)
-        return record("*", (self, other), NUMBER) if found is None else found
+        return trace("*", (self, other), NUMBER) if found is None else found
 
     def __rmul__(self, other: Any) -> Any:
         found = _times(self, other)
-        return record("*", (other, self), NUMBER) if found is None else found
+        return trace("*", (other, self), NUMBER) if found is None else found
 
-    def __truediv__(self, other: Any) -> "Value":
-        return record("/", (self, other), NUMBER)
+    def __truediv__(self, other: Any) -> "Expr":
+        return trace("/", (self, other), NUMBER)
 
-    def __rtruediv__(self, other: Any) -> "Value":
-        return record("/", (other, self), NUMBER)
+    def __rtruediv__(self, other: Any) -> "Expr":
+        return trace("/", (other, self), NUMBER)
 
-    def __neg__(self) -> "Value":
-        return record("neg", (self,), NUMBER)
+    def __neg__(self) -> "Expr":
+        return trace("neg", (self,), NUMBER)
 
-    def equals(self, other: Any) -> "Value":
+    def equals(self, other: Any) -> "Expr":
         """The condition that this number is another."""
-        return record("==", (self, other), CONDITION)
+        return trace("==", (self, other), CONDITION)
 
-    def __lt__(self, other: Any) -> "Value":
-        return record("<", (self, other), CONDITION)
+    def __lt__(self, other: Any) -> "Expr":
+        return trace("<", (self, other), CONDITION)
 
-    def __le__(self, other: Any) -> "Value":
-        return record("<=", (self, other), CONDITION)
+    def __le__(self, other: Any) -> "Expr":
+        return trace("<=", (self, other), CONDITION)
 
-    def __gt__(self, other: Any) -> "Value":
-        return record(">", (self, other), CONDITION)
+    def __gt__(self, other: Any) -> "Expr":
+        return trace(">", (self, other), CONDITION)
 
-    def __ge__(self, other: Any) -> "Value":
-        return record(">=", (self, other), CONDITION)
+    def __ge__(self, other: Any) -> "Expr":
+        return trace(">=", (self, other), CONDITION)
 
-    def __and__(self, other: "Value") -> "Value":
-        return record("and", (self, other), CONDITION)
+    def __and__(self, other: "Expr") -> "Expr":
+        return trace("and", (self, other), CONDITION)
 
-    def __or__(self, other: "Value") -> "Value":
-        return record("or", (self, other), CONDITION)
+    def __or__(self, other: "Expr") -> "Expr":
+        return trace("or", (self, other), CONDITION)
 
 
 def _is(a: Any, number: float) -> bool:
     """Whether something is a number known now, and that one."""
-    return not isinstance(a, Value) and a == number
+    return not isinstance(a, Expr) and a == number
 
 
-def _times(value: Value, factor: Any) -> Any:
+def _times(value: Expr, factor: Any) -> Any:
     """A product with 0, 1 or -1."""
     if _is(factor, 0.0):
         return 0.0
@@ -150,14 +150,14 @@ def _times(value: Value, factor: Any) -> Any:
 
 
 def called(value: Any, name: str) -> Any:
-    """`Value.called` of what may be a number known now."""
-    return value.called(name) if isinstance(value, Value) else value
+    """`Expr.called` of what may be a number known now."""
+    return value.called(name) if isinstance(value, Expr) else value
 
 
-def where(condition: Value, one: Any, other: Any) -> Value:
+def where(condition: Expr, one: Any, other: Any) -> Expr:
     """``one`` where a condition holds, elsewhere ``other``; both are computed."""
-    shape = next((v.shape for v in (one, other) if isinstance(v, Value)), NUMBER)
-    return record("where", (condition, one, other), shape)
+    shape = next((v.shape for v in (one, other) if isinstance(v, Expr)), NUMBER)
+    return trace("where", (condition, one, other), shape)
 
 
 def total(values: Sequence[Any]) -> Any:
@@ -175,20 +175,20 @@ def product(a: Any, b: Any) -> Any:
     return total(terms) if terms else 0.0
 
 
-def record(op: str, args: tuple[Any, ...], shape: Shape) -> Value:
+def trace(op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
     """A call of an operator or formula, in the scope of what it depends on most: a phase's
     function, or else the case alone."""
-    found = [value.scope for value in _values(args)]
+    found = [value.scope for value in _expressions(args)]
     scope = next((scope for scope in found if scope.case is not None), found[0])
     return scope.add(op, args, shape)
 
 
-def _values(args: Any) -> Iterator[Value]:
+def _expressions(args: Any) -> Iterator[Expr]:
     for a in args:
-        if isinstance(a, Value):
+        if isinstance(a, Expr):
             yield a
         elif isinstance(a, tuple):
-            yield from _values(a)
+            yield from _expressions(a)
 
 
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -204,42 +204,42 @@ class Scope:
         self.names: dict[int, str] = {}
         self._known: dict[Any, int] = {}
         # what places hold, and after how many nodes that was stored
-        self.stores: dict[str, tuple[int, Value]] = {}
+        self.stores: dict[str, tuple[int, Expr]] = {}
         # of the case: slabs that its values are kept in, for other scopes
         self._kept: dict[int, str] = {}
         self.comments: list[tuple[int, str]] = []  # and after how many nodes each stands
 
     # -- recording
 
-    def add(self, op: str, args: tuple[Any, ...], shape: Shape) -> Value:
+    def add(self, op: str, args: tuple[Any, ...], shape: Shape) -> Expr:
         """Record a call, or find it."""
         args = self._adopted(args)
         key = (op, shape, _key(args))
         if key not in self._known:
             self._known[key] = len(self.nodes)
             self.nodes.append((op, args, shape))
-        return Value(self, self._known[key], shape)
+        return Expr(self, self._known[key], shape)
 
-    def load(self, place: str, shape: Shape = NUMBER) -> Value:
+    def load(self, place: str, shape: Shape = NUMBER) -> Expr:
         """What stands at a place of the workspace, such as ``S + X_body1``; or what was stored
         there before."""
         return self.stores[place][1] if place in self.stores else self.add("load", (place,), shape)
 
-    def parameter(self, place: int) -> Value:
+    def parameter(self, place: int) -> Expr:
         """A parameter of a case by its place in the vector of parameters."""
         return self.add("parameter", (place,), NUMBER)
 
-    def shared(self, place: int, shape: Shape = NUMBER) -> Value:
+    def shared(self, place: int, shape: Shape = NUMBER) -> Expr:
         """What all cases share, by its place."""
         return self.add("shared", (place,), shape)
 
-    def named(self, name: str) -> Value:
+    def named(self, name: str) -> Expr:
         """A constant of the module, or an argument of the function."""
         return self.add("named", (name,), NUMBER)
 
     def store(self, place: str, value: Any) -> None:
         """Put a value at a place; only what stands there at the end is written."""
-        if not isinstance(value, Value):
+        if not isinstance(value, Expr):
             value = self.add(
                 "tuple" if isinstance(value, tuple) else "constant",
                 (value,),
@@ -254,19 +254,19 @@ class Scope:
 
     def here(self, value: Any) -> Any:
         """A value as this scope sees it, so that its parts are read where the whole is kept."""
-        return self._adopt(value) if isinstance(value, Value) else value
+        return self._adopt(value) if isinstance(value, Expr) else value
 
     def _adopted(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(
             self._adopt(a)
-            if isinstance(a, Value)
+            if isinstance(a, Expr)
             else self._adopted(a)
             if isinstance(a, tuple)
             else a
             for a in args
         )
 
-    def _adopt(self, value: Value) -> Value:
+    def _adopt(self, value: Expr) -> Expr:
         """A value as this scope sees it: one of the case is kept in a slab; numbers of the file are
         read where they stand."""
         if value.scope is self:
@@ -277,7 +277,7 @@ class Scope:
             return self.add(op, args, shape)
         return self.add("load", (value.scope.keep(value),), shape)
 
-    def keep(self, value: Value) -> str:
+    def keep(self, value: Expr) -> str:
         """The slab in which a value of the case is kept for the flight."""
         if value.node not in self._kept:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
@@ -318,7 +318,7 @@ class Scope:
         crossing = {node: name for needed in again for name, node in needed.items()}
         read = {node for node in crossing if self.nodes[node][0] == "parameter"}
         fresh = crossing.keys() - self._kept.keys() - read
-        values = {node: Value(self, node, self.nodes[node][2]) for node in crossing}
+        values = {node: Expr(self, node, self.nodes[node][2]) for node in crossing}
         places = {node: self.keep(values[node]) for node in sorted(crossing.keys() - read)}
         for part, needed in zip(parts, again, strict=True):
             loop = []
@@ -358,13 +358,13 @@ class _Writer:
             a = left.pop()
             if isinstance(a, tuple):
                 left += a
-            elif isinstance(a, Value):
+            elif isinstance(a, Expr):
                 self.uses[a.node] = self.uses.get(a.node, 0) + 1
                 if self.uses[a.node] == 1:
                     op, parts, _ = self.scope.nodes[a.node]
                     left += parts
                     if op == "where":
-                        self.alone |= {part.node for part in parts[1:] if isinstance(part, Value)}
+                        self.alone |= {part.node for part in parts[1:] if isinstance(part, Expr)}
 
     def lines(self) -> list[tuple[int, int, str]]:
         """The lines of a lane, each with the number of its value and its order there; what stands
@@ -440,12 +440,12 @@ class _Writer:
         ``least``."""
         if isinstance(a, tuple):
             return f"({', '.join(self._spell(part) for part in a)}{',' if len(a) == 1 else ''})"
-        if not isinstance(a, Value):
+        if not isinstance(a, Expr):
             return _number(a)
         code, precedence = self.spelled[a.node]
         return code if precedence >= least else f"({code})"
 
-    def store(self, place: str, value: Value) -> list[str]:
+    def store(self, place: str, value: Expr) -> list[str]:
         """The lines that put a value at a place, one behind the other the items of a tuple."""
         code = self._spell(value)
         if isinstance(value.shape, tuple):
@@ -503,7 +503,7 @@ _READINGS: dict[str, Callable[[Any, Shape], tuple[str, int]]] = {
 
 
 def _key(a: Any) -> Any:
-    if isinstance(a, Value):
+    if isinstance(a, Expr):
         return ("value", a.node)
     if isinstance(a, tuple):
         return tuple(_key(part) for part in a)
@@ -535,29 +535,29 @@ def _number(a: Any) -> str:
 
 
 class Formulas:
-    """Formulas of a module of the physics, which the wiring calls as it would call them: on Values
-    they are recorded."""
+    """Formulas of a module of the physics, which the wiring calls as it would call them: on
+    expressions they are recorded."""
 
     def __init__(self, prefix: str, shapes: dict[str, Shape]):
         self._prefix, self._shapes = prefix, shapes
 
-    def __getattr__(self, name: str) -> Callable[..., Value]:
+    def __getattr__(self, name: str) -> Callable[..., Expr]:
         if name not in self._shapes:
             raise AttributeError(name)
         op = f"{self._prefix}.{name}" if self._prefix else name
-        return lambda *args: record(op, args, self._shapes[name])
+        return lambda *args: trace(op, args, self._shapes[name])
 
 
 __all__ = [
     "CONDITION",
     "NUMBER",
     "SYMMETRIC",
+    "Expr",
     "Formulas",
     "Scope",
-    "Value",
     "called",
     "product",
-    "record",
     "total",
+    "trace",
     "where",
 ]
