@@ -260,10 +260,13 @@ def compile_(
         from sepmc.campaign.execution import step_selection
         from sepmc.engine.dispatch import load_kernel
         from sepmc.kernel.spec.structure import make_kernel_spec
-        from sepmc.routines.layout import USUAL
+        from sepmc.kernel.spec.variant import Variant
 
         history = loaded.scene.run.history_step > 0.0 and not stats_only
-        cares = [USUAL, *(make_kernel_spec(loaded.plan, loaded.dispersed).spares if spares else [])]
+        cares = [
+            Variant.STANDARD,
+            *(make_kernel_spec(loaded.plan, loaded.dispersed).fallbacks if spares else []),
+        ]
         start = time.perf_counter()
         for care in cares:
             load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)

@@ -18,7 +18,7 @@ def written(shape: KernelSpec, method_name: str, history: int = NO_HISTORY) -> s
     from sepmc.engine.cache_files import put_sealed, read_sealed  # noqa: PLC0415
     from sepmc.jit import CACHE_FOLDER, digest_of  # noqa: PLC0415
 
-    shaped = shape.layout, shape.names, sorted(shape.dispersed), shape.care
+    shaped = shape.layout, shape.names, sorted(shape.dispersed), shape.variant
     asked = pickle.dumps((*shaped, method_name, history))
     digest = hashlib.sha256(asked + digest_of(_WRITERS)).hexdigest()[:32]
     path = CACHE_FOLDER / f"text_{digest}.sealed"

@@ -25,7 +25,8 @@ from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, make_parameter_layout
 from sepmc.kernel.spec.structure import brief_transient, make_kernel_spec
-from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.kernel.spec.variant import Variant
+from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -93,19 +94,19 @@ def fly_single(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_parameter_layout(scene), USUAL
+    plan, care = make_parameter_layout(scene), Variant.STANDARD
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_kernel_spec(plan, care=care)
+        shape = make_kernel_spec(plan, variant=care)
         flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
         except _LostError as lost:
             status, finite = np.array(lost.status), np.array(flight.finite)
-            more = [spare for spare in shape.spares if helped(status, spare, finite)]
+            more = [spare for spare in shape.fallbacks if helped(status, spare, finite)]
             if not more:
                 return flight.lost(lost.status)
-            care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
+            care = more[0] if lost.status != Variant.LEAST_SQUARES else Variant.LEAST_SQUARES
 
 
 def invalid(scene: Scene, columns: int) -> Single:
@@ -372,7 +373,7 @@ class _SingleFlight:
         found, status, _ = self._once(steps)
         if 0 <= status <= Status.NEVER_RELEASED:
             self.ended.append((steps, found.copy()))
-        spared = steps.max() > _HOPELESS and ANY_ORDER in self.shape.spares
+        spared = steps.max() > _HOPELESS and Variant.ANY_ORDER in self.shape.fallbacks
         if status < FINER_STEPS or (status == FINER_STEPS and spared):
             raise _LostError(status)
         return found, status

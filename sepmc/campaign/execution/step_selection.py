@@ -50,7 +50,7 @@ from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
-from sepmc.routines.layout import USUAL
+from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
@@ -77,7 +77,10 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, care: int = USUAL
+    campaign: Definition,
+    solver: str | None = None,
+    history: bool = False,
+    care: int = Variant.STANDARD,
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
@@ -88,7 +91,7 @@ def kernel_text(
     )
 
 
-def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
+def stage_names(campaign: Definition, care: int = Variant.STANDARD) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
     found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     return [
@@ -97,7 +100,9 @@ def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
+def spares(
+    campaign: Definition, history: bool = False, care: int = Variant.STANDARD
+) -> tuple[Spare, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
     found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
@@ -107,7 +112,7 @@ def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tu
     def make(care: int, announce: Say | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(Spare(more, partial(make, more), numbers) for more in found.fallbacks)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -183,7 +188,7 @@ def _is_wide(law: Dispersion) -> bool:
 
 def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = USUAL
+    care = Variant.STANDARD
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)

@@ -14,6 +14,7 @@ from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, 
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import APART, Change, Due, Release, Stage, ended, met, numbers_of
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
@@ -324,7 +325,9 @@ def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
     scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
     now = scope.load("T")
     if stage.after_late:  # its end came while a late joint held on
-        lose(scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), at.ANY_ORDER)
+        lose(
+            scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
+        )
     until = scalar.larger(time, now)
     scope.store(
         f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay)

@@ -8,6 +8,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.emit.steps import hold_back
 from sepmc.kernel.spec.kernel_spec import Event, Stage
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, Scope, called, where
@@ -209,7 +210,7 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
         s.case.number(stage.delay) if stage.delay is not None else math.inf
     )
     counts = scope.named("first").equals(0.0) & late & met
-    lose_if(scope, counts, at.ANY_ORDER)
+    lose_if(scope, counts, Variant.ANY_ORDER)
     for k, now in enumerate((value, rate, time)):
         scope.store(part(name, k), now)
     scope.write(text)

@@ -11,6 +11,7 @@ from sepmc.kernel.emit.context import lose, part
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.rows import JointRow, Rows
 from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import UNIT, linear, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
@@ -158,7 +159,7 @@ class FullSystem:
             scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}")
         )
         pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
-        lose(scope, pivot > 0.0, at.LEAST_SQUARES)
+        lose(scope, pivot > 0.0, Variant.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
             return tuple(scope.load(part(f"FOUND_{name}", k + i)) for i in range(3))

@@ -11,6 +11,7 @@ from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_jo
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
 from sepmc.kernel.emit.wrenches import force_of, moment_of
 from sepmc.kernel.spec.kernel_spec import Row, Stage
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, guides, scalar, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, total, where
@@ -106,7 +107,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     lose(
         s.scope,
         drives | sliding.equals(0.0) if isinstance(sliding, Expr) else drives,
-        at.LEAST_SQUARES,
+        Variant.LEAST_SQUARES,
     )
     left = (faster / mobility).called("left")  # of the drive, by friction
     forces, of_one = pin_forces(s, motion, joint), pin_forces(s, per_newton, joint)

@@ -10,6 +10,7 @@ from sepmc.kernel.emit.ignition import lights
 from sepmc.kernel.emit.tables import looks_up
 from sepmc.kernel.spec.kernel_spec import ended
 from sepmc.kernel.spec.packing import aero_terms
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, total, where
@@ -128,7 +129,7 @@ def emit_centre(out: Text, c: Context) -> None:
             lose(
                 scope,
                 (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
-                at.ANY_ORDER,
+                Variant.ANY_ORDER,
             )
     scope.write(text)
 

@@ -15,6 +15,7 @@ from sepmc.kernel.emit.geometry import (
 )
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.spec.kernel_spec import Row
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, joints, linear, scalar, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, called, product, total, where
 from sepmc.routines import layout as at
@@ -186,7 +187,7 @@ class Rows:
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        lose(self.s.scope, left <= DEPENDENT * own, at.LEAST_SQUARES)
+        lose(self.s.scope, left <= DEPENDENT * own, Variant.LEAST_SQUARES)
 
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
@@ -355,6 +356,6 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Expr):
             share = (pivot / row[-1]).called("share")
-            lose(s.scope, share > DEPENDENT, at.LEAST_SQUARES)
+            lose(s.scope, share > DEPENDENT, Variant.LEAST_SQUARES)
             least = where(share < least, share, least).called("least")
     s.scope.store("PIVOT", least)

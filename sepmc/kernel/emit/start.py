@@ -5,6 +5,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, lose, part
 from sepmc.kernel.emit.tables import has_tables
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import quat, vec3, vehicle
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total, where
@@ -50,7 +51,7 @@ def emit_prepare(out: Text, c: Context) -> None:
                 total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]),
             )
     for joint in [] if spec.any_order else spec.failing:
-        lose(scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, at.ANY_ORDER)
+        lose(scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, Variant.ANY_ORDER)
     if slabs.has("AIR"):  # a look-up, lane by lane
         inner = text.lanes()
         inner(

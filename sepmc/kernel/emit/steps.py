@@ -9,10 +9,11 @@ import numpy as np
 from sepmc.kernel.emit.context import Context, height, lose, lost_unless, part
 from sepmc.kernel.spec.kernel_spec import Stage
 from sepmc.kernel.spec.methods import Method, method
+from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import air, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
-from sepmc.routines.layout import ANY_ORDER, FULL_HISTORY, GRAIN
+from sepmc.routines.layout import FULL_HISTORY, GRAIN
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low
 # order, only a small part of it: hundredths are usual, and a way much longer is that to END, of an
@@ -457,7 +458,11 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
         air.geopotential(now).called("reached"),
         air.geopotential(top).called("reached"),
     ):
-        lose(scope, (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")), ANY_ORDER)
+        lose(
+            scope,
+            (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
+            Variant.ANY_ORDER,
+        )
 
 
 def emit_guard(out: Text, c: Context) -> None:

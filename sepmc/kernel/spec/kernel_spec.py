@@ -8,6 +8,7 @@ from functools import cached_property
 
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import joint_axes, slides
 from sepmc.scene.model import GROUND, Motor, Scene
@@ -245,7 +246,7 @@ class KernelSpec:
     # bodies in the order their attitudes stand in the state: leaders of the first phase first
     turning: list[str]
     changes: list[Change]  # what events tell joints
-    care: int  # USUAL, ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`
+    variant: Variant
     failing: list[str]  # joints that may fail to let go
     switches: bool  # whether loads switch on or off within a flight
     borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
@@ -294,11 +295,11 @@ class KernelSpec:
     def any_order(self) -> bool:
         """Whether joints that are late, fail or are released apart from phases may let go before or
         after any event."""
-        return self.care <= at.ANY_ORDER
+        return self.variant <= Variant.ANY_ORDER
 
     @property
-    def spares(self) -> list[int]:
-        """With what care kernels may fly cases that one of this shape loses: in which joints are
+    def fallbacks(self) -> list[Variant]:
+        """With what variant kernels may fly cases that one of this shape loses: in which joints are
         late beyond the next event or fail, or bodies leave their layer of air though that was not
         foreseen, or an event comes much later than it is foretold; in which rows cease to follow
         from others, or come to."""
@@ -307,10 +308,10 @@ class KernelSpec:
         )
         lost = lost or any(stage.events and stage.stops == 1 for stage in self.stages)
         lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
-        found = [at.ANY_ORDER] if lost and not self.any_order else []
+        found = [Variant.ANY_ORDER] if lost and not self.any_order else []
         return found + (
-            [at.LEAST_SQUARES]
-            if self.care != at.LEAST_SQUARES and any(stage.rows for stage in self.stages)
+            [Variant.LEAST_SQUARES]
+            if self.variant != Variant.LEAST_SQUARES and any(stage.rows for stage in self.stages)
             else []
         )
 

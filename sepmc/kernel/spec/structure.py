@@ -10,6 +10,7 @@ from sepmc.kernel.spec.heights import may_pass_borders
 from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Stage
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines import layout as at
 from sepmc.scene.kinds import rows_of
 from sepmc.scene.model import GROUND, Phase, Scene, Until
@@ -64,24 +65,26 @@ def _may_be_late(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
 
 
 def make_kernel_spec(
-    layout: ParameterLayout, dispersed: frozenset[str] = frozenset(), care: int = at.USUAL
+    layout: ParameterLayout,
+    dispersed: frozenset[str] = frozenset(),
+    variant: int = Variant.STANDARD,
 ) -> KernelSpec:
     """The spec of a scene.
 
     A joint that is late lets go between two phases, in a stage of its own; a case in which the next
-    phase ends meanwhile is lost. With the ``care`` of ANY_ORDER, and for scenes that need it, it
+    phase ends meanwhile is lost. With the ``variant`` of ANY_ORDER, and for scenes that need it, it
     may let go whenever it is due, in any phase: stages are the phases, and what such joints hold is
     masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any
     case.
     """
-    if care == at.USUAL:
-        spec = _make(layout, dispersed, at.USUAL)
+    if variant == Variant.STANDARD:
+        spec = _make(layout, dispersed, Variant.STANDARD)
         if not _needs_any_order(spec):
             return spec
-    return _make(layout, dispersed, min(care, at.ANY_ORDER))
+    return _make(layout, dispersed, Variant(min(variant, Variant.ANY_ORDER)))
 
 
-def _make(layout: ParameterLayout, dispersed: frozenset[str], care: int) -> KernelSpec:
+def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) -> KernelSpec:
     names = Names(layout.scene)
     layout, dispersed = names.layout(layout), frozenset(names.path(path) for path in dispersed)
     scene = layout.scene
@@ -91,7 +94,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], care: int) -> Kern
         if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed
     }
     switches, releases = _breaks(scene, dispersed), _releases(layout, dispersed)
-    stages, any_order = _stages(layout, dispersed, releases, care), care <= at.ANY_ORDER
+    stages, any_order = _stages(layout, dispersed, releases, variant), variant <= Variant.ANY_ORDER
     in_layers = scene.environment.atmosphere == "us1976" and any(
         body.aerodynamics is not None for body in scene.body.values()
     )
@@ -131,7 +134,7 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], care: int) -> Kern
         stages,
         turning,
         _changes(scene),
-        care,
+        variant,
         failing,
         switches > 0,
         borders,
@@ -139,13 +142,13 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], care: int) -> Kern
 
 
 def _stages(
-    layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], care: int
+    layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], variant: Variant
 ) -> list[Stage]:
     """The stages of a flight, with what ends each by itself."""
-    scene, stages, any_order = layout.scene, list[Stage](), care <= at.ANY_ORDER
+    scene, stages, any_order = layout.scene, list[Stage](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
-        stage = _stage(scene, phase.name, phase.name, may, layout.bodies, releases, care)
+        stage = _stage(scene, phase.name, phase.name, may, layout.bodies, releases, variant)
         if phase.until is not None and _is_manifold(scene, phase.until):
             _add_clauses(stage, number, layout, dispersed)
         else:
@@ -246,7 +249,7 @@ def _add_late(
         before = _may_hold(scene, joint, number - 1, dispersed, False)
         may[joint] = before | stage.may[joint] if len(late) > 1 else before
     between = _stage(
-        scene, f"{phase.name}_late", phase.name, may, layout.bodies, releases, at.USUAL
+        scene, f"{phase.name}_late", phase.name, may, layout.bodies, releases, Variant.STANDARD
     )
     between.late, between.awaited = late, awaited
     if _holds_alike(stages[-1], between):
@@ -402,7 +405,7 @@ def _stage(
     may: dict[str, Kinds],
     bodies: list[str],
     releases: list[Release],
-    care: int,
+    variant: Variant,
 ) -> Stage:
     """Groups and rows of a stage. Rotations within a group are left out: its bodies share one
     attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
@@ -425,7 +428,7 @@ def _stage(
     made.redundant = len(dependent_rows(scene, largest, []))
     made.groups = alone
     made.least_squares = bool(made.every_row) and (
-        care == at.LEAST_SQUARES or (care == at.ANY_ORDER and made.redundant > 0)
+        variant == Variant.LEAST_SQUARES or (variant == Variant.ANY_ORDER and made.redundant > 0)
     )
     made.full = (
         scene.solver.formulation == "full"
