@@ -188,7 +188,7 @@ def _is_wide(law: Dispersion) -> bool:
 
 def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = Variant.STANDARD
+    care: int = Variant.STANDARD
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
