@@ -118,7 +118,9 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         inside, outside = features(shape)
         click.echo("  kernel       written for the scene (print it with --code)")
         called = shape.names.back
-        for stage, stage_name in zip(shape.stages, step_selection.stage_names(loaded), strict=True):
+        for stage, stage_name in zip(
+            shape.segments, step_selection.stage_names(loaded), strict=True
+        ):
             groups = [
                 " and ".join(called.get(body, body) for body in group)
                 for group in stage.groups

@@ -217,9 +217,9 @@ def load(text: str) -> Kernel:
             _in_python(plain)
         _loaded.clear()  # one scene at a time: a thousand would fill the memory
         _loaded[text] = Kernel(
-            guards=module.GUARDS,
-            stages=module.STAGES,
-            changes=module.CHANGES,
+            guards=module.N_INDICATORS,
+            stages=module.N_SEGMENTS,
+            changes=module.N_CHANGES,
             methods=module.METHODS,
             plain=module,
         )

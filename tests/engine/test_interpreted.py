@@ -22,7 +22,7 @@ import numpy as np
 from sepmc.physics import elementary, vec3
 from sepmc.routines import linear
 from sepmc.routines.clearances import search_clearance
-GUARDS, STAGES, CHANGES, METHODS = 0, 0, 0, ()
+N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()
 
 def over(a, b):
     return a / b

@@ -328,7 +328,11 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     campaign = with_all_loads(scene(COMPILED))
     flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
     assert (
-        max(stage.stops for stage in make_kernel_spec(campaign.plan, campaign.dispersed).stages) > 1
+        max(
+            segment.stops
+            for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
+        )
+        > 1
     )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):

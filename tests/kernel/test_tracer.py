@@ -234,7 +234,7 @@ def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names if home != "lanes")
     text = (
-        f"GUARDS, STAGES, CHANGES, METHODS = 0, 0, 0, ()\nfrom sepmc.physics import {homes}\nfrom "
+        f"N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()\nfrom sepmc.physics import {homes}\nfrom "
         "sepmc.routines import lanes"
     )
     return interpreted.load(text).plain

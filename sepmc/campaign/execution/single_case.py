@@ -433,11 +433,11 @@ def _instants(
     found: list[tuple[float, int, int]] = []
     phases: list[int] = []
     begin = 0.0
-    for number, (stage, end) in enumerate(zip(shape.stages, ends, strict=True)):
-        late = 0.0 if stage.delay is None else float(shape.layout.nominal[stage.delay])
+    for number, (segment, end) in enumerate(zip(shape.segments, ends, strict=True)):
+        late = 0.0 if segment.delay is None else float(shape.layout.nominal[segment.delay])
         for until, phase in (
             (max(begin, end - late), _phase(shape, number)),
-            (end, _phase(shape, number + (stage.delay is not None))),
+            (end, _phase(shape, number + (segment.delay is not None))),
         ):
             if until - begin > _SAME_TIME:
                 within = np.unique(
@@ -459,6 +459,6 @@ def _instants(
 
 
 def _phase(shape: KernelSpec, number: int) -> int:
-    """The phase of a stage; that in which joints are late is part of the next."""
-    following = next(stage for stage in shape.stages[number:] if not stage.late)
+    """The phase of a segment; that in which joints are late is part of the next."""
+    following = next(segment for segment in shape.segments[number:] if not segment.late)
     return [phase.name for phase in shape.scene.phase].index(following.phase)

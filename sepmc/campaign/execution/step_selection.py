@@ -92,11 +92,11 @@ def kernel_text(
 
 
 def stage_names(campaign: Definition, care: int = Variant.STANDARD) -> list[str]:
-    """What the stages of a campaign's kernel are, in the words of its file."""
+    """What the segments of a campaign's kernel are, in the words of its file."""
     found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     return [
-        found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
-        for stage in found.stages
+        found.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in found.segments
     ]
 
 

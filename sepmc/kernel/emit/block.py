@@ -13,7 +13,16 @@ from sepmc.kernel.emit.monitor import side_before
 from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, tip_offs
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
-from sepmc.kernel.spec.kernel_spec import APART, Change, Due, Release, Stage, ended, met, numbers_of
+from sepmc.kernel.spec.kernel_spec import (
+    APART,
+    Change,
+    Due,
+    Release,
+    Segment,
+    ended,
+    met,
+    numbers_of,
+)
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
 from sepmc.kernel.tracer.text import Text
@@ -50,15 +59,15 @@ def emit_block(out: Text, c: Context) -> None:
     block = Text()
     text = block.function("fly_block(w, first: int, a: Arrays)", says)
     text(*_STEPS, "begin(w, first, a)")
-    for number, stage in enumerate(c.spec.stages):
-        text(f"# {stage.name}", f"enter_{stage.name}(w)")
-        _enter(parts, c, number, stage)
-        if stage.stops > 1:
-            _stretch(text.block(f"for _ in range({stage.stops}):"), c, number, stage)
+    for number, segment in enumerate(c.spec.segments):
+        text(f"# {segment.name}", f"enter_{segment.name}(w)")
+        _enter(parts, c, number, segment)
+        if segment.stops > 1:
+            _stretch(text.block(f"for _ in range({segment.stops}):"), c, number, segment)
         else:
-            _stretch(text, c, number, stage)
-        text(f"leave_{stage.name}(w)")
-        _leave(parts, c, number, stage)
+            _stretch(text, c, number, segment)
+        text(f"leave_{segment.name}(w)")
+        _leave(parts, c, number, segment)
     text("finish(w, first, a)")
     says = "Outcomes of a block, and what is told of its cases, into the arrays that go out."
     results = parts.function("finish(w, first: int, a: Arrays)", says)
@@ -102,53 +111,53 @@ def _begin(out: Text, c: Context) -> None:
         text.lanes().block("for k in range(nominal.shape[0]):")(
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
         )
-    text(f"energy_{c.spec.stages[0].name}(w, 1.0)")
+    text(f"energy_{c.spec.segments[0].name}(w, 1.0)")
 
 
-def _enter(out: Text, c: Context, number: int, stage: Stage) -> None:
+def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
     """The function of what is so as a phase begins."""
-    text = out.function(f"enter_{stage.name}(w)", "What is so as a phase begins.")
-    if number == 0 and stage.rows:
-        text(f"correct_{stage.name}(w)")
+    text = out.function(f"enter_{segment.name}(w)", "What is so as a phase begins.")
+    if number == 0 and segment.rows:
+        text(f"correct_{segment.name}(w)")
         _check_start(text, c)
-    if number == 0 and any(GROUND in group and len(group) > 1 for group in stage.groups):
+    if number == 0 and any(GROUND in group and len(group) > 1 for group in segment.groups):
         _stand_still(text, c)
-    if number and stage.end_time:
-        _begin_timed(text, c, stage)
-    if stage.late:
-        _begin_late(text, c, stage)
-    _forget_sides(text, c, stage)
-    if stage.awaited:
-        text(f"await_{stage.name}(w, 1.0)")
-    if stage.releases:
-        _note_told(text, c, stage)
-    if stage.masked:
-        _let_go(text, c, stage)
-    if stage.stops > 1:
+    if number and segment.end_time:
+        _begin_timed(text, c, segment)
+    if segment.late:
+        _begin_late(text, c, segment)
+    _forget_sides(text, c, segment)
+    if segment.awaited:
+        text(f"await_{segment.name}(w, 1.0)")
+    if segment.releases:
+        _note_told(text, c, segment)
+    if segment.masked:
+        _let_go(text, c, segment)
+    if segment.stops > 1:
         text.lanes()("w[DONE + l] = 0.0")
-        if stage.clauses:
-            _begin_clauses(text, c, stage)
+        if segment.clauses:
+            _begin_clauses(text, c, segment)
 
 
-def _leave(out: Text, c: Context, number: int, stage: Stage) -> None:
+def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     """The function of what is so as a phase ends."""
-    text = out.function(f"leave_{stage.name}(w)", "What is so as a phase ends.")
-    if stage.rows:
-        text(f"correct_{stage.name}(w)")
+    text = out.function(f"leave_{segment.name}(w)", "What is so as a phase ends.")
+    if segment.rows:
+        text(f"correct_{segment.name}(w)")
         text.block("for e in range(4 * LANES):")(
             "w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])"
         )
     scope = c.scope()
-    c.slabs.add(f"ENDED_{stage.name}", 1)
+    c.slabs.add(f"ENDED_{segment.name}", 1)
     if number:
         lose(
             scope,
-            scope.load("T") >= scope.load(f"ENDED_{c.spec.stages[number - 1].name}") - _SAME_TIME,
+            scope.load("T") >= scope.load(f"ENDED_{c.spec.segments[number - 1].name}") - _SAME_TIME,
         )
-    scope.store(f"ENDED_{stage.name}", scope.load("T"))
+    scope.store(f"ENDED_{segment.name}", scope.load("T"))
     scope.write(text)
-    if number + 1 < len(c.spec.stages):
-        _hand_over(text, c, stage, c.spec.stages[number + 1])
+    if number + 1 < len(c.spec.segments):
+        _hand_over(text, c, segment, c.spec.segments[number + 1])
     elif c.spec.masked:
         _note_unreleased(text, c)
 
@@ -177,38 +186,38 @@ def _comes(scope: Scope, c: Context, change: Change) -> Expr:
     return scope.load(f"COMES_{change.event}")
 
 
-def _due(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[Change, Expr]]:
-    """Changes that a joint may make in a stage, and when each is due."""
+def _due(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[Change, Expr]]:
+    """Changes that a joint may make in a segment, and when each is due."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
     if joint in c.spec.failing:  # it never lets go
         delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
     for change in c.spec.told(joint):
-        if change.to in stage.may[joint] and change.to > min(stage.may[joint]):
+        if change.to in segment.may[joint] and change.to > min(segment.may[joint]):
             yield change, _comes(scope, c, change) + delay
 
 
-def _forget_sides(text: Text, c: Context, stage: Stage) -> None:
+def _forget_sides(text: Text, c: Context, segment: Segment) -> None:
     """On which side of its threshold a load is, is new to a phase that waits for it to cross it."""
-    for load in stage.loads:
+    for load in segment.loads:
         if load.direction and not load.apart:
-            text.lanes()(f"w[{side_before(stage, load)} + l] = 0.0")
+            text.lanes()(f"w[{side_before(segment, load)} + l] = 0.0")
 
 
-def _begin_clauses(text: Text, c: Context, stage: Stage) -> None:
+def _begin_clauses(text: Text, c: Context, segment: Segment) -> None:
     """None of several conditions is met, but for times that are past."""
     scope = c.scope()
-    for number in numbers_of(stage.clauses):
-        c.slabs.add(met(stage.name, number), 1)
-        scope.store(met(stage.name, number), 0.0)
+    for number in numbers_of(segment.clauses):
+        c.slabs.add(met(segment.name, number), 1)
+        scope.store(met(segment.name, number), 0.0)
     scope.write(text)
-    _note_clauses(text, c, stage)
+    _note_clauses(text, c, segment)
 
 
-def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
+def _note_clauses(text: Text, c: Context, segment: Segment) -> None:
     """Which of several conditions are times that have come, and whether a phase is at its end."""
     scope = c.scope()
-    done = (scope.load("DONE") > 0.0) | _holds(scope, c, stage.name, stage)
+    done = (scope.load("DONE") > 0.0) | _holds(scope, c, segment.name, segment)
     scope.store("DONE", where(done, 1.0, 0.0))
     scope.write(text)
 
@@ -216,17 +225,17 @@ def _note_clauses(text: Text, c: Context, stage: Stage) -> None:
 def _holds(
     scope: Scope,
     c: Context,
-    stage: str,
-    told: Stage | Release,
+    segment: str,
+    told: Segment | Release,
 ) -> Expr:
     """Whether any of the clauses of what is told is met, each all of conditions; of these, times
     that have come and ends of springs are noted."""
     flags = {}
     for number in numbers_of(told.clauses):
-        flags[number] = scope.load(met(stage, number)) > 0.0
+        flags[number] = scope.load(met(segment, number)) > 0.0
     for number, comes in _comes_now(scope, c, told):
         flags[number] = flags[number] | comes
-        scope.store(met(stage, number), where(flags[number], 1.0, 0.0))
+        scope.store(met(segment, number), where(flags[number], 1.0, 0.0))
     found = None
     for clause in told.clauses:
         together = flags[clause[0]]
@@ -237,7 +246,7 @@ def _holds(
     return found
 
 
-def _comes_now(scope: Scope, c: Context, told: Stage | Release) -> Iterator[tuple[int, Expr]]:
+def _comes_now(scope: Scope, c: Context, told: Segment | Release) -> Iterator[tuple[int, Expr]]:
     """Conditions, by number, that no step is aimed at, for time or a spring tell: whether each
     holds."""
     now = scope.load("T")
@@ -257,11 +266,11 @@ def _time(scope: Scope, c: Context, due: Due) -> Expr:
     return total(terms)
 
 
-def _note_told(text: Text, c: Context, stage: Stage) -> None:
+def _note_told(text: Text, c: Context, segment: Segment) -> None:
     """Which releases apart from phases have come, and instants that are told of, with the state
     then."""
     scope = c.scope()
-    for release in stage.releases:
+    for release in segment.releases:
         for number in numbers_of(release.clauses):
             c.start(met(APART, number), 0.0)
         place = f"COMES_{release.name}"
@@ -272,12 +281,12 @@ def _note_told(text: Text, c: Context, stage: Stage) -> None:
             c.slabs.add(f"NOW_{release.name}", 1)
             scope.store(f"NOW_{release.name}", where(told, 1.0, 0.0))
     scope.write(text)
-    for release in stage.releases:
+    for release in segment.releases:
         if not release.joint:
-            _keep_state(text, c, stage, release.name)
+            _keep_state(text, c, segment, release.name)
 
 
-def _keep_state(text: Text, c: Context, stage: Stage, event: str) -> None:
+def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
     """Lines that keep the state of the lanes in which an event comes now: of every body that turns
     by itself in the end, its attitude and its angles, whoever leads it now."""
     place = kept(event)
@@ -287,8 +296,8 @@ def _keep_state(text: Text, c: Context, stage: Stage, event: str) -> None:
     )
     scope = c.scope()
     now = scope.load(f"NOW_{event}") > 0.0
-    for body in c.spec.stages[-1].leaders:
-        leader = stage.leader(body)
+    for body in c.spec.segments[-1].leaders:
+        leader = segment.leader(body)
         if leader == GROUND:
             values: list[tuple[str, int, Any]] = [
                 (f"{place} + Q_{body}", 4, c.case.attitude),
@@ -319,29 +328,30 @@ def _check_start(text: Text, c: Context) -> None:
     scope.write(text)
 
 
-def _begin_timed(text: Text, c: Context, stage: Stage) -> None:
+def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
     """A time that is past as its phase begins ends it at once; a joint that lets go late is late
     from then on."""
-    scope, time = c.scope(), total([c.case.number(place) for place in stage.end_time])
+    scope, time = c.scope(), total([c.case.number(place) for place in segment.end_time])
     now = scope.load("T")
-    if stage.after_late:  # its end came while a late joint held on
+    if segment.after_late:  # its end came while a late joint held on
         lose(
             scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
         )
     until = scalar.larger(time, now)
     scope.store(
-        f"UNTIL_{stage.name}", until if stage.delay is None else until + c.case.number(stage.delay)
+        f"UNTIL_{segment.name}",
+        until if segment.delay is None else until + c.case.number(segment.delay),
     )
     scope.write(text)
 
 
-def _begin_late(text: Text, c: Context, stage: Stage) -> None:
-    """The last of late joints to let go ends the stage."""
+def _begin_late(text: Text, c: Context, segment: Segment) -> None:
+    """The last of late joints to let go ends the segment."""
     scope = c.scope()
-    first, *others = (c.case.number(place) for place in stage.late.values())
+    first, *others = (c.case.number(place) for place in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
-    c.slabs.add(f"UNTIL_{stage.name}", 1)
-    scope.store(f"UNTIL_{stage.name}", scope.load("T") + last)
+    c.slabs.add(f"UNTIL_{segment.name}", 1)
+    scope.store(f"UNTIL_{segment.name}", scope.load("T") + last)
     scope.write(text)
 
 
@@ -354,23 +364,25 @@ def _stand_still(text: Text, c: Context) -> None:
     scope.write(text)
 
 
-def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
+def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Flight to the end of a phase, or to the next event or switch of a load within it."""
     scope = c.scope()
     now, run_end = scope.load("T"), scope.load("RUN_END")
-    end = scalar.larger(scope.load(f"UNTIL_{stage.name}"), now) if stage.ends_by_time else run_end
-    if stage.stops > 1:
+    end = (
+        scalar.larger(scope.load(f"UNTIL_{segment.name}"), now) if segment.ends_by_time else run_end
+    )
+    if segment.stops > 1:
         end = where(scope.load("DONE") > 0.0, now, end)
     else:
         scope.store("DONE", 0.0)
-    for joint in stage.masked:
-        for change, due in _due(scope, c, stage, joint):
+    for joint in segment.masked:
+        for change, due in _due(scope, c, segment, joint):
             waits = _kind(scope, c, joint) < float(change.to)
             end = where(waits & (due < end), scalar.larger(due, now), end)
-    times = [(met(stage.name, number), due) for number, due in stage.times.items()]
+    times = [(met(segment.name, number), due) for number, due in segment.times.items()]
     times += [
         (met(APART, number), due)
-        for release in stage.releases
+        for release in segment.releases
         for number, due in release.times.items()
     ]
     for flag, instant in times:
@@ -381,44 +393,44 @@ def _stretch(text: Text, c: Context, number: int, stage: Stage) -> None:
     scope.store("END", where(end < run_end, end, run_end))
     scope.store("LONGEST", math.inf)
     note_ignitions(scope, c)
-    for event in stage.events:
-        scope.store(f"LAST_{stage.name}_{event.name}", math.inf)
+    for event in segment.events:
+        scope.store(f"LAST_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.switches:
         text("switch(w, a)")
-    if stage.stops > 1:
+    if segment.stops > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
         text.block("if not going:")("break")
-    if c.paces(stage):
-        _at_a_pace(text, c, number, stage)
+    if c.paces(segment):
+        _at_a_pace(text, c, number, segment)
     else:
-        _in_steps(text, c, number, stage)
-    if stage.events:
+        _in_steps(text, c, number, segment)
+    if segment.events:
         text(f"meet(w, {number})")
-    elif stage.waits_for_load:
+    elif segment.waits_for_load:
         text.lanes()(f"w[T + l] = w[END + l] if w[END + l] - w[T + l] <= {at.GRAIN} else w[T + l]")
     else:
         text.lanes()("w[T + l] = w[END + l]")
-    if stage.clauses:
-        _note_clauses(text, c, stage)
-    if stage.releases:
-        _note_told(text, c, stage)
-    if stage.masked:
-        _let_go(text, c, stage)
+    if segment.clauses:
+        _note_clauses(text, c, segment)
+    if segment.releases:
+        _note_told(text, c, segment)
+    if segment.masked:
+        _let_go(text, c, segment)
 
 
-def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
+def _in_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """As many steps for all lanes."""
-    size, awaited, noted = f"{c.spec.active(stage)} * LANES", _awaited(stage), _noted(c, number)
+    size, awaited, noted = f"{c.spec.active(segment)} * LANES", _awaited(segment), _noted(c, number)
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
-    _advance(inner, c, number, stage, "left")
+    _advance(inner, c, number, segment, "left")
     inner(*awaited)
     if has_tables(c.spec) or any(joint.guide is not None for joint in c.spec.scene.joint.values()):
         inner("going = False")
         inner.lanes()(f"going = going or {_GOES_ON}")
         inner.block("if not going:")("break")
-    if not stage.events:
+    if not segment.events:
         inner(*noted)
         return
     if noted:
@@ -427,23 +439,23 @@ def _in_steps(text: Text, c: Context, number: int, stage: Stage) -> None:
     text(f"approach(w, {number}, {size})", *awaited, *noted)
 
 
-def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
+def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Each lane in as many steps as it needs for none to be longer than its pace, so many times,
     but in no more than the phase has."""
-    size, awaited = f"{c.spec.active(stage)} * LANES", _awaited(stage)
+    size, awaited = f"{c.spec.active(segment)} * LANES", _awaited(segment)
     inner = text.lanes()
     inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = float(times[0]), 1.0 + steps[{number}], 0.0")
-    if stage.waits_for_load:
+    if segment.waits_for_load:
         inner(
             f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T "
             "+ l]))"
         )
     text("going = True")
     inner = text.block("while going:")
-    _advance(inner, c, number, stage, "1")
-    inner(*([f"break_{stage.name}(w)"] if stage.loads else []), *awaited)
-    if stage.events:
+    _advance(inner, c, number, segment, "1")
+    inner(*([f"break_{segment.name}(w)"] if segment.loads else []), *awaited)
+    if segment.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
         inner.block("if arrive:")(f"approach(w, {number}, {size})", *awaited)
@@ -451,9 +463,9 @@ def _at_a_pace(text: Text, c: Context, number: int, stage: Stage) -> None:
     inner.lanes()(f"going = going or (w[WAY + l] < 1.0 and {_GOES_ON})")
 
 
-def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> None:
+def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
     """A step of a phase, by the method that is asked for if it has several."""
-    methods = c.methods(stage)
+    methods = c.methods(segment)
     if c.history == at.SEPARATION_HISTORY:
         text.block("for e in range(SIZE_Y):")("w[BEGIN + e] = w[Y + e]")
         text.lanes()("w[BEGIN_T + l] = w[T + l]")
@@ -461,31 +473,31 @@ def _advance(text: Text, c: Context, number: int, stage: Stage, left: str) -> No
         inner = text
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
-        size = f"{c.spec.active(stage)} * LANES"
+        size = f"{c.spec.active(segment)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{fit_curves(rk)}(w, {number})")
 
 
-def _awaited(stage: Stage) -> list[str]:
+def _awaited(segment: Segment) -> list[str]:
     """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
-    return [f"await_{stage.name}(w, 0.0)"] if stage.awaited else []
+    return [f"await_{segment.name}(w, 0.0)"] if segment.awaited else []
 
 
-def _let_go(text: Text, c: Context, stage: Stage) -> None:
+def _let_go(text: Text, c: Context, segment: Segment) -> None:
     """Joints change that are due to, and what is noted of that."""
     scope = c.scope()
     now = scope.load("T")
-    for joint in stage.masked:
+    for joint in segment.masked:
         before = kind = _kind(scope, c, joint)
-        for change, due in _due(scope, c, stage, joint):
+        for change, due in _due(scope, c, segment, joint):
             kind = where(
                 (now >= due - _SAME_TIME) & (kind < float(change.to)), float(change.to), kind
             )
         scope.store(f"KIND_{joint}", kind)
         _note_change(scope, c, joint, before, kind)
-        for free in stage.free(joint):
-            _note_release(scope, c, stage, joint, (before < float(free)) & (kind >= float(free)))
+        for free in segment.free(joint):
+            _note_release(scope, c, segment, joint, (before < float(free)) & (kind >= float(free)))
     scope.write(text)
 
 
@@ -499,26 +511,28 @@ def _note_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr)
             scope.store(place, where(goes, scope.load("T"), scope.load(place)))
 
 
-def _note_release(scope: Scope, c: Context, stage: Stage, joint: str, goes: Expr | None) -> None:
+def _note_release(
+    scope: Scope, c: Context, segment: Segment, joint: str, goes: Expr | None
+) -> None:
     """A joint becomes free, in all cases or in those in which it ``goes``, that have got so far:
     when, and the rates of its bodies if they are asked for."""
     c.start(f"RELEASE_{joint}", math.nan)
     in_time = scope.load("UNRELEASED").equals(0.0)
     goes = in_time if goes is None else goes & in_time
     noted = [(f"RELEASE_{joint}", scope.load("T"))]
-    for place, rate in _tip_off(scope, c, stage, joint):
+    for place, rate in _tip_off(scope, c, segment, joint):
         noted += [(part(place, k), rate[k]) for k in range(3)]
     for place, now in noted:
         scope.store(place, where(goes, now, scope.load(place)))
 
 
-def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tuple[str, Any]]:
+def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
     """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and
     these rates."""
     if joint in c.spec.scene.output.tip_off:
         for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:
-                leader = stage.leader(body)
+                leader = segment.leader(body)
                 yield (
                     tip_off(joint, body),
                     ZERO if leader == GROUND else scope.load(f"Y + OMEGA_{leader}", 3),
@@ -527,10 +541,10 @@ def _tip_off(scope: Scope, c: Context, stage: Stage, joint: str) -> Iterator[tup
 
 def _noted(c: Context, number: int) -> list[str]:
     """What is written or followed of a step of a phase."""
-    stage = c.spec.stages[number]
+    segment = c.spec.segments[number]
     found = [f"keep(w, {number}, first, a)"] if c.history else []
-    found += [f"watch(w, {number})"] if c.watches(stage) else []
-    return found + ([f"clearances_{stage.name}(w)"] if c.counted(stage) else [])
+    found += [f"watch(w, {number})"] if c.watches(segment) else []
+    return found + ([f"clearances_{segment.name}(w)"] if c.counted(segment) else [])
 
 
 def emit_switch(out: Text, c: Context) -> None:
@@ -561,36 +575,36 @@ def emit_switch(out: Text, c: Context) -> None:
         text(f"w[ACTS_{load.name} + l] = w[case + {work + at.ACTS}]")
 
 
-def _hand_over(text: Text, c: Context, stage: Stage, after: Stage) -> None:
+def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None:
     """From a phase to the next: who did not get there before the end, attitudes of bodies that
     part, what is noted of a release."""
     scope = c.scope()
     now = scope.load("T")
     ended = (
         scope.load("DONE") > 0.0
-        if stage.ends_by_state
-        else now >= scope.load(f"UNTIL_{stage.name}")
+        if segment.ends_by_state
+        else now >= scope.load(f"UNTIL_{segment.name}")
     )
     lose(scope, ended | (now >= scope.load("RUN_END")))
     scope.store("UNRELEASED", where(ended, scope.load("UNRELEASED"), 1.0))
     for leader in after.leaders:
-        old = stage.leader(leader)
-        if leader not in stage.leaders and old != GROUND:
+        old = segment.leader(leader)
+        if leader not in segment.leaders and old != GROUND:
             for slab, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
                 scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
             for slab, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
                     scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
     for told in c.spec.changes:
-        if told.event == stage.phase and not stage.late and told.joint in c.spec.masked:
+        if told.event == segment.phase and not segment.late and told.joint in c.spec.masked:
             scope.store(f"COMES_{told.event}", where(ended, now, _comes(scope, c, told)))
     for joint, kinds in after.may.items():
         masked, to = joint in c.spec.masked, min(kinds)
-        if stage.holds(joint) and not kinds[to]:
+        if segment.holds(joint) and not kinds[to]:
             _note_release(
-                scope, c, stage, joint, _kind(scope, c, joint) < float(to) if masked else None
+                scope, c, segment, joint, _kind(scope, c, joint) < float(to) if masked else None
             )
-        if masked and to > min(stage.may[joint]):
+        if masked and to > min(segment.may[joint]):
             kind = _kind(scope, c, joint)
             changed = where(ended & (kind < float(to)), float(to), kind)
             scope.store(f"KIND_{joint}", changed)

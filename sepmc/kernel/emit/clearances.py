@@ -5,7 +5,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, among, lost_unless, part
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
@@ -29,21 +29,21 @@ def emit_clearances(out: Text, c: Context) -> None:
         "`sepmc.routines.clearances.search_clearance`."
     )
     out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
-    for stage in c.spec.stages:
-        if which := c.counted(stage):
+    for segment in c.spec.segments:
+        if which := c.counted(segment):
             text = out.function(
-                f"clearances_{stage.name}(w)",
-                f"Search the step just made in phase {stage.name} for the least clearances.",
+                f"clearances_{segment.name}(w)",
+                f"Search the step just made in phase {segment.name} for the least clearances.",
             )
             for i in which:
-                _search(text, c, stage, i, entries[i])
+                _search(text, c, segment, i, entries[i])
 
 
-def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> None:
+def _search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) -> None:
     """Lines that search the steps of all lanes for one clearance."""
     powers = c.extended.dense.shape[1]
     text(f"# {' and '.join(entry.bodies)}")
-    s = State(c, c.scope(), stage, "S")
+    s = State(c, c.scope(), segment, "S")
     reach: Any = s.scope.load("REACH")
     share: Any = 1.0
     for q in range(powers):
@@ -56,7 +56,7 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
             )
         share = share * reach
     s.scope.write(text)
-    moves, counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", counts_in(c, stage, i)
+    moves, counts = f"w[REACH + l] * w[LENGTH + l] > {at.GRAIN}", counts_in(c, segment, i)
     text = text.lanes().block(f"if {moves if counts == 'True' else f'{moves} and ({counts})'}:")
     text(
         f"w[JOB + {at.JOB_TIME}], w[JOB + {at.JOB_LENGTH}] = w[BEGIN_T + l], w[REACH + l] * "
@@ -72,13 +72,13 @@ def _search(text: Text, c: Context, stage: Stage, i: int, entry: Clearance) -> N
     text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 
-def counts_in(c: Context, stage: Stage, i: int) -> str:
+def counts_in(c: Context, segment: Segment, i: int) -> str:
     """The condition, for a lane, that a clearance counts in a phase: from the start, or once its
     joint is free."""
     after = c.spec.scene.clearance[i].after
-    if i not in c.counted(stage):
+    if i not in c.counted(segment):
         return "False"
-    return among(after, stage.free(after)) if after in stage.masked else "True"
+    return among(after, segment.free(after)) if after in segment.masked else "True"
 
 
 def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:
@@ -110,7 +110,7 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
     """Lines that put the distance of a clearance's bodies at a state into ``place`` of the lanes,
     NaN where it does not count yet: a step in which nothing moves is searched for it."""
     entry = s.spec.scene.clearance[i]
-    path = State(s.c, s.c.scope(), s.stage, s.slab, s.clock)
+    path = State(s.c, s.c.scope(), s.segment, s.slab, s.clock)
     a, b = (path.place(body) for body in entry.bodies)
     path.scope.store("PATH", vec3.sub(b, a))
     for k, body in enumerate(entry.bodies):
@@ -129,7 +129,7 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
 
 def counts_from_start(c: Context, i: int) -> bool:
     """Whether a clearance counts from the start of a flight, whatever is let go."""
-    after, first = c.spec.scene.clearance[i].after, c.spec.stages[0]
+    after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
     return after is None or min(first.may[after]) in first.free(after)
 
 
@@ -143,7 +143,7 @@ def _place(s: State, body: str, q: int) -> Any:
 
 def _attitude(s: State, body: str, q: int) -> Any:
     """The same of its quaternion."""
-    leader = s.stage.leader(body)
+    leader = s.segment.leader(body)
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
     return s.scope.load(f"{_slab(q)} + Q_{leader}", 4)
@@ -151,7 +151,7 @@ def _attitude(s: State, body: str, q: int) -> Any:
 
 def _quaternion(s: State, body: str) -> Any:
     """Attitude quaternion of a body at a state."""
-    leader = s.stage.leader(body)
+    leader = s.segment.leader(body)
     return s.case.attitude if leader == GROUND else s.quaternion(leader)
 
 

@@ -102,15 +102,15 @@ def split(text: str) -> list[Piece]:
 def told(text: str) -> dict[str, Any]:
     """What a kernel says of itself to who enters it: the ``size`` of its workspace, how many
     ``guards``, ``stages`` and sudden ``changes`` it has, and names of the ``methods`` of each
-    stage."""
+    segment."""
     module = _module(text)
     numbers, methods = module.numbers, module.meanings["METHODS"]
     assert isinstance(methods, ast.Assign)
     return {
         "size": numbers["SIZE_W"],
-        "guards": numbers["GUARDS"],
-        "stages": numbers["STAGES"],
-        "changes": numbers["CHANGES"],
+        "guards": numbers["N_INDICATORS"],
+        "stages": numbers["N_SEGMENTS"],
+        "changes": numbers["N_CHANGES"],
         "methods": ast.literal_eval(methods.value),
     }
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sepmc.kernel.emit.case import Case
-from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.spec.methods import Method, methods_of
 from sepmc.kernel.tracer.text import Slabs, Text
 from sepmc.kernel.tracer.tracer import Expr, Scope, where
@@ -30,25 +30,25 @@ class Context:
     def __post_init__(self):
         self.case = Case(Scope(self.slabs), self.spec)
 
-    def methods(self, stage: Stage) -> tuple[Method, ...]:
-        """Methods by which a stage may be flown, the most exact first."""
-        return methods_of(self.solver, self.notes(stage), self.extends)
+    def methods(self, segment: Segment) -> tuple[Method, ...]:
+        """Methods by which a segment may be flown, the most exact first."""
+        return methods_of(self.solver, self.notes(segment), self.extends)
 
     @property
     def used(self) -> dict[str, Method]:
-        """All methods that stages may be flown by, by their names."""
-        return {rk.name: rk for stage in self.spec.stages for rk in self.methods(stage)}
+        """All methods that segments may be flown by, by their names."""
+        return {rk.name: rk for segment in self.spec.segments for rk in self.methods(segment)}
 
     @property
     def extended(self) -> Method:
-        """The method of stages whose states between the ends of steps are needed."""
+        """The method of segments whose states between the ends of steps are needed."""
         found = methods_of(self.solver, True)
         assert len(found) == 1
         return found[0]
 
     @property
     def sudden(self) -> list[str]:
-        """Slabs of the times within stages on both sides of which a full history has rows: joints
+        """Slabs of the times within segments on both sides of which a full history has rows: joints
         take another of their kinds, springs end their strokes."""
         if self.history != FULL_HISTORY:
             return []
@@ -64,7 +64,7 @@ class Context:
             dict.fromkeys(
                 [
                     *self.watched,
-                    *(load.which for stage in self.spec.stages for load in stage.loads),
+                    *(load.which for segment in self.spec.segments for load in segment.loads),
                 ]
             )
         )
@@ -75,14 +75,14 @@ class Context:
 
     @property
     def idles(self) -> bool:
-        """Whether lanes may be through with a stage before others: steps of no length then leave a
-        case as it is, to the last bit."""
-        return any(self.paces(stage) for stage in self.spec.stages)
+        """Whether lanes may be through with a segment before others: steps of no length then leave
+        a case as it is, to the last bit."""
+        return any(self.paces(segment) for segment in self.spec.segments)
 
-    def paces(self, stage: Stage) -> bool:
+    def paces(self, segment: Segment) -> bool:
         """Whether lanes go through a phase each in steps of its own, and not all in as many: where
         events and switches divide it, or steps are to be no longer than so many seconds."""
-        return stage.stops > 1 or self.spec.scene.solver.step is not None
+        return segment.stops > 1 or self.spec.scene.solver.step is not None
 
     @property
     def watched(self) -> tuple[str, ...]:
@@ -122,62 +122,64 @@ class Context:
             yield joint, first, place, [place + 2 + 3 * k for k in range(ends)]
             first, place = first + 3 * (1 + 2 * ends), place + 2 + 3 * ends
 
-    def watches(self, stage: Stage) -> bool:
+    def watches(self, segment: Segment) -> bool:
         """Whether a joint whose loads are asked for holds something in a phase, or pins may slide
         that are."""
-        return any(map(stage.holds, self.watched)) or any(map(stage.sliding, self.guides))
+        return any(map(segment.holds, self.watched)) or any(map(segment.sliding, self.guides))
 
-    def carries(self, stage: Stage) -> bool:
+    def carries(self, segment: Segment) -> bool:
         """Whether what joints carry in a phase is asked for."""
-        return self.follows_loads(stage) or self.history == FULL_HISTORY
+        return self.follows_loads(segment) or self.history == FULL_HISTORY
 
-    def follows_loads(self, stage: Stage) -> bool:
+    def follows_loads(self, segment: Segment) -> bool:
         """Whether loads are followed over the steps of a phase: asked for, or waited for."""
-        return self.watches(stage) or bool(stage.loads)
+        return self.watches(segment) or bool(segment.loads)
 
-    def carried_by_rates(self, stage: Stage) -> bool:
+    def carried_by_rates(self, segment: Segment) -> bool:
         """Whether the derivative in a phase gives what is followed of joints too: all but pins, and
         redundant rows' least sum of squares."""
-        plain = not stage.shares and not any(map(stage.sliding, self.guides))
-        return self.follows_loads(stage) and plain
+        plain = not segment.shares and not any(map(segment.sliding, self.guides))
+        return self.follows_loads(segment) and plain
 
-    def flown_as(self, stage: Stage) -> str:
-        """The name of the stage whose derivative and correction fly this one too, if one does."""
-        after = next((one for one in self.spec.stages if one.name == stage.flown_as), None)
+    def flown_as(self, segment: Segment) -> str:
+        """The name of the segment whose derivative and correction fly this one too, if one does."""
+        after = next((one for one in self.spec.segments if one.name == segment.flown_as), None)
         if after is None:
             return ""
-        alike = (self.carried_by_rates(stage), self.spec.rubbing(stage)) == (
+        alike = (self.carried_by_rates(segment), self.spec.rubbing(segment)) == (
             self.carried_by_rates(after),
             self.spec.rubbing(after),
         )
         return after.name if alike else ""
 
-    def hands_on(self, out: Text, stage: Stage, what: str) -> bool:
-        """Write a function of a stage that only calls that of the stage by which it is flown.
-        Returns whether there is such a stage."""
-        after = self.flown_as(stage)
+    def hands_on(self, out: Text, segment: Segment, what: str) -> bool:
+        """Write a function of a segment that only calls that of the segment by which it is flown.
+        Returns whether there is such a segment."""
+        after = self.flown_as(segment)
         if after:
-            text = out.function(f"{what}_{stage.name}(w)", f"Phase {stage.name}: as in {after}.")
+            text = out.function(
+                f"{what}_{segment.name}(w)", f"Phase {segment.name}: as in {after}."
+            )
             text(f"{what}_{after}(w)")
         return bool(after)
 
-    def counted(self, stage: Stage) -> list[int]:
+    def counted(self, segment: Segment) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.spec.scene.clearance)
-        return [i for i, one in entries if one.after is None or stage.free(one.after)]
+        return [i for i, one in entries if one.after is None or segment.free(one.after)]
 
-    def follows(self, stage: Stage) -> bool:
+    def follows(self, segment: Segment) -> bool:
         """Whether outcomes or the end of a phase depend on states between the ends of its steps."""
-        return self.follows_loads(stage) or bool(self.counted(stage))
+        return self.follows_loads(segment) or bool(self.counted(segment))
 
-    def notes(self, stage: Stage) -> bool:
+    def notes(self, segment: Segment) -> bool:
         """Whether such states are needed in a phase, be it for a full history only."""
-        return self.history == FULL_HISTORY or self.follows(stage)
+        return self.history == FULL_HISTORY or self.follows(segment)
 
     @property
     def extends(self) -> bool:
         """Whether they are needed in any."""
-        return any(self.notes(stage) for stage in self.spec.stages)
+        return any(self.notes(segment) for segment in self.spec.segments)
 
     @property
     def size(self) -> int:
@@ -185,29 +187,31 @@ class Context:
         return 13 * len(self.spec.bodies) + 1
 
     @property
-    def guards(self) -> list[str]:
+    def indicators(self) -> list[str]:
         """Numbers that tell how hard a case is to integrate. Of every body, what a step may do
         wrong to its velocity V, attitude Q and rate OMEGA; of every event, how long its condition
         takes for a metre or a radian: the error of its time."""
         doubts = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
-            (stage, event) for stage in self.spec.stages for event in (*stage.events, *stage.loads)
+            (segment, event)
+            for segment in self.spec.segments
+            for event in (*segment.events, *segment.loads)
         ]
         return [
             *doubts,
-            *(f"{stage.name}_{event.name}" for stage, event in events),
-            *self.load_guards,
+            *(f"{segment.name}_{event.name}" for segment, event in events),
+            *self.load_indicators,
         ]
 
     @property
-    def load_guards(self) -> list[str]:
+    def load_indicators(self) -> list[str]:
         """Of every joint that is watched, how sharply its force and its moment turn within a step
         (`peaks.note_size`)."""
         return [f"load_{what}_{joint}" for joint in self.watched for what in ("force", "moment")]
 
-    def guard(self, name: str) -> str:
-        """The place of a guard."""
-        return part("GUARD", self.guards.index(name))
+    def indicator(self, name: str) -> str:
+        """The place of a indicator."""
+        return part("INDICATORS", self.indicators.index(name))
 
     @property
     def model(self) -> Any:

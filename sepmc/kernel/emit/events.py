@@ -7,7 +7,7 @@ from sepmc.kernel.emit.context import Context, height, lose_if, part, spent
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.emit.steps import hold_back
-from sepmc.kernel.spec.kernel_spec import Event, Stage
+from sepmc.kernel.spec.kernel_spec import Event, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
@@ -21,18 +21,18 @@ _MET = -1e-12  # what counts as zero of a condition's value
 _TOUCH, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 
 
-def emit_aim(out: Text, c: Context, stage: Stage) -> None:
+def emit_aim(out: Text, c: Context, segment: Segment) -> None:
     """A function that finds the time to a phase's next event."""
     says = (
         "Time to the next event, into STEP, foretold from values, rates and accelerations (in "
         "K1) of the conditions and from how fast"
     )
     text = out.function(
-        f"aim_{stage.name}(w, usual: float)", says + " these change; at most to END."
+        f"aim_{segment.name}(w, usual: float)", says + " these change; at most to END."
     )
-    s = State(c, c.scope(), stage, "Y")
+    s = State(c, c.scope(), segment, "Y")
     ahead = s.scope.load("END") - s.time
-    for event in stage.events:
+    for event in segment.events:
         wait = _wait(s, event)
         ahead = where(wait < ahead, wait, ahead)
     s.scope.store("STEP", ahead)
@@ -43,7 +43,7 @@ def _wait(s: State, event: Event) -> Any:
     """Time to an event."""
     if event.direction:
         return _wait_to_cross(s, event)
-    scope, name = s.scope, f"{s.stage.name}_{event.name}"
+    scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
         s.c.slabs.add(f"{slab}_{name}", count)
     scope.comment(f"{event.which}")
@@ -58,7 +58,7 @@ def _wait(s: State, event: Event) -> Any:
     at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called(
         "at_once"
     )
-    _note_graze(scope, event, s.stage.name, value, rate)
+    _note_graze(scope, event, s.segment.name, value, rate)
     noted = (
         (f"VALUE_{name}", value),
         (f"RATE_{name}", rate),
@@ -69,7 +69,7 @@ def _wait(s: State, event: Event) -> Any:
         scope.store(
             place,
             where(scope.load("HELD_BACK") > 0.0, scope.load(place), now)
-            if s.c.paces(s.stage)
+            if s.c.paces(s.segment)
             else now,
         )
     # 0: met before it was waited for
@@ -81,7 +81,7 @@ def _wait(s: State, event: Event) -> Any:
     return (
         wait
         if event.ends_phase or event.is_border
-        else where(scope.load(event.flag(s.stage.name)) > 0.0, math.inf, wait)
+        else where(scope.load(event.flag(s.segment.name)) > 0.0, math.inf, wait)
     )
 
 
@@ -92,7 +92,7 @@ def _wait_to_cross(s: State, event: Event) -> Any:
     On the side from which a crossing does not count, another one is waited for, to the other side:
     that is noted at the end of a step.
     """
-    scope, name = s.scope, f"{s.stage.name}_{event.name}"
+    scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("SIDE", 1), ("STOOD", 1)):
         s.c.slabs.add(f"{slab}_{name}", count)
     scope.comment(f"{event.which}, {event.direction}")
@@ -118,7 +118,7 @@ def _wait_to_cross(s: State, event: Event) -> Any:
         again = again | (_counts(event, -was) & (was * excess > touch))
     side = where(again, where(goes < 0.0, 1.0, where(goes > 0.0, -1.0, 0.0)), was).called("side")
     value, slope = side * excess, side * rate
-    _note_graze(scope, event, s.stage.name, value, slope, side)
+    _note_graze(scope, event, s.segment.name, value, slope, side)
     stood = scope.load(f"STOOD_{name}")
     noted = (
         (f"VALUE_{name}", excess),
@@ -129,12 +129,12 @@ def _wait_to_cross(s: State, event: Event) -> Any:
         (f"STOOD_{name}", where(first, where(stands, time, -math.inf), stood)),
     )
     for place, now in noted:
-        held = scope.load("HELD_BACK") > 0.0 if s.c.paces(s.stage) else None
+        held = scope.load("HELD_BACK") > 0.0 if s.c.paces(s.segment) else None
         scope.store(place, now if held is None else where(held, scope.load(place), now))
     wait = scalar.time_left(value, slope, side * acceleration, side * jerk).called("wait")
     wait = where(_counts(event, side), where(first & stands, math.inf, wait), math.inf)
     wait = where(first & (wait > usual), usual, wait)
-    met = scope.load(event.flag(s.stage.name))
+    met = scope.load(event.flag(s.segment.name))
     return wait if event.ends_phase else where(met > 0.0, math.inf, wait)
 
 
@@ -151,11 +151,11 @@ def _counts(event: Event, side: Expr) -> Expr:
 
 
 def _note_graze(
-    scope: Scope, event: Event, stage: str, value: Expr, rate: Any, side: Any = 1.0
+    scope: Scope, event: Event, segment: str, value: Expr, rate: Any, side: Any = 1.0
 ) -> None:
     """A condition may be met and left again within a step: then the case is on its own. What was
     noted of it counts from a ``side``."""
-    name = f"{stage}_{event.name}"
+    name = f"{segment}_{event.name}"
     earlier, past, slope = (
         scope.load(f"LAST_{name}"),
         scope.load(f"VALUE_{name}") * side,
@@ -167,7 +167,7 @@ def _note_graze(
         & (past < 0.0)
     )
     if not event.is_border:
-        grazes = grazes & scope.load(event.flag(stage)).equals(0.0)
+        grazes = grazes & scope.load(event.flag(segment)).equals(0.0)
     scope.store("UNEVEN", where(grazes, 1.0, scope.load("UNEVEN")))
 
 
@@ -180,21 +180,21 @@ def _may_rise(past: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> 
     )
 
 
-def emit_await(out: Text, c: Context, stage: Stage) -> None:
+def emit_await(out: Text, c: Context, segment: Segment) -> None:
     """A function by which a case is lost if the condition that ends the next phase may be met while
     joints are late."""
-    event = stage.awaited
+    event = segment.awaited
     assert event is not None
     says = (
         "Note the condition that ends the next phase; a case is lost if it may have been met "
         "while joints were late, since the last note"
     )
     text = out.function(
-        f"await_{stage.name}(w, first: float)", says + " unless it is the ``first``."
+        f"await_{segment.name}(w, first: float)", says + " unless it is the ``first``."
     )
-    name = f"AWAITED_{stage.name}"
+    name = f"AWAITED_{segment.name}"
     c.slabs.add(name, 3)
-    s = State(c, c.scope(), stage, "Y")
+    s = State(c, c.scope(), segment, "Y")
     scope, time = s.scope, s.time
     value, rate, _ = _condition(s, event)
     past, slope, earlier = (scope.load(part(name, k)) for k in range(3))
@@ -206,8 +206,8 @@ def emit_await(out: Text, c: Context, stage: Stage) -> None:
             | _may_rise(past, slope, value, rate, length)
             | _may_rise(-past, -slope, -value, -rate, length)
         )
-    late = time >= scope.load(f"UNTIL_{stage.name}") - (
-        s.case.number(stage.delay) if stage.delay is not None else math.inf
+    late = time >= scope.load(f"UNTIL_{segment.name}") - (
+        s.case.number(segment.delay) if segment.delay is not None else math.inf
     )
     counts = scope.named("first").equals(0.0) & late & met
     lose_if(scope, counts, Variant.ANY_ORDER)
@@ -277,7 +277,7 @@ def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
     """The angle by which the second body of a joint has turned from the first; at 0 its axis is
     that of the motion to come."""
     first, second = s.spec.scene.joint[joint].bodies
-    if s.stage.leader(first) == s.stage.leader(second) == GROUND:
+    if s.segment.leader(first) == s.segment.leader(second) == GROUND:
         return -threshold, 0.0, 0.0
     spin_a, spin_b = s.spin(first), s.spin(second)
     change = vec3.sub(spin_b, spin_a).called("relative_rate")
@@ -309,7 +309,7 @@ def _angle(s: State, joint: str, threshold: Expr) -> tuple[Any, Any, Any]:
 
 def _spin_rate(s: State, body: str) -> Any:
     """Angular acceleration of a body in ground axes, from the derivative K1."""
-    leader = s.stage.leader(body)
+    leader = s.segment.leader(body)
     return (
         ZERO
         if leader == GROUND
@@ -323,25 +323,25 @@ def emit_meet(out: Text, c: Context) -> None:
         "meet(w, phase: int)",
         "After the last step to an event: which conditions of the phase are met.",
     )
-    for number, stage in enumerate(c.spec.stages):
-        if stage.events:
+    for number, segment in enumerate(c.spec.segments):
+        if segment.events:
             inner = text.block(f"if phase == {number}:")
-            hold_back(inner, c, stage, "True")
-            inner(f"aim_{stage.name}(w, math.inf)")
+            hold_back(inner, c, segment, "True")
+            inner(f"aim_{segment.name}(w, math.inf)")
             scope = c.scope()
-            for event in stage.events:
-                _note_met(scope, c, stage, event)
+            for event in segment.events:
+                _note_met(scope, c, segment, event)
             scope.write(inner)
     if c.spec.borders:
         text("enter_layers(w)", "centre(w, 0.5 * NEAR)")
 
 
-def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
+def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     """Whether a condition is met, and how slowly: an error of its value is so much of an error of
     its time."""
-    name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
+    name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     if event.direction:
-        _note_crossed(scope, c, stage, event)
+        _note_crossed(scope, c, segment, event)
         return
     if not event.ends_phase and event.number < 0:
         c.start(flag, 1.0 if event.is_border else 0.0)  # at the start every body enters a layer
@@ -352,8 +352,8 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     )
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
     waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)
-    guard = c.guard(name)
-    scope.store(guard, scalar.larger(scope.load(guard), where(waited_for, slow, 0.0)))
+    indicator = c.indicator(name)
+    scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
     if event.what == at.AT_SPRING_STROKE and c.sudden:
         place = spent(event.which)
@@ -361,10 +361,10 @@ def _note_met(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
         scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))
 
 
-def _note_crossed(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
+def _note_crossed(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     """Whether a quantity has crossed its threshold in the direction that counts: not by standing at
     it as the stretch began."""
-    name, flag = f"{stage.name}_{event.name}", event.flag(stage.name)
+    name, flag = f"{segment.name}_{event.name}", event.flag(segment.name)
     side, before = scope.load(f"SIDE_{name}"), scope.load(flag)
     met = (
         (side * scope.load(f"VALUE_{name}") >= -_touch(c, event))
@@ -373,7 +373,7 @@ def _note_crossed(scope: Scope, c: Context, stage: Stage, event: Event) -> None:
     )
     rate = side * scope.load(f"RATE_{name}")
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
-    guard = c.guard(name)
+    indicator = c.indicator(name)
     waited_for = met & before.equals(0.0)
-    scope.store(guard, scalar.larger(scope.load(guard), where(waited_for, slow, 0.0)))
+    scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))

@@ -4,7 +4,7 @@ the step just made."""
 from collections.abc import Iterable
 
 from sepmc.kernel.emit.context import Context
-from sepmc.kernel.emit.steps import stage_again, turning_from
+from sepmc.kernel.emit.steps import restore_stage, turning_from
 from sepmc.kernel.tracer.formulas import square_root
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import total
@@ -31,7 +31,7 @@ def _extend(out: Text, c: Context) -> None:
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
-        stage_again(text, rk, i)
+        restore_stage(text, rk, i)
         text("rates(w, phase)")
         text.block("for e in range(SIZE_Y):")(f"w[K{i + 1} + e] = w[D + e]")
     text.lanes()("w[LENGTH + l] = w[STEP + l]", "w[REACH + l] = 1.0")

@@ -10,7 +10,7 @@ from typing import Any
 from sepmc.kernel.emit.context import lose, part
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.rows import JointRow, Rows
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import UNIT, linear, vec3
 from sepmc.kernel.tracer.text import Text
@@ -22,19 +22,19 @@ _FORCE_B, _MOMENT_A, _MOMENT_B = 3, 6, 9  # among those of a joint, F_A first
 Wrench = tuple[Any, Any]  # force and moment on the second body of a joint, ground axes
 
 
-def before_full(text: Text, stage: Stage, bodies: list[str]) -> None:
+def before_full(text: Text, segment: Segment, bodies: list[str]) -> None:
     """A line by which entries of the system that are never written are zero."""
-    n = _size(stage, bodies)
-    text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{stage.name} + e] = 0.0")
+    n = _size(segment, bodies)
+    text.block(f"for e in range({n * n} * LANES):")(f"w[SYSTEM_{segment.name} + e] = 0.0")
 
 
-def _size(stage: Stage, bodies: list[str]) -> int:
-    return _OF_BODY * len(bodies) + _OF_JOINT * len(_holding(stage))
+def _size(segment: Segment, bodies: list[str]) -> int:
+    return _OF_BODY * len(bodies) + _OF_JOINT * len(_holding(segment))
 
 
-def _holding(stage: Stage) -> list[str]:
+def _holding(segment: Segment) -> list[str]:
     """Joints that hold something."""
-    return list(dict.fromkeys(row.joint for row in stage.rows))
+    return list(dict.fromkeys(row.joint for row in segment.rows))
 
 
 class FullSystem:
@@ -43,8 +43,8 @@ class FullSystem:
 
     def __init__(self, s: State, rows: Rows, force: dict[str, Any], moment: dict[str, Any]):
         self.s, self.rows = s, rows
-        bodies, joints = s.spec.bodies, _holding(s.stage)
-        self.n = _size(s.stage, bodies)
+        bodies, joints = s.spec.bodies, _holding(s.segment)
+        self.n = _size(s.segment, bodies)
         self.of_body = {body: _OF_BODY * k for k, body in enumerate(bodies)}
         self.of_joint = {
             joint: _OF_BODY * len(bodies) + _OF_JOINT * k for k, joint in enumerate(joints)
@@ -143,7 +143,7 @@ class FullSystem:
     def solve(self) -> tuple[dict[str, Any], dict[str, Any], dict[str, Wrench]]:
         """Accelerations of mass centres (ground axes), angular accelerations (body axes), and
         wrenches. A case is lost where there are none."""
-        s, n, name = self.s, self.n, self.s.stage.name
+        s, n, name = self.s, self.n, self.s.segment.name
         slabs, scope = s.c.slabs, s.scope
         for slab, size in (
             (f"SYSTEM_{name}", n * n + n),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from sepmc.kernel.emit.context import Context, part
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import UNIT, ZERO, joints, quat, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, Scope, product, where
 from sepmc.routines import layout as at
@@ -63,11 +63,11 @@ class Own:
 
 
 class State:
-    """The state at ``slab`` (S of a stage of a step, Y at its end, or another kept with its
+    """The state at ``slab`` (S of a segment of a step, Y at its end, or another kept with its
     ``time``) of the bodies in a phase."""
 
-    def __init__(self, c: Context, scope: Scope, stage: Stage, slab: str, time: str = ""):
-        self.c, self.scope, self.stage, self.slab = c, scope, stage, slab
+    def __init__(self, c: Context, scope: Scope, segment: Segment, slab: str, time: str = ""):
+        self.c, self.scope, self.segment, self.slab = c, scope, segment, slab
         self.clock = time or ("CLOCK" if slab == "S" else "T")
         self.spec, self.case = c.spec, c.case
 
@@ -112,14 +112,14 @@ class State:
 
     def attitude(self, body: str) -> Any:
         """Matrix from a body's axes to the ground's."""
-        leader = self.stage.leader(body)
+        leader = self.segment.leader(body)
         if leader == GROUND:
             return quat.matrix(self.case.attitude).called("r_ground")
         return quat.matrix(self.quaternion(leader)).called(f"r_{leader}")
 
     def spin(self, body: str) -> Any:
         """Angular rate of a body in ground axes."""
-        leader = self.stage.leader(body)
+        leader = self.segment.leader(body)
         return (
             ZERO
             if leader == GROUND
@@ -148,8 +148,8 @@ class State:
     def slide(self, bodies: tuple[str, str]) -> Slide | None:
         """Between two bodies, if they turn as one."""
         a, b = bodies
-        leader = self.stage.leader(a)
-        if leader == GROUND or self.stage.leader(b) != leader:
+        leader = self.segment.leader(a)
+        if leader == GROUND or self.segment.leader(b) != leader:
             return None
         attitude, omega = self.attitude(leader), self.rate(leader)
         r = vec3.unrotate(attitude, vec3.sub(self.place(b), self.place(a))).called("offset")
@@ -207,11 +207,11 @@ class State:
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
         may."""
-        return self.while_held(joint, self.stage.sliding(joint))
+        return self.while_held(joint, self.segment.sliding(joint))
 
     def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
         """1 while a joint holds one of some kinds, 0 before or after."""
-        if len(kinds) == len(self.stage.may[joint]):
+        if len(kinds) == len(self.segment.may[joint]):
             return 1.0
         kind, found = self.scope.load(f"KIND_{joint}"), None
         for number in kinds:
@@ -224,7 +224,7 @@ class State:
     def friction(self, joint: str) -> Any:
         """Friction on the second body of a joint, N, in the direction of separation; None if there
         is none."""
-        rubbing = self.spec.rubbing(self.stage)
+        rubbing = self.spec.rubbing(self.segment)
         return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
 
     def lengthening(
@@ -246,7 +246,7 @@ class State:
         found = vec3.dot(line.e, apart)
         found = found - line.gamma if moving else found
         for body, arm in zip(bodies, (line.arm_a, line.arm_b), strict=True):
-            leader = self.stage.leader(body)
+            leader = self.segment.leader(body)
             if leader != GROUND:
                 found = found + vec3.dot(
                     vec3.unrotate(self.attitude(leader), arm), spin_rates[leader]
@@ -257,7 +257,7 @@ class State:
         """Second derivative of a distance along a line, from the derivative of the state in a
         slab."""
         moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.spec.bodies}
-        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.stage.leaders}
+        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.segment.leaders}
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:

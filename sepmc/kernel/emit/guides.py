@@ -10,7 +10,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
 from sepmc.kernel.emit.wrenches import force_of, moment_of
-from sepmc.kernel.spec.kernel_spec import Row, Stage
+from sepmc.kernel.spec.kernel_spec import Row, Segment
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, guides, scalar, vec3
 from sepmc.kernel.tracer.text import Text
@@ -23,21 +23,21 @@ from sepmc.schema import Status
 Ends = list[tuple[Any, Any]]
 
 
-def emit_rub(out: Text, c: Context, stage: Stage) -> None:
+def emit_rub(out: Text, c: Context, segment: Segment) -> None:
     """A function for the friction of a phase's guides; the other functions of the phase take it as
     a load that is known."""
-    joints = c.spec.rubbing(stage)
+    joints = c.spec.rubbing(segment)
     if not joints:
         return
     says = (
-        f"Friction of the guides of phase {stage.name} at the state S and the times CLOCK, "
+        f"Friction of the guides of phase {segment.name} at the state S and the times CLOCK, "
         "into FRICTION; a case may jam."
     )
-    text = out.function(f"rub_{stage.name}(w)", says)
+    text = out.function(f"rub_{segment.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
     c.slabs.add("FRICTION", len(c.spec.scene.joint))
-    c.slabs.add(f"RUBBING_{stage.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
-    s = State(c, c.scope(), stage, "S")
+    c.slabs.add(f"RUBBING_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
+    s = State(c, c.scope(), segment, "S")
     motion, place = make_motion(s, rubs=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
     for joint in joints:
@@ -46,11 +46,11 @@ def emit_rub(out: Text, c: Context, stage: Stage) -> None:
         for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
             numbers += [x for force in forces for x in force]
         for number in numbers:
-            s.scope.store(part(f"RUBBING_{stage.name}", place), number)
+            s.scope.store(part(f"RUBBING_{segment.name}", place), number)
             place += 1
     s.scope.write(text)
     inner = text.lanes().block(
-        f"if not friction.balance(w, RUBBING_{stage.name} + l, {tuple(ends)}, FRICTION + l):"
+        f"if not friction.balance(w, RUBBING_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
     )
     inner(lost_unless("False", Status.JAMMED))
 
@@ -93,7 +93,7 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
 def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     """Numbers of a guide at a state, vectors all: what drives it apart, what each pin would carry
     at both ends if friction balanced that, and what it does carry."""
-    if s.stage.least_squares:
+    if s.segment.least_squares:
         return _watch_held(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
     pair, apart = s.spec.scene.joint[joint].bodies, s.case.apart(joint)
@@ -121,9 +121,9 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
 def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
     """The same where all rows are solved for by least sum of squares: with one more, which holds
     the guide along x, and perhaps shares what drives it with others that do."""
-    sliding = s.stage.sliding(joint)
-    along = Row(joint, 0, sliding if len(sliding) < len(s.stage.may[joint]) else ())
-    rows = Rows(s, [*s.stage.rows, along])
+    sliding = s.segment.sliding(joint)
+    along = Row(joint, 0, sliding if len(sliding) < len(s.segment.may[joint]) else ())
+    rows = Rows(s, [*s.segment.rows, along])
     acceleration, spin_rate = without_joints(s, motion.force, motion.moment)
     multipliers = LeastSquares(s, rows.coupling(), joint).solve(
         rows.without_joints(acceleration, spin_rate)
@@ -150,15 +150,15 @@ def start_guides(c: Context) -> None:
         c.slabs.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
 
 
-def note_guides(text: Text, c: Context, stage: Stage) -> None:
+def note_guides(text: Text, c: Context, segment: Segment) -> None:
     """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
     for joint, first, time, peaks in c.noted_of_guides:
-        sliding = stage.sliding(joint)
+        sliding = segment.sliding(joint)
         if not sliding:
             continue
         inner = (
             text
-            if len(sliding) == len(stage.may[joint])
+            if len(sliding) == len(segment.may[joint])
             else text.block(f"if {among(joint, sliding)}:")
         )
         nodes = [

@@ -10,9 +10,9 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
 from sepmc.kernel.emit.outcomes import of_body
-from sepmc.kernel.emit.steps import emit_spread, stage_again
+from sepmc.kernel.emit.steps import emit_spread, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method
 from sepmc.kernel.tracer.formulas import ZERO, quat, scalar, square_root, vec3
 from sepmc.kernel.tracer.text import Text
@@ -25,8 +25,8 @@ def emit_history(out: Text, c: Context) -> None:
     if c.history == at.SEPARATION_HISTORY:
         _emit_curves(out, c)
         return
-    for stage in c.spec.stages:
-        _everything(out, c, stage)
+    for segment in c.spec.segments:
+        _everything(out, c, segment)
     _keep_everything(out, c)
 
 
@@ -45,8 +45,8 @@ def _emit_curves(out: Text, c: Context) -> None:
         ("CURVES", (points + 4) * len(joints)),
     ):
         c.slabs.add(name, count)
-    for stage in c.spec.stages:
-        _separation(out, c, stage)
+    for segment in c.spec.segments:
+        _separation(out, c, segment)
     for rk in c.used.values():
         _emit_fit_curves(out, c, rk)
     says = "Separations of the step just made, every so many seconds, into rows of the history."
@@ -57,14 +57,14 @@ def _emit_curves(out: Text, c: Context) -> None:
     )
 
 
-def _separation(out: Text, c: Context, stage: Stage) -> None:
+def _separation(out: Text, c: Context, segment: Segment) -> None:
     """A function for the separations at a state of a phase."""
     says = (
-        f"Distance, speed and acceleration of every joint at the state S of phase {stage.name}, "
+        f"Distance, speed and acceleration of every joint at the state S of phase {segment.name}, "
         "which has the derivative D, into NOW."
     )
-    text = out.function(f"separation_{stage.name}(w)", says)
-    s = State(c, c.scope(), stage, "S")
+    text = out.function(f"separation_{segment.name}(w)", says)
+    s = State(c, c.scope(), segment, "S")
     for j, joint in enumerate(c.spec.scene.joint):
         line, bodies = s.separation(joint), c.spec.scene.joint[joint].bodies
         acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
@@ -88,7 +88,7 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     text.lanes()("w[LENGTH + l] = w[STEP + l]")
     stages = (0, *rk.within)
     for number, i in enumerate(stages):
-        stage_again(text, rk, i)
+        restore_stage(text, rk, i)
         text.block("for e in range(SIZE_Y):")(f"w[D + e] = w[K{i + 1} + e]")
         _note_point(text, c, number)
     text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
@@ -105,8 +105,8 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
 
 def _note_point(text: Text, c: Context, number: int) -> None:
     """What is so at the state S of a point of a step."""
-    for k, stage in enumerate(c.spec.stages):
-        text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{stage.name}(w)")
+    for k, segment in enumerate(c.spec.segments):
+        text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
     size = c.slabs.counts["NOW"]
     text.block(f"for e in range({size} * LANES):")(
         f"w[POINTS + {number * size} * LANES + e] = w[NOW + e]"
@@ -122,14 +122,14 @@ def _span(text: Text) -> None:
     )
 
 
-def _everything(out: Text, c: Context, stage: Stage) -> None:
+def _everything(out: Text, c: Context, segment: Segment) -> None:
     """A function for a row of a full history, in the order of `sepmc.schema.history_columns`."""
     says = (
-        f"All there is to know of the state S of phase {stage.name} at the times CLOCK, into ROW."
+        f"All there is to know of the state S of phase {segment.name} at the times CLOCK, into ROW."
     )
-    text = out.function(f"row_{stage.name}(w)", says)
-    before_wrenches(text, c, stage)
-    s = State(c, c.scope(), stage, "S")
+    text = out.function(f"row_{segment.name}(w)", says)
+    before_wrenches(text, c, segment)
+    s = State(c, c.scope(), segment, "S")
     motion, joints = make_wrenches(s), c.spec.scene.joint
     row = [x for body in c.spec.bodies for x in of_body(s, body, _angles)]
     row += [x for line in map(s.separation, joints) for x in (line.rate, line.length)]
@@ -160,12 +160,12 @@ def _everything(out: Text, c: Context, stage: Stage) -> None:
         s.scope.store(part("ROW", k), value)
     s.scope.write(text)
     for i in range(len(clearances)):
-        clearance_now(text, s, i, counts_in(c, stage, i), part("ROW", len(row) + i))
+        clearance_now(text, s, i, counts_in(c, segment, i), part("ROW", len(row) + i))
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     """Lateral load of every pin of a joint at the mouth and at the tip, while they may slide."""
-    if not s.stage.sliding(joint):
+    if not s.segment.sliding(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)
     loads = [square_root(y * y + z * z).called("load") for y, z in pin_forces(s, motion, joint)]
@@ -184,10 +184,10 @@ def _angles(s: State, leader: str) -> tuple[Any, Any]:
 
 
 def _keep_everything(out: Text, c: Context) -> None:
-    """A function that writes the rows of a full history whose stage and instant are those of the
+    """A function that writes the rows of a full history whose segment and instant are those of the
     step just made, all lanes alike."""
     says = (
-        "Rows at those of the instants (time, stage, side) that fall within the step just "
+        "Rows at those of the instants (time, segment, side) that fall within the step just "
         "made, or at its end (-1) or beginning (1)."
     )
     text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
@@ -208,8 +208,8 @@ def _keep_everything(out: Text, c: Context) -> None:
     text = text.block("if there > 0.0:")
     emit_spread(text, c, "THETA")
     text("sample(w, phase)")
-    for number, stage in enumerate(c.spec.stages):
-        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{stage.name}(w)")
+    for number, segment in enumerate(c.spec.segments):
+        text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{segment.name}(w)")
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block(
         "if w[WITHIN + l] > 0.0:"
     )

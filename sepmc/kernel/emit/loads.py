@@ -49,7 +49,7 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
-    for joint in s.spec.rubbing(s.stage) if rubs else []:
+    for joint in s.spec.rubbing(s.segment) if rubs else []:
         s.scope.comment(f"friction of {joint}")
         push = (s.case.apart(joint) * s.friction(joint)).called("rub")
         _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)

@@ -23,8 +23,8 @@ from sepmc.kernel.emit.steps import (
     coefficients,
     emit_advance,
     emit_approach,
-    emit_guard,
     emit_lengths,
+    emit_note_indicators,
     emit_settle,
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
@@ -98,26 +98,26 @@ def _body(c: Context) -> Text:
     _first_slabs(c)
     body = Text()
     emit_rates(body, c)
-    for stage in c.spec.stages:
-        emit_rub(body, c, stage)
-    for stage in c.spec.stages:
-        emit_energy(body, c, stage)
-        if stage.rows:
-            emit_correct(body, c, stage)
-        if stage.events:
-            emit_aim(body, c, stage)
-        if stage.awaited:
-            emit_await(body, c, stage)
+    for segment in c.spec.segments:
+        emit_rub(body, c, segment)
+    for segment in c.spec.segments:
+        emit_energy(body, c, segment)
+        if segment.rows:
+            emit_correct(body, c, segment)
+        if segment.events:
+            emit_aim(body, c, segment)
+        if segment.awaited:
+            emit_await(body, c, segment)
     if c.spec.borders:
         emit_layers(body, c)
     emit_switch(body, c)
     emit_centre(body, c)
     emit_lengths(body, c)
     emit_settle(body, c)
-    emit_guard(body, c)
+    emit_note_indicators(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
-    if any(stage.events for stage in c.spec.stages):
+    if any(segment.events for segment in c.spec.segments):
         emit_approach(body, c)
         emit_meet(body, c)
     emit_report(body, c)
@@ -135,8 +135,8 @@ def _optional(body: Text, c: Context) -> None:
     """Functions for what happens between the ends of steps."""
     if c.extends:
         emit_extension(body, c)
-        for stage in filter(c.carries, c.spec.stages):
-            emit_shares(body, c, stage)
+        for segment in filter(c.carries, c.spec.segments):
+            emit_shares(body, c, segment)
     emit_watch(body, c)
     if c.spec.scene.clearance:
         emit_clearances(body, c)
@@ -153,7 +153,7 @@ def _first_slabs(c: Context) -> None:
         c.slabs.add(name, 1)
     c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
     with c.slabs.optional():
-        c.slabs.add("GUARD", len(c.guards))
+        c.slabs.add("INDICATORS", len(c.indicators))
         if c.idles:
             for name in (
                 "PACE",
@@ -186,7 +186,7 @@ def _head(c: Context) -> Text:
             f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights, doubt, nodes.",
             *coefficients(rk, c.extends and rk is c.extended),
         )
-    if any(stage.events for stage in c.spec.stages) and "rk4" not in c.used:
+    if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:
         head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
     if c.history == SEPARATION_HISTORY:
         head("", "# Curves over a step, from what is so at its ends and within.")
@@ -202,9 +202,9 @@ def _head(c: Context) -> Text:
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
-        f"SIZE_SHARED, GUARDS, STAGES, CHANGES = {shared_size(c)}, {len(c.guards)}, "
-        f"{len(c.spec.stages)}, {len(c.sudden)}",
-        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.stages)!r}",
+        f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, {len(c.indicators)}, "
+        f"{len(c.spec.segments)}, {len(c.sudden)}",
+        f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",
         *_places(c.spec),
     )
     return head
@@ -238,14 +238,14 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "springs": bool(scene.spring),
         "constant loads": bool(scene.load),
         "loads that switch on or off": spec.switches,
-        "constraint rows": any(stage.rows for stage in spec.stages),
-        "events on the state": any(stage.events for stage in spec.stages),
+        "constraint rows": any(segment.rows for segment in spec.segments),
+        "events on the state": any(segment.events for segment in spec.segments),
         "rates at release": bool(scene.output.tip_off),
         "transverse rates": bool(scene.output.transverse),
         "events that are told of": bool(scene.event),
         "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
         "wind or air over height": has_tables_over_height(spec),
-        "friction of pins": any(spec.rubbing(stage) for stage in spec.stages),
+        "friction of pins": any(spec.rubbing(segment) for segment in spec.segments),
         "joint loads": bool(scene.output.loads),
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),

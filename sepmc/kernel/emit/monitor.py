@@ -8,7 +8,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
 from sepmc.kernel.emit.steps import emit_attitudes_where, emit_spread
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
-from sepmc.kernel.spec.kernel_spec import APART, Event, Stage
+from sepmc.kernel.spec.kernel_spec import APART, Event, Segment
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 
@@ -17,19 +17,23 @@ _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 def emit_watch(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
-    stages = {number: stage for number, stage in enumerate(c.spec.stages) if c.follows_loads(stage)}
+    segments = {
+        number: segment
+        for number, segment in enumerate(c.spec.segments)
+        if c.follows_loads(segment)
+    }
     if c.watched:
         for k in range(6 * len(c.watched)):
             c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
         c.slabs.add("PEAKS", 6 * len(c.watched))
     start_guides(c)
-    if not stages:
+    if not segments:
         return
     numbers = c.node_size
     c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", _scratch(c))
-    for stage in stages.values():
-        if not c.carried_by_rates(stage):
-            _wrenches(out, c, stage)
+    for segment in segments.values():
+        if not c.carried_by_rates(segment):
+            _wrenches(out, c, segment)
     text = out.function(
         "load_joints(w, phase: int)",
         "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.",
@@ -38,17 +42,17 @@ def emit_watch(out: Text, c: Context) -> None:
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
     emit_spread(inner, c, "THETA")
     inner("sample(w, phase)")
-    for place, (number, stage) in enumerate(stages.items()):
-        what = "rates" if c.carried_by_rates(stage) else "wrenches"
-        inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"{what}_{stage.name}(w)")
+    for place, (number, segment) in enumerate(segments.items()):
+        what = "rates" if c.carried_by_rates(segment) else "wrenches"
+        inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"{what}_{segment.name}(w)")
     inner.block(f"for e in range({numbers} * LANES):")(
         f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]"
     )
-    for number, stage in stages.items():
-        if stage.loads:
-            _break(out, c, number, stage)
+    for number, segment in segments.items():
+        if segment.loads:
+            _break(out, c, number, segment)
     if c.watched or c.guides:
-        _watch(out, c, stages)
+        _watch(out, c, segments)
 
 
 def _scratch(c: Context) -> int:
@@ -56,7 +60,7 @@ def _scratch(c: Context) -> int:
     return max([at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.guides)])
 
 
-def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
+def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
     """A function for peaks and impulses."""
     numbers = c.node_size
     text = out.function(
@@ -73,16 +77,16 @@ def _watch(out: Text, c: Context, stages: dict[int, Stage]) -> None:
             part("WRENCHES", k),
             part("PEAKS", k),
             part("PEAKS", _other(k)),
-            c.guard(c.load_guards[k // 3]),
+            c.indicator(c.load_indicators[k // 3]),
         )
-        nodes, found, other, guard = (f"{place} + l" for place in places)
+        nodes, found, other, indicator = (f"{place} + l" for place in places)
         inner(
-            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {guard}, "
+            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {indicator}, "
             "w[BEGIN_T + l], h)"
         )
-    for number, stage in stages.items():
-        if any(map(stage.sliding, c.guides)):
-            note_guides(inner.block(f"if phase == {number}:"), c, stage)
+    for number, segment in segments.items():
+        if any(map(segment.sliding, c.guides)):
+            note_guides(inner.block(f"if phase == {number}:"), c, segment)
 
 
 def _other(k: int) -> int:
@@ -90,22 +94,22 @@ def _other(k: int) -> int:
     return k + 3 if k % at.LOADS_OUTCOMES == 0 else k - 3
 
 
-def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
+def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     """A function that ends the step just made where the first load is reached that a phase waits
     for: by the continuous extension."""
     c.slabs.add("MET", c.size)
     says = (
-        f"End the step just made in phase {stage.name} where a load that is waited for is "
+        f"End the step just made in phase {segment.name} where a load that is waited for is "
         "reached, or several are at once."
     )
-    text = out.function(f"break_{stage.name}(w)", says)
+    text = out.function(f"break_{segment.name}(w)", says)
     text(f"load_joints(w, {number})", "found = 0.0")
     inner = text.lanes()
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
     inner("first, slope = 2.0, 0.0")
     sides: list[str] = []
-    for i, load in enumerate(stage.loads):
+    for i, load in enumerate(segment.loads):
         place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
         threshold, nodes = (
             f"w[P + {load.threshold} * LANES + l]",
@@ -113,11 +117,13 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
         )
         inner(f"theta_{i} = math.inf")
         waits = (
-            inner if load.ends_phase else inner.block(f"if w[{load.flag(stage.name)} + l] == 0.0:")
+            inner
+            if load.ends_phase
+            else inner.block(f"if w[{load.flag(segment.name)} + l] == 0.0:")
         )
         asked = f"w, {nodes}, SCRATCH, {threshold}"
         if load.direction:
-            side = side_before(stage, load)
+            side = side_before(segment, load)
             c.start(side, 0.0)
             ways = [load.direction in (way, "either") for way in ("rising", "falling")]
             sides.append(f"w[{side} + l] = peaks.side_then({asked}, w[THETA + l], w[{side} + l])")
@@ -132,11 +138,11 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
         "w[END + l], w[WAY + l] = w[T + l], 2.0",
     )
     met("slow = w[LENGTH + l] / slope if slope > 0.0 else math.inf")
-    for i, load in enumerate(stage.loads):
-        guard = f"{c.guard(f'{stage.name}_{load.name}')} + l"
+    for i, load in enumerate(segment.loads):
+        indicator = f"{c.indicator(f'{segment.name}_{load.name}')} + l"
         at_it = met.block(f"if (theta_{i} - first) * w[LENGTH + l] <= {at.GRAIN}:")
         at_it(
-            f"w[{load.flag(stage.name)} + l], w[{guard}] = 1.0, max(w[{guard}], slow if first > "
+            f"w[{load.flag(segment.name)} + l], w[{indicator}] = 1.0, max(w[{indicator}], slow if first > "
             "0.0 else 0.0)"
         )
     inner(*sides)
@@ -144,18 +150,18 @@ def _break(out: Text, c: Context, number: int, stage: Stage) -> None:
     emit_spread(inner, c, "THETA")
     emit_spread(inner, c, "MET")
     inner(f"sample(w, {number})")
-    inner.block(f"for e in range({c.spec.active(stage)} * LANES):")(
+    inner.block(f"for e in range({c.spec.active(segment)} * LANES):")(
         "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
     )
-    emit_attitudes_where(inner, c, stage, "MET")
+    emit_attitudes_where(inner, c, segment, "MET")
 
 
-def side_before(stage: Stage, load: Event) -> str:
+def side_before(segment: Segment, load: Event) -> str:
     """Where it is noted on which side of its threshold a load was at the end of the last step."""
-    return f"SIDE_{APART}_{load.number}" if load.apart else f"SIDE_{stage.name}_{load.name}"
+    return f"SIDE_{APART}_{load.number}" if load.apart else f"SIDE_{segment.name}_{load.name}"
 
 
-def _wrenches(out: Text, c: Context, stage: Stage) -> None:
+def _wrenches(out: Text, c: Context, segment: Segment) -> None:
     """A function for the loads of the joints that are followed, in a phase whose derivative does
     not give them."""
     says = (
@@ -163,12 +169,12 @@ def _wrenches(out: Text, c: Context, stage: Stage) -> None:
         "in axes of its first body, into WRENCH"
     )
     says += "; and what is followed of guides." if c.guides else "."
-    text = out.function(f"wrenches_{stage.name}(w)", says)
-    before_wrenches(text, c, stage)
-    s = State(c, c.scope(), stage, "S")
+    text = out.function(f"wrenches_{segment.name}(w)", says)
+    before_wrenches(text, c, segment)
+    s = State(c, c.scope(), segment, "S")
     motion = make_wrenches(s)
     store_wrenches(s, motion)
     for joint, first, _, _ in c.noted_of_guides:
-        for k, vector in enumerate(watch_guide(s, motion, joint) if stage.sliding(joint) else []):
+        for k, vector in enumerate(watch_guide(s, motion, joint) if segment.sliding(joint) else []):
             s.scope.store(part("WRENCH", first + 3 * k), vector)
     s.scope.write(text)

@@ -18,21 +18,21 @@ from sepmc.kernel.emit.rows import (
     make_solver,
 )
 from sepmc.kernel.emit.tables import call_look_up
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, quat, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import called
 from sepmc.scene.model import GROUND
 
 
-def before_motion(text: Text, c: Context, stage: Stage) -> None:
+def before_motion(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before its motion: what tables give, and
     friction."""
-    call_look_up(text, c, stage)
-    if c.spec.rubbing(stage):
-        text(f"rub_{stage.name}(w)")
-    if stage.full:
-        before_full(text, stage, c.spec.bodies)
+    call_look_up(text, c, segment)
+    if c.spec.rubbing(segment):
+        text(f"rub_{segment.name}(w)")
+    if segment.full:
+        before_full(text, segment, c.spec.bodies)
 
 
 @dataclass
@@ -70,12 +70,12 @@ def make_motion(s: State, rubs: bool = True) -> Motion:
     )
     s.scope.comment("motion without the joints")
     acceleration, spin_rate = without_joints(s, force, moment)
-    if not s.stage.rows:
+    if not s.segment.rows:
         return Motion(force, moment, acceleration, spin_rate)
     rows = Rows(s)
     s.scope.comment("inverse inertia that the rows feel")
     factors = make_solver(s, rows.coupling())
-    if s.stage.full and rubs:
+    if s.segment.full and rubs:
         acceleration, spin_rate, wrenches = FullSystem(s, rows, force, moment).solve()
         return Motion(
             force, moment, acceleration, spin_rate, system=rows, factors=factors, wrenches=wrenches
@@ -104,7 +104,7 @@ def without_joints(
     }
     return acceleration, {
         group[0]: spin_rate_of(s, group, moment).called("spin_rate")
-        for group in s.stage.groups
+        for group in s.segment.groups
         if GROUND not in group
     }
 
@@ -121,8 +121,8 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
         if body != GROUND:
             acceleration[body] = vec3.scale(sign * apart * s.case.inverse_mass(body), line.e)
             moment[body] = vec3.scale(apart, vec3.unrotate(s.attitude(body), arm))
-    spin_rate = dict.fromkeys(s.stage.leaders, ZERO)
-    for group in s.stage.groups:
+    spin_rate = dict.fromkeys(s.segment.leaders, ZERO)
+    for group in s.segment.groups:
         turning = add_all([moment[body] for body in group if body != GROUND])
         if group[0] in spin_rate and turning is not ZERO:
             spin_rate[group[0]] = vec3.rotate(s.case.inverse_inertia(group), turning)
@@ -144,7 +144,7 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
 
 def spin_rate_of(s: State, group: tuple[str, ...], moment: dict[str, Any]) -> Any:
     """Euler's equations of bodies that turn as one."""
-    leader, felt = s.stage.leader(group[0]), add_all([moment[body] for body in group])
+    leader, felt = s.segment.leader(group[0]), add_all([moment[body] for body in group])
     if leader != GROUND:
         omega = s.rate(leader)
         felt = vec3.sub(felt, vec3.cross(omega, vec3.rotate(s.case.group_inertia(group), omega)))
@@ -156,10 +156,10 @@ def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
     return {name: add_all([vector, added[name]]) for name, vector in vectors.items()}
 
 
-def emit_correct(out: Text, c: Context, stage: Stage) -> None:
+def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     """A function that notes how far a phase's rows are off, and brings the state back if the scene
     asks for it."""
-    if c.hands_on(out, stage, "correct"):
+    if c.hands_on(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"
@@ -168,8 +168,8 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
         if corrects
         else "."
     )
-    text = out.function(f"correct_{stage.name}(w)", says)
-    s = State(c, c.scope(), stage, "Y")
+    text = out.function(f"correct_{segment.name}(w)", says)
+    s = State(c, c.scope(), segment, "Y")
     for k in range(4):
         s.scope.store(part("RESIDUAL_NOW", k), 0.0)
     lose(s.scope, is_finite(s))
@@ -178,7 +178,7 @@ def emit_correct(out: Text, c: Context, stage: Stage) -> None:
     coupling = rows.coupling()
     factors = make_solver(s, coupling)
     if isinstance(factors, Factors):
-        dropped = Rows(s, s.stage.dropped)
+        dropped = Rows(s, s.segment.dropped)
         dropped.note_residuals()
         for one in dropped.rows:
             rows.lose_independent(one, factors)
@@ -201,7 +201,7 @@ def _correct(s: State, rows: Rows, factors: Solver) -> None:
         ):
             if change is not None:
                 s.scope.store(f"Y + {slab}_{body}", vec3.add(now, change))
-    for leader in s.stage.leaders:
+    for leader in s.segment.leaders:
         if turn[leader] is not None:
             q = s.quaternion(leader)
             d = quat.rate(q, turn[leader]).called("d")

@@ -26,7 +26,7 @@ AT_EVENT = 6  # the last outcomes of a body, which are told at events too: rates
 
 def emit_report(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
-    spec, stage = c.spec, c.spec.stages[-1]
+    spec, segment = c.spec, c.spec.segments[-1]
     text = out.function(
         "report(w)", "Outcomes of the final state, in the order of the columns, into OUT."
     )
@@ -36,10 +36,10 @@ def emit_report(out: Text, c: Context) -> None:
     if has_wind_profile(spec):
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
-        call_look_up(text, c, stage)
+        call_look_up(text, c, segment)
     if c.guides:
         c.slabs.add("OF_GUIDES", sum(2 + c.pins(joint) for joint in c.guides), optional=True)
-    s = State(c, c.scope(), stage, "Y")
+    s = State(c, c.scope(), segment, "Y")
     o = 0
     for body in spec.bodies:
         for k, value in enumerate(of_body(s, body, angles)):
@@ -84,7 +84,7 @@ def _at_event(end: State, event: str, o: int) -> None:
     c, scope, spec = end.c, end.scope, end.spec
     c.slabs.add("OF_EVENTS", len(spec.scene.event) * _told_at_event(c), optional=True)
     c.start(f"COMES_{event}", math.inf)
-    s = State(c, scope, end.stage, kept(event), f"COMES_{event}")
+    s = State(c, scope, end.segment, kept(event), f"COMES_{event}")
 
     def followed(s: State, leader: str) -> tuple[Any, Any]:
         pitch, roll = (scope.load(kept_angle(c, event, leader, k)) for k in range(2))
@@ -115,7 +115,7 @@ def _ignitions(end: State) -> None:
 def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> None:
     """Lines for all clearances at an event, into OF_EVENTS, up to number ``behind``."""
     c, clearances = end.c, end.spec.scene.clearance
-    s = State(c, end.scope, end.stage, kept(event), f"COMES_{event}")
+    s = State(c, end.scope, end.segment, kept(event), f"COMES_{event}")
     for i, entry in enumerate(clearances):
         counts = f"w[COMES_{event} + l] < math.inf"
         if not counts_from_start(c, i):
@@ -126,7 +126,7 @@ def _clearances_at_event(text: Text, end: State, event: str, behind: int) -> Non
 def of_body(s: State, body: str, followed: Callable[[State, str], tuple[Any, Any]]) -> list[Any]:
     """Angles of the flow, the pitch above the nominal path, rates and attitude of a body;
     ``followed`` gives the pitch and the roll of a group that turns, carried through turns."""
-    leader, attitude, case = s.stage.leader(body), s.attitude(body), s.case
+    leader, attitude, case = s.segment.leader(body), s.attitude(body), s.case
     flow = vec3.unrotate(attitude, vec3.add(s.speed(body), s.stream(body))).called("flow")
     alpha, beta = loads.angles_told(flow, loads.flow_angles(flow).called("angles"))
     held = leader == GROUND
@@ -162,8 +162,8 @@ def emit_results(text: Text, c: Context) -> None:
         "unknown = -math.inf if w[UNCLEAR + l] > 0.0 else math.nan",
         "known = w[UNCLEAR + l] == 0.0 and w[UNEVEN + l] == 0.0",
     )
-    for k in range(len(c.guards)):
-        place = part("GUARD", k)
+    for k in range(len(c.indicators)):
+        place = part("INDICATORS", k)
         inner(f"w[{place} + l] = w[{place} + l] if known else unknown")
     o = 0
     for slab, count in [("OUT", own), *_other_outcomes(c)]:
@@ -176,8 +176,8 @@ def emit_results(text: Text, c: Context) -> None:
         o += 1
     text(f"put_columns(outcomes, {o}, w, AUDITS, {len(audits)}, first)")
     o += len(audits) + 1  # the estimate of the error is not known here
-    text(f"put_columns(outcomes, {o}, w, GUARD, GUARDS, first)")
-    for number, place in enumerate([*(f"ENDED_{one.name}" for one in spec.stages), *c.sudden]):
+    text(f"put_columns(outcomes, {o}, w, INDICATORS, N_INDICATORS, first)")
+    for number, place in enumerate([*(f"ENDED_{one.name}" for one in spec.segments), *c.sudden]):
         text(f"put_columns(ends, {number}, w, {place}, 1, first)")
     inner = text.block("for i in range(first, min(first + LANES, draws.shape[1])):")
     inner("status[i] = int(w[TOLD + i - first])")
@@ -220,7 +220,7 @@ def _other_outcomes(c: Context) -> list[tuple[str, int]]:
 
 def _audits(c: Context) -> list[str]:
     """Values of the audit columns, for a lane."""
-    redundant = str(float(max(stage.redundant for stage in c.spec.stages)))
+    redundant = str(float(max(segment.redundant for segment in c.spec.segments)))
     return [
         *(f"w[{part('RESIDUAL', k)} + l]" for k in range(4)),
         "w[DRIFT + l]",

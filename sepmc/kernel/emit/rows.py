@@ -52,13 +52,13 @@ class Rows:
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
         self.apart, groups = (
             apart,
-            [(body,) for body in s.spec.bodies] if apart else s.stage.groups,
+            [(body,) for body in s.spec.bodies] if apart else s.segment.groups,
         )
         self.inverse = {
             group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group
         }
         self.rows: list[JointRow] = []
-        for row in s.stage.rows if rows is None else rows:
+        for row in s.segment.rows if rows is None else rows:
             if not self.rows or row.joint != self.rows[-1].row.joint:
                 s.scope.comment(f"joint {row.joint}")
             self.rows.append(self._row(row))
@@ -75,7 +75,7 @@ class Rows:
         )
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
-            leader = body if self.apart else s.stage.leader(body)
+            leader = body if self.apart else s.segment.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
         gamma = self._pulled_back(gamma, value, rate)
@@ -228,7 +228,7 @@ class Rows:
             linear[body] = (
                 vec3.scale(self.s.case.inverse_mass(body), add_all(pulls)) if pulls else None
             )
-        for leader in self.s.stage.leaders:
+        for leader in self.s.segment.leaders:
             turns = [
                 vec3.scale(m, one.turned[leader])
                 for m, one in zip(multipliers, self.rows, strict=True)
@@ -270,7 +270,7 @@ class LeastSquares:
 
     def __init__(self, s: State, a: list[list[Any]], name: str = ""):
         self.s, self.matrix, self.solved = s, [x for row in a for x in row], 0
-        self.name = f"{s.stage.name}_{name}" if name else s.stage.name
+        self.name = f"{s.segment.name}_{name}" if name else s.segment.name
         self.rank: Any = None
         self.smallest: Any = None  # share of its diagonal that a pivot keeps
 
@@ -338,7 +338,7 @@ def is_finite(s: State) -> Expr:
 
 def make_solver(s: State, coupling: list[list[Any]]) -> Solver:
     """What solves for the multipliers of a phase's rows."""
-    return LeastSquares(s, coupling) if s.stage.least_squares else Factors(coupling)
+    return LeastSquares(s, coupling) if s.segment.least_squares else Factors(coupling)
 
 
 def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:

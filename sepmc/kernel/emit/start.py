@@ -39,16 +39,16 @@ def emit_prepare(out: Text, c: Context) -> None:
     for name in (
         *ZERO_AT_FIRST,
         *(part("RESIDUAL", k) for k in range(4)),
-        *(c.guard(name) for name in c.guards),
+        *(c.indicator(name) for name in c.indicators),
     ):
         scope.store(name, 0.0)
     lose(scope, scope.load("UNSOUND").equals(0.0), Status.INVALID_INPUT)
-    for stage in spec.stages:
-        if stage.end_time:
-            slabs.add(f"UNTIL_{stage.name}", 1)
+    for segment in spec.segments:
+        if segment.end_time:
+            slabs.add(f"UNTIL_{segment.name}", 1)
             scope.store(
-                f"UNTIL_{stage.name}",
-                total([case.number(place) for place in (*stage.end_time, *_some(stage.delay))]),
+                f"UNTIL_{segment.name}",
+                total([case.number(place) for place in (*segment.end_time, *_some(segment.delay))]),
             )
     for joint in [] if spec.any_order else spec.failing:
         lose(scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, Variant.ANY_ORDER)

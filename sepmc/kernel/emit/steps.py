@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sepmc.kernel.emit.context import Context, height, lose, lost_unless, part
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method, method
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import air, quat, scalar, square_root, vec3
@@ -51,7 +51,7 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
     return [f"{name} = {float(value)!r}" for name, value in found.items() if value]
 
 
-def stage_again(text: Text, rk: Method, i: int) -> None:
+def restore_stage(text: Text, rk: Method, i: int) -> None:
     """Lines for the state S and the time CLOCK of a stage, counted from 0, of the step just made
     from BEGIN: the derivatives of those before it are still there."""
     inner = text.block("for e in range(SIZE_Y):")
@@ -80,28 +80,28 @@ def emit_lengths(out: Text, c: Context) -> None:
         "set_step(w, phase: int, parts: int, usual: float)", says + " ``usual`` at first."
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.spec.stages):
-        if not (stage.events or c.paces(stage)):
+    for number, segment in enumerate(c.spec.segments):
+        if not (segment.events or c.paces(segment)):
             continue
         inner = text.block(f"if phase == {number}:")
-        if stage.waits_for_load:
+        if segment.waits_for_load:
             inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
-        if stage.events:
-            hold_back(inner, c, stage, "w[WAY + l] < 1.0")
-            inner(f"aim_{stage.name}(w, usual)")
-        if c.paces(stage):
-            end = "min(w[END + l], w[USUALLY + l])" if stage.waits_for_load else "w[END + l]"
+        if segment.events:
+            hold_back(inner, c, segment, "w[WAY + l] < 1.0")
+            inner(f"aim_{segment.name}(w, usual)")
+        if c.paces(segment):
+            end = "min(w[END + l], w[USUALLY + l])" if segment.waits_for_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
     emit_spread(text, c, "STEP")
-    if any(stage.events for stage in c.spec.stages):
+    if any(segment.events for segment in c.spec.segments):
         _emit_rest(out, c)
 
 
-def hold_back(text: Text, c: Context, stage: Stage, goes: str) -> None:
+def hold_back(text: Text, c: Context, segment: Segment, goes: str) -> None:
     """Lines by which nothing is noted of the conditions of a phase but for the lanes that go
     now."""
-    if c.paces(stage):
+    if c.paces(segment):
         text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
 
 
@@ -143,14 +143,14 @@ def _emit_rest(out: Text, c: Context) -> None:
         "What is left of the way to END or to the next event, into all of STEP.",
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
-    for number, stage in enumerate(c.spec.stages):
-        if stage.events:
+    for number, segment in enumerate(c.spec.segments):
+        if segment.events:
             inner = text.block(f"if phase == {number}:")
-            if stage.waits_for_load:
+            if segment.waits_for_load:
                 inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
-            hold_back(inner, c, stage, "w[WAY + l] == 1.0")
-            inner(f"aim_{stage.name}(w, math.inf)")
-            if c.paces(stage):
+            hold_back(inner, c, segment, "w[WAY + l] == 1.0")
+            inner(f"aim_{segment.name}(w, math.inf)")
+            if c.paces(segment):
                 inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
     emit_spread(text, c, "STEP")
 
@@ -183,8 +183,8 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
     inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
     inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
-    _stages(text, rk, later, rk.doubt)
-    text("guard(w, phase)")
+    _emit_stages(text, rk, later, rk.doubt)
+    text("note_indicators(w, phase)")
     if extends:
         _extends(text, c)
     text("settle(w, phase)")
@@ -193,8 +193,8 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 def _extends(text: Text, c: Context) -> None:
     """Lines that extend the step just made where states within it are needed. Rows of a full
     history are asked for in few of the flights of a case."""
-    where = [f"phase == {number}" for number, one in enumerate(c.spec.stages) if c.follows(one)]
-    if len(where) == len(c.spec.stages):
+    where = [f"phase == {number}" for number, one in enumerate(c.spec.segments) if c.follows(one)]
+    if len(where) == len(c.spec.segments):
         text("extend(w, phase)")
         return
     if c.history == FULL_HISTORY:
@@ -214,7 +214,7 @@ def emit_approach(out: Text, c: Context) -> None:
     text = out.function("approach(w, phase: int, size: int)", says)
     _begin(text, c, "set_rest(w, phase)", False)
     text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
-    _stages(text, rk, np.empty((0, rk.stages)))
+    _emit_stages(text, rk, np.empty((0, rk.stages)))
     text("settle(w, phase)", "set_rest(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
@@ -249,7 +249,7 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     text(set_length)
 
 
-def _stages(
+def _emit_stages(
     text: Text,
     rk: Method,
     later: np.ndarray,
@@ -323,9 +323,9 @@ def emit_settle(out: Text, c: Context) -> None:
         text("farthest = 0.0")
         text.lanes()("farthest = max(farthest, w[FAR + l])")
         text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
-    for number, stage in enumerate(spec.stages):
-        if stage.rows:
-            text.block(f"if phase == {number}:")(f"correct_{stage.name}(w)")
+    for number, segment in enumerate(spec.segments):
+        if segment.rows:
+            text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")
     if c.idles:
         text.block("for e in range(SIZE_Y):")(
             "w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
@@ -336,8 +336,8 @@ def emit_settle(out: Text, c: Context) -> None:
             )
         # a state would count for the energy that is none at the end of a step of the case
         text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
-    for number, stage in enumerate(spec.stages):
-        text.block(f"if phase == {number}:")(f"energy_{stage.name}(w, 0.0)")
+    for number, segment in enumerate(spec.segments):
+        text.block(f"if phase == {number}:")(f"energy_{segment.name}(w, 0.0)")
     if c.idles:
         text.block("for e in range(3 * LANES):")(
             "w[ENERGY + e] = w[ENERGY_BEFORE + e] if w[STEP + e] == 0.0 else w[ENERGY + e]"
@@ -348,19 +348,21 @@ def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     """Phases and the bodies whose attitudes are integrated from then on."""
     found: dict[int, list[str]] = {}
     for body in c.spec.turning:
-        first = next((n for n, stage in enumerate(c.spec.stages) if body in stage.leaders), None)
+        first = next(
+            (n for n, segment in enumerate(c.spec.segments) if body in segment.leaders), None
+        )
         if first is not None:
             found.setdefault(first, []).append(body)
     return sorted(found.items())
 
 
-def emit_attitudes_where(text: Text, c: Context, stage: Stage, flag: str) -> None:
+def emit_attitudes_where(text: Text, c: Context, segment: Segment, flag: str) -> None:
     """Lines that follow attitudes to the state Y in the lanes in which a flag is set.
 
     A step that was cut short leaves pitch, roll and heading as they were at its full length.
     """
     for body in c.spec.turning:
-        if body not in stage.leaders:
+        if body not in segment.leaders:
             continue
         scope = c.scope()
         cut, q = scope.load(flag) > 0.0, scope.load(f"Y + Q_{body}", 4).called("q")
@@ -465,11 +467,11 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
         )
 
 
-def emit_guard(out: Text, c: Context) -> None:
+def emit_note_indicators(out: Text, c: Context) -> None:
     """A function that keeps the largest doubt there was of any step."""
     text = out.function(
-        "guard(w, phase: int)",
-        "The largest that steps may have done wrong, for every body, into GUARD.",
+        "note_indicators(w, phase: int)",
+        "The largest that steps may have done wrong, for every body, into INDICATORS.",
     )
     scope = c.scope()
     for body in c.spec.bodies:
@@ -484,11 +486,11 @@ def emit_guard(out: Text, c: Context) -> None:
 
 
 def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
-    guard, largest, count = (
-        c.guard(f"{what}_{body}"),
+    indicator, largest, count = (
+        c.indicator(f"{what}_{body}"),
         *((scalar.largest4, 4) if what == "Q" else (scalar.largest3, 3)),
     )
     scope.store(
-        guard,
-        scalar.larger(scope.load(guard), largest(scope.load(f"DOUBT + {what}_{body}", count))),
+        indicator,
+        scalar.larger(scope.load(indicator), largest(scope.load(f"DOUBT + {what}_{body}", count))),
     )

@@ -11,7 +11,7 @@ from typing import Any
 
 from sepmc.kernel.emit.context import Context, level, lost_unless, part
 from sepmc.kernel.emit.geometry import State
-from sepmc.kernel.spec.kernel_spec import KernelSpec, Stage
+from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.kernel.tracer.tracer import Expr
@@ -52,24 +52,24 @@ def _has_air(spec: KernelSpec, body: str) -> bool:
     return spec.feels_air(body) and not spec.in_layers(body)
 
 
-def emit_look_up(out: Text, c: Context, stage: Stage) -> None:
+def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
     """A function for what tables give at a state of a phase."""
-    if not has_tables(c.spec) or c.hands_on(out, stage, "look_up"):
+    if not has_tables(c.spec) or c.hands_on(out, segment, "look_up"):
         return
     text = Text(out.indent + 1)  # that of each table comes before it
-    _over_height(out, text, c, stage)
+    _over_height(out, text, c, segment)
     bodies = [body for body in c.spec.bodies if looks_up(c.spec, body)]
     if bodies:
-        _of_bodies(out, text, c, stage, bodies)
+        _of_bodies(out, text, c, segment, bodies)
     out.function(
-        f"look_up_{stage.name}(w)",
-        f"What tables give at the state S in phase {stage.name}, into slabs of lanes.",
+        f"look_up_{segment.name}(w)",
+        f"What tables give at the state S in phase {segment.name}, into slabs of lanes.",
     ).lines.extend(text.lines)
 
 
-def _of_bodies(out: Text, text: Text, c: Context, stage: Stage, bodies: list[str]) -> None:
+def _of_bodies(out: Text, text: Text, c: Context, segment: Segment, bodies: list[str]) -> None:
     """Lines for the coefficients of bodies, from tables and with what a distance adds."""
-    s = State(c, c.scope(), stage, "S")
+    s = State(c, c.scope(), segment, "S")
     for body in bodies:
         if _table(c, body) >= 0:
             _put_place(s, f"FLOW_{body}", _flow(s, body))
@@ -97,14 +97,14 @@ def _of_bodies(out: Text, text: Text, c: Context, stage: Stage, bodies: list[str
         )
 
 
-def _over_height(out: Text, text: Text, c: Context, stage: Stage) -> None:
+def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
     """Lines for what depends on the height of a body: logarithm of the density and speed of sound,
     and what the wind has there more."""
     in_air = [body for body in c.spec.bodies if _has_air(c.spec, body)]
     windy = c.spec.bodies if has_wind_profile(c.spec) else []
     if not (in_air or windy):
         return
-    s = State(c, c.scope(), stage, "S")
+    s = State(c, c.scope(), segment, "S")
     for name, bodies in (("HEIGHT_OF", in_air), ("WIND_HEIGHT", windy)):
         for body in bodies:
             _put_place(s, f"{name}_{body}", (s.place(body)[1] + level(s.scope, s.time), 0.0, 0.0))
@@ -224,10 +224,10 @@ def _counts(c: Context, start: int) -> list[int]:
     return found
 
 
-def call_look_up(text: Text, c: Context, stage: Stage) -> None:
+def call_look_up(text: Text, c: Context, segment: Segment) -> None:
     """A line for it, ahead of what needs it."""
     if has_tables(c.spec):
-        text(f"look_up_{stage.name}(w)")
+        text(f"look_up_{segment.name}(w)")
 
 
 def _entries(c: Context, bodies: list[str]) -> list[tuple[int, Proximity]]:

@@ -9,25 +9,25 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all, body_loads
 from sepmc.kernel.emit.motion import Motion, before_motion, make_motion, spin_rate_of
 from sepmc.kernel.emit.rows import Rows
-from sepmc.kernel.spec.kernel_spec import Stage
+from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import ZERO, vec3
 from sepmc.kernel.tracer.text import Text
 from sepmc.scene.model import GROUND
 
 
-def emit_shares(out: Text, c: Context, stage: Stage) -> None:
+def emit_shares(out: Text, c: Context, segment: Segment) -> None:
     """A function for what joints carry in a phase in which rows are redundant: that of least sum of
     squares."""
-    if not stage.shares:
+    if not segment.shares:
         return
     says = (
-        f"What the joints of phase {stage.name} carry at the state S and the times CLOCK: of "
+        f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
         "all that would do the multipliers of least"
     )
-    text = out.function(f"shares_{stage.name}(w)", says + " sum of squares, into SHARES.")
-    s = State(c, c.scope(), stage, "S")
+    text = out.function(f"shares_{segment.name}(w)", says + " sum of squares, into SHARES.")
+    s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
-    rows, count = Rows(s, stage.every_row, apart=True), len(stage.every_row)
+    rows, count = Rows(s, segment.every_row, apart=True), len(segment.every_row)
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
         for body in c.spec.bodies
@@ -49,19 +49,19 @@ def emit_shares(out: Text, c: Context, stage: Stage) -> None:
     text.lanes()(f"linear.share(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
 
 
-def before_wrenches(text: Text, c: Context, stage: Stage) -> None:
+def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before what joints carry."""
-    before_motion(text, c, stage)
-    if stage.shares:
-        text(f"shares_{stage.name}(w)")
+    before_motion(text, c, segment)
+    if segment.shares:
+        text(f"shares_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
     """The motion at a state, with multipliers that tell what joints carry."""
     motion = make_motion(s)
-    if not s.stage.shares:
+    if not s.segment.shares:
         return motion
-    rows = Rows(s, s.stage.every_row, apart=True)
+    rows = Rows(s, s.segment.every_row, apart=True)
     return replace(
         motion,
         multipliers=[s.scope.load(part("SHARES", k)) for k in range(len(rows.rows))],
@@ -97,7 +97,7 @@ def moment_of(s: State, motion: Motion, joint: str) -> Any:
     its bodies need to turn as one."""
     if motion.wrenches:
         return motion.wrenches[joint][1] if joint in motion.wrenches else ZERO
-    if joint in s.stage.welds and not motion.shared:
+    if joint in s.segment.welds and not motion.shared:
         return _moment_of_weld(s, motion, joint)
     rows = zip(motion.multipliers, motion.rows, strict=True)
     return add_all(
@@ -122,7 +122,7 @@ def _side(s: State, joint: str, body: str) -> set[str]:
     """Bodies that turn as one with a body though a joint is cut."""
     found, pairs = (
         {body},
-        [set(s.spec.scene.joint[weld].bodies) for weld in s.stage.welds if weld != joint],
+        [set(s.spec.scene.joint[weld].bodies) for weld in s.segment.welds if weld != joint],
     )
     while more := [pair for pair in pairs if found & pair and not pair <= found]:
         found |= more[0]
@@ -134,7 +134,7 @@ def _left_to(s: State, motion: Motion, joint: str, side: set[str]) -> Any:
     axes."""
     case, terms = s.case, []
     for body in sorted(side):
-        leader = s.stage.leader(body)
+        leader = s.segment.leader(body)
         if leader == GROUND:
             inertial: Any = ZERO
         else:

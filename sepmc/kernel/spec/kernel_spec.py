@@ -20,8 +20,8 @@ Kinds = dict[int, tuple[int, ...]]
 
 @dataclass(frozen=True)
 class Row:
-    """A constraint row: its joint and its code (`layout`); if it counts in some of its stage only,
-    the kinds of its joint, by number, in which it does."""
+    """A constraint row: its joint and its code (`layout`); if it counts in some of its segment
+    only, the kinds of its joint, by number, in which it does."""
 
     joint: str
     code: int
@@ -50,7 +50,7 @@ class Event:
 
     @property
     def name(self) -> str:
-        """What it is called within its stage."""
+        """What it is called within its segment."""
         if self.is_border:
             return f"{self.which}_{'top' if self.what == at.AT_LAYER_TOP else 'base'}"
         return self.which if self.number < 0 else f"{self.which}_{self.number}"
@@ -61,7 +61,7 @@ class Event:
         passed."""
         return self.what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
 
-    def flag(self, stage: str) -> str:
+    def flag(self, segment: str) -> str:
         """Where it is noted that it is met."""
         if self.is_border:
             return f"ENTERS_{self.which}"
@@ -70,7 +70,7 @@ class Event:
         return (
             ended(self.which)
             if self.number < 0
-            else met(APART if self.apart else stage, self.number)
+            else met(APART if self.apart else segment, self.number)
         )
 
 
@@ -82,9 +82,9 @@ def ended(spring: str) -> str:
 APART = "apart"  # in place of a phase, of a condition that releases a joint in any
 
 
-def met(stage: str, number: int) -> str:
+def met(segment: str, number: int) -> str:
     """Where it is noted that one of several conditions is met."""
-    return f"MET_{stage}_{number}"
+    return f"MET_{segment}_{number}"
 
 
 def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:
@@ -128,7 +128,7 @@ class Change:
 
 
 @dataclass
-class Stage:
+class Segment:
     """A phase, or the time after it in which joints are late in letting go: its groups of bodies
     that turn as one (the first leads), its rows, what ends it, and what it does not hold any
     more."""
@@ -156,7 +156,7 @@ class Stage:
     late: dict[str, int] = field(default_factory=dict)
     # whether its end was waited for before it began, while joints were late
     after_late: bool = False
-    # the stage after it in which joints are late, if that holds what this does until they let go:
+    # the segment after it in which joints are late, if that holds what this does until they let go:
     # one derivative and one correction fly both, which a kernel then compiles once
     flown_as: str = ""
     # the condition that ends the phase after it and is waited for while joints are late
@@ -242,7 +242,7 @@ class KernelSpec:
     layout: ParameterLayout
     dispersed: frozenset[str]
     names: Names
-    stages: list[Stage]
+    segments: list[Segment]
     # bodies in the order their attitudes stand in the state: leaders of the first phase first
     turning: list[str]
     changes: list[Change]  # what events tell joints
@@ -283,12 +283,12 @@ class KernelSpec:
         about its height."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
-    def active(self, stage: Stage) -> int:
+    def active(self, segment: Segment) -> int:
         """Numbers of the state that are integrated in a phase."""
         return (
             6 * len(self.bodies)
             + 1
-            + 7 * (1 + max((self.turning.index(b) for b in stage.leaders), default=-1))
+            + 7 * (1 + max((self.turning.index(b) for b in segment.leaders), default=-1))
         )
 
     @property
@@ -303,33 +303,34 @@ class KernelSpec:
         late beyond the next event or fail, or bodies leave their layer of air though that was not
         foreseen, or an event comes much later than it is foretold; in which rows cease to follow
         from others, or come to."""
-        lost = any(stage.late or stage.delay is not None for stage in self.stages) or bool(
+        lost = any(segment.late or segment.delay is not None for segment in self.segments) or bool(
             self.failing
         )
-        lost = lost or any(stage.events and stage.stops == 1 for stage in self.stages)
+        lost = lost or any(segment.events and segment.stops == 1 for segment in self.segments)
         lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
         found = [Variant.ANY_ORDER] if lost and not self.any_order else []
         return found + (
             [Variant.LEAST_SQUARES]
-            if self.variant != Variant.LEAST_SQUARES and any(stage.rows for stage in self.stages)
+            if self.variant != Variant.LEAST_SQUARES
+            and any(segment.rows for segment in self.segments)
             else []
         )
 
     @cached_property
     def masked(self) -> dict[str, int]:
-        """Joints that let go within a stage, and the numbers of the kinds as which they hold at the
-        start."""
-        names = dict.fromkeys(name for stage in self.stages for name in stage.masked)
-        return {name: min(self.stages[0].may[name]) for name in names}
+        """Joints that let go within a segment, and the numbers of the kinds as which they hold at
+        the start."""
+        names = dict.fromkeys(name for segment in self.segments for name in segment.masked)
+        return {name: min(self.segments[0].may[name]) for name in names}
 
     @property
     def changing(self) -> list[tuple[str, int]]:
-        """Joints that let go within a stage, and the numbers of the kinds that they take."""
+        """Joints that let go within a segment, and the numbers of the kinds that they take."""
         found = {
             (name, number)
-            for stage in self.stages
-            for name in stage.masked
-            for number in stage.may[name]
+            for segment in self.segments
+            for name in segment.masked
+            for number in segment.may[name]
         }
         return sorted((name, number) for name, number in found if number > self.masked[name])
 
@@ -339,8 +340,8 @@ class KernelSpec:
         return list(
             dict.fromkeys(
                 e.which
-                for stage in self.stages
-                for e in stage.events
+                for segment in self.segments
+                for e in segment.events
                 if e.what == at.AT_SPRING_STROKE
             )
         )
@@ -349,12 +350,12 @@ class KernelSpec:
         """What events tell a joint."""
         return [change for change in self.changes if change.joint == joint]
 
-    def rubbing(self, stage: Stage) -> list[str]:
+    def rubbing(self, segment: Segment) -> list[str]:
         """Joints whose pins may slide in a phase, with friction."""
         guides = {
             name: joint.guide
             for name, joint in self.scene.joint.items()
-            if joint.guide is not None and stage.sliding(name)
+            if joint.guide is not None and segment.sliding(name)
         }
         return [
             name

@@ -1,5 +1,5 @@
-"""The structure of a scene: its stages, what joints may hold in each, which bodies turn as one,
-what ends a stage, and which rows are redundant."""
+"""The structure of a scene: its segments, what joints may hold in each, which bodies turn as one,
+what ends a segment, and which rows are redundant."""
 
 import itertools
 import math
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from sepmc.kernel.spec.conditions import Leaf, make_conditions
 from sepmc.kernel.spec.heights import may_pass_borders
-from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Stage
+from sepmc.kernel.spec.kernel_spec import Change, Due, Event, KernelSpec, Kinds, Release, Segment
 from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import ParameterLayout, is_ground_named
 from sepmc.kernel.spec.variant import Variant
@@ -33,10 +33,10 @@ def _needs_any_order(spec: KernelSpec) -> bool:
     """Whether a scene asks for more than phases that follow each other, with joints that are late
     between them: where conditions are waited for meanwhile that cannot be noted, joints fail
     nominally or let go in part twice, or rows are redundant while joints let go."""
-    scene, stages = spec.scene, spec.stages
-    if any(stage.after_late and (stage.waits_for_load or stage.clauses) for stage in stages) or any(
-        j.fails for j in scene.joint.values()
-    ):
+    scene, segments = spec.scene, spec.segments
+    if any(
+        segment.after_late and (segment.waits_for_load or segment.clauses) for segment in segments
+    ) or any(j.fails for j in scene.joint.values()):
         return True
     if any(
         release.to != "free" or _may_be_late(scene, release.joint, spec.dispersed)
@@ -45,7 +45,8 @@ def _needs_any_order(spec: KernelSpec) -> bool:
         return True
     guides = [name for name, joint in scene.joint.items() if joint.guide is not None]
     return any(
-        stage.redundant and (stage.masked or any(map(stage.sliding, guides))) for stage in stages
+        segment.redundant and (segment.masked or any(map(segment.sliding, guides)))
+        for segment in segments
     )
 
 
@@ -71,11 +72,11 @@ def make_kernel_spec(
 ) -> KernelSpec:
     """The spec of a scene.
 
-    A joint that is late lets go between two phases, in a stage of its own; a case in which the next
-    phase ends meanwhile is lost. With the ``variant`` of ANY_ORDER, and for scenes that need it, it
-    may let go whenever it is due, in any phase: stages are the phases, and what such joints hold is
-    masked. With that of LEAST_SQUARES, besides, rows may follow from others, or cease to, in any
-    case.
+    A joint that is late lets go between two phases, in a segment of its own; a case in which the
+    next phase ends meanwhile is lost. With the ``variant`` of ANY_ORDER, and for scenes that need
+    it, it may let go whenever it is due, in any phase: segments are the phases, and what such
+    joints hold is masked. With that of LEAST_SQUARES, besides, rows may follow from others, or
+    cease to, in any case.
     """
     if variant == Variant.STANDARD:
         spec = _make(layout, dispersed, Variant.STANDARD)
@@ -94,44 +95,49 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         if math.isfinite(s.stroke) or f"spring.{s.name}.stroke" in dispersed
     }
     switches, releases = _breaks(scene, dispersed), _releases(layout, dispersed)
-    stages, any_order = _stages(layout, dispersed, releases, variant), variant <= Variant.ANY_ORDER
+    segments, any_order = (
+        _make_segments(layout, dispersed, releases, variant),
+        variant <= Variant.ANY_ORDER,
+    )
     in_layers = scene.environment.atmosphere == "us1976" and any(
         body.aerodynamics is not None for body in scene.body.values()
     )
     borders = in_layers and (any_order or may_pass_borders(scene, layout.extremes))
-    for stage in stages:
-        stage.events += [
+    for segment in segments:
+        segment.events += [
             Event(at.AT_SPRING_STROKE, name, layout.slots[f"spring.{name}.stroke"], False)
             for name, bodies in spent.items()
-            if not _still(scene, stage, bodies)
+            if not _still(scene, segment, bodies)
         ]
         for body in layout.bodies if borders else []:
             if scene.body[body].aerodynamics is not None:
-                stage.events += [
+                segment.events += [
                     Event(what, body, -1, False) for what in (at.AT_LAYER_TOP, at.AT_LAYER_BASE)
                 ]
-        stage.events += dict.fromkeys(
-            event for release in stage.releases for event in release.events
+        segment.events += dict.fromkeys(
+            event for release in segment.releases for event in release.events
         )
-        stage.loads += dict.fromkeys(load for release in stage.releases for load in release.loads)
-        times = len(stage.times) + sum(len(release.times) for release in stage.releases)
-        others = sum(not event.ends_phase for event in (*stage.events, *stage.loads))
-        told = sum(change.joint in stage.masked for change in _changes(scene))
-        stage.stops = (
-            1 + others + times + switches + told + (_UNTOLD if stage.waits_for_load else 0)
+        segment.loads += dict.fromkeys(
+            load for release in segment.releases for load in release.loads
+        )
+        times = len(segment.times) + sum(len(release.times) for release in segment.releases)
+        others = sum(not event.ends_phase for event in (*segment.events, *segment.loads))
+        told = sum(change.joint in segment.masked for change in _changes(scene))
+        segment.stops = (
+            1 + others + times + switches + told + (_UNTOLD if segment.waits_for_load else 0)
         )
         # lanes then go each at their own pace: an event may come much later than it is foretold
-        stage.stops = max(stage.stops, 2) if any_order and stage.events else stage.stops
+        segment.stops = max(segment.stops, 2) if any_order and segment.events else segment.stops
     turning: list[str] = []
-    for stage in stages:
-        turning += [b for b in stage.leaders if b not in turning]
+    for segment in segments:
+        turning += [b for b in segment.leaders if b not in turning]
     turning += [b for b in layout.bodies if b not in turning]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
     return KernelSpec(
         layout,
         dispersed,
         names,
-        stages,
+        segments,
         turning,
         _changes(scene),
         variant,
@@ -141,22 +147,24 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
     )
 
 
-def _stages(
+def _make_segments(
     layout: ParameterLayout, dispersed: frozenset[str], releases: list[Release], variant: Variant
-) -> list[Stage]:
-    """The stages of a flight, with what ends each by itself."""
-    scene, stages, any_order = layout.scene, list[Stage](), variant <= Variant.ANY_ORDER
+) -> list[Segment]:
+    """The segments of a flight, with what ends each by itself."""
+    scene, segments, any_order = layout.scene, list[Segment](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
         may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
-        stage = _stage(scene, phase.name, phase.name, may, layout.bodies, releases, variant)
+        segment = _make_segment(
+            scene, phase.name, phase.name, may, layout.bodies, releases, variant
+        )
         if phase.until is not None and _is_manifold(scene, phase.until):
-            _add_clauses(stage, number, layout, dispersed)
+            _add_clauses(segment, number, layout, dispersed)
         else:
-            _add_end(stage, phase, layout, dispersed)
+            _add_end(segment, phase, layout, dispersed)
         if number and not any_order:
-            _add_late(stages, stage, number, layout, dispersed, releases)
-        stages.append(stage)
-    return stages
+            _add_late(segments, segment, number, layout, dispersed, releases)
+        segments.append(segment)
+    return segments
 
 
 def _may_fail(scene: Scene, joint: str, dispersed: frozenset[str]) -> bool:
@@ -210,19 +218,19 @@ def _may_hold(
 
 
 def _add_late(
-    stages: list[Stage],
-    stage: Stage,
+    segments: list[Segment],
+    segment: Segment,
     number: int,
     layout: ParameterLayout,
     dispersed: frozenset[str],
     releases: list[Release],
 ) -> None:
     """What joints that are late in letting go before phase ``number`` add: a delay to the end of
-    the one before, if that is a time and no other joint changes; or else a stage of its own, in
+    the one before, if that is a time and no other joint changes; or else a segment of its own, in
     which those joints hold as before and all others as from now on.
 
     What ends the second phase is waited for meanwhile, too: cases in which it may have come are
-    lost (`Stage.after_late`).
+    lost (`Segment.after_late`).
     """
     scene, phase = layout.scene, layout.scene.phase[number]
     changed = [
@@ -237,37 +245,37 @@ def _add_late(
     }
     if not late:
         return
-    stage.after_late, awaited = (
+    segment.after_late, awaited = (
         True,
-        next((event for event in stage.events if event.ends_phase), None),
+        next((event for event in segment.events if event.ends_phase), None),
     )
-    if len(changed) == 1 and stages[-1].end_time:
-        stages[-1].delay, stages[-1].awaited = late[changed[0]], awaited
+    if len(changed) == 1 and segments[-1].end_time:
+        segments[-1].delay, segments[-1].awaited = late[changed[0]], awaited
         return
-    may = dict(stage.may)
+    may = dict(segment.may)
     for joint in late:
         before = _may_hold(scene, joint, number - 1, dispersed, False)
-        may[joint] = before | stage.may[joint] if len(late) > 1 else before
-    between = _stage(
+        may[joint] = before | segment.may[joint] if len(late) > 1 else before
+    between = _make_segment(
         scene, f"{phase.name}_late", phase.name, may, layout.bodies, releases, Variant.STANDARD
     )
     between.late, between.awaited = late, awaited
-    if _holds_alike(stages[-1], between):
-        stages[-1].flown_as = between.name
-    stages.append(between)
+    if _holds_alike(segments[-1], between):
+        segments[-1].flown_as = between.name
+    segments.append(between)
 
 
-def _holds_alike(stage: Stage, late: Stage) -> bool:
-    """Whether a stage, in which nothing lets go, has the rows that the next has before its late
+def _holds_alike(segment: Segment, late: Segment) -> bool:
+    """Whether a segment, in which nothing lets go, has the rows that the next has before its late
     joints let go."""
-    return not (stage.masked or stage.dropped or stage.redundant or late.redundant) and (
-        (stage.groups, stage.full, [(row.joint, row.code) for row in stage.rows])
+    return not (segment.masked or segment.dropped or segment.redundant or late.redundant) and (
+        (segment.groups, segment.full, [(row.joint, row.code) for row in segment.rows])
         == (late.groups, late.full, [(row.joint, row.code) for row in late.rows])
     )
 
 
 def _add_end(
-    stage: Stage, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
+    segment: Segment, phase: Phase, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
     """What ends a phase: a time, the end of a burn, or a condition on a joint."""
     until, path = phase.until, f"phase.{phase.name}.until"
@@ -275,14 +283,14 @@ def _add_end(
     if until is None:
         return
     if until.time is not None:
-        stage.end_time = (leaves[f"{path}.time"][1],)
+        segment.end_time = (leaves[f"{path}.time"][1],)
     elif until.burn_out is not None:
-        stage.end_time = _burn_out(layout, until.burn_out).places
+        segment.end_time = _burn_out(layout, until.burn_out).places
     else:
         key = next(key for key in (*_ON_LOAD, *_ON_STATE) if getattr(until, key) is not None)
         leaf, place = leaves[f"{path}.{key}"]
         event = Event(leaf.what, leaf.which, place, True, direction=leaf.direction)
-        (stage.loads if key in _ON_LOAD else stage.events).append(event)
+        (segment.loads if key in _ON_LOAD else segment.events).append(event)
 
 
 def _burn_out(layout: ParameterLayout, name: str) -> Due:
@@ -294,12 +302,14 @@ def _burn_out(layout: ParameterLayout, name: str) -> Due:
 
 
 def _add_clauses(
-    stage: Stage, number: int, layout: ParameterLayout, dispersed: frozenset[str]
+    segment: Segment, number: int, layout: ParameterLayout, dispersed: frozenset[str]
 ) -> None:
     """Several conditions that end phase ``number``."""
-    stage.clauses, stage.times, stage.springs, events, loads = _clauses(number, layout, dispersed)
-    stage.events += events
-    stage.loads += loads
+    segment.clauses, segment.times, segment.springs, events, loads = _clauses(
+        number, layout, dispersed
+    )
+    segment.events += events
+    segment.loads += loads
 
 
 def _clauses(
@@ -354,14 +364,14 @@ def _thresholds(layout: ParameterLayout, dispersed: frozenset[str]) -> Iterator[
             yield leaf, first + number
 
 
-def _still(scene: Scene, stage: Stage, bodies: tuple[str, str]) -> bool:
+def _still(scene: Scene, segment: Segment, bodies: tuple[str, str]) -> bool:
     """Whether two bodies cannot move relative to each other: one joint holds them altogether."""
     between = [
         row.joint
-        for row in stage.rows
+        for row in segment.rows
         if set(scene.joint[row.joint].bodies) == set(bodies) and not row.kinds
     ]
-    return stage.leader(bodies[0]) == stage.leader(bodies[1]) and any(
+    return segment.leader(bodies[0]) == segment.leader(bodies[1]) and any(
         between.count(joint) == 3 for joint in between
     )
 
@@ -398,7 +408,7 @@ def _breaks(scene: Scene, dispersed: frozenset[str]) -> int:
     return int(count)
 
 
-def _stage(
+def _make_segment(
     scene: Scene,
     name: str,
     phase: str,
@@ -406,8 +416,8 @@ def _stage(
     bodies: list[str],
     releases: list[Release],
     variant: Variant,
-) -> Stage:
-    """Groups and rows of a stage. Rotations within a group are left out: its bodies share one
+) -> Segment:
+    """Groups and rows of a segment. Rotations within a group are left out: its bodies share one
     attitude. If rows are redundant, and joints may let go in any order, or if rows may become so,
     all bodies turn by themselves, and all rows are left in."""
     numbers = {r.name: _numbered(scene, r.joint, r.to) for r in scene.release}
@@ -417,7 +427,7 @@ def _stage(
         for r in releases
         if not r.joint or r.name in lighting or numbers[r.name] > min(may[r.joint])
     ]
-    made = Stage(name, phase, may, releases=told)
+    made = Segment(name, phase, may, releases=told)
     ground = [GROUND] if is_ground_named(scene) else []
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]
     largest = [

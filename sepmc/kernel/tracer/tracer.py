@@ -46,7 +46,7 @@ _TAKEN |= {
     "approach",
     "centre",
     "extend",
-    "guard",
+    "note_indicators",
     "keep",
     "meet",
     "rates",
