@@ -234,8 +234,8 @@ def plain():
     """The formulas as plain Python."""
     homes = ", ".join(home for names in HOMES.values() for home in names if home != "lanes")
     text = (
-        f"N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()\nfrom sepmc.physics import {homes}\nfrom "
-        "sepmc.routines import lanes"
+        f"N_INDICATORS, N_SEGMENTS, N_CHANGES, METHODS = 0, 0, 0, ()\n"
+        f"from sepmc.physics import {homes}\nfrom sepmc.routines import lanes"
     )
     return interpreted.load(text).plain
 

@@ -106,7 +106,7 @@ def spares(
     """What flies cases that the kernel written for a campaign with some care loses."""
     found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
-    numbers = np.array([phases.index(stage.phase) for stage in found.stages])
+    numbers = np.array([phases.index(segment.phase) for segment in found.segments])
 
     @cache
     def make(care: int, announce: Say | None = None) -> Kernel:

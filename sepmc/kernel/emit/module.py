@@ -202,8 +202,8 @@ def _head(c: Context) -> Text:
     head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
         *c.slabs.lines(),
-        f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, {len(c.indicators)}, "
-        f"{len(c.spec.segments)}, {len(c.sudden)}",
+        f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, "
+        f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.sudden)}",
         f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",
         *_places(c.spec),
     )

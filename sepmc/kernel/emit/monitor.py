@@ -81,8 +81,8 @@ def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
         )
         nodes, found, other, indicator = (f"{place} + l" for place in places)
         inner(
-            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, {indicator}, "
-            "w[BEGIN_T + l], h)"
+            f"peaks.note_size(w, {nodes}, {numbers} * LANES, SCRATCH, {found}, {other}, "
+            f"{indicator}, w[BEGIN_T + l], h)"
         )
     for number, segment in segments.items():
         if any(map(segment.sliding, c.guides)):
@@ -142,8 +142,8 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
         indicator = f"{c.indicator(f'{segment.name}_{load.name}')} + l"
         at_it = met.block(f"if (theta_{i} - first) * w[LENGTH + l] <= {at.GRAIN}:")
         at_it(
-            f"w[{load.flag(segment.name)} + l], w[{indicator}] = 1.0, max(w[{indicator}], slow if first > "
-            "0.0 else 0.0)"
+            f"w[{load.flag(segment.name)} + l], w[{indicator}] = 1.0, "
+            f"max(w[{indicator}], slow if first > 0.0 else 0.0)"
         )
     inner(*sides)
     inner = text.block("if found > 0.0:")
