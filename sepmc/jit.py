@@ -144,8 +144,8 @@ class _Lowering(NativeLowering):
 class Lean(CompilerBase):
     """Numba's compiler without passes that a piece has no need of: those that look for closures,
     constant branches and overloads to copy; a name for each value of a variable, which took half
-    of the time of `fly_block` (in a function a variable has one type: `kernel.text.Text`); ends of
-    lives, since a piece owns no memory."""
+    of the time of `integrate_block` (in a function a variable has one type: `kernel.text.Text`);
+    ends of lives, since a piece owns no memory."""
 
     before_lowering: Any = ()
     lowering: type[NativeLowering] = _Lowering

@@ -50,7 +50,7 @@ def _enter_intrinsic(typing_context, kernel, workspace, first, arguments):
 _enter: Any = intrinsic(_enter_intrinsic)
 
 
-def _fly_blocks(kernel, blocks, workspaces, size, arguments):
+def _integrate_blocks(kernel, blocks, workspaces, size, arguments):
     """Fly blocks 0 to ``blocks`` of LANES cases with the kernel at an address; each thread has a
     workspace of its own, so many bytes from one to the next."""
     for number in prange(blocks):
@@ -113,7 +113,7 @@ def fly(
         given = [in_numbers(array, any(array is one for one in results)) for array in arrays]
         with np.errstate(all="ignore"):  # as compiled code is
             for first in range(0, draws.shape[1], kernel.plain.LANES):
-                kernel.plain.fly_block([math.nan] * kernel.plain.SIZE_W, first, given)
+                kernel.plain.integrate_block([math.nan] * kernel.plain.SIZE_W, first, given)
         return
     if not kernel.address:
         raise RuntimeError("a copy of a kernel cannot be flown: it has to be loaded again")
@@ -133,8 +133,8 @@ def fly(
 
 
 def _fly_alone(kernel: int, blocks: int, workspace: int, arguments: int) -> None:
-    """`_fly_blocks` on the thread of the caller: the same machine code of the kernel, so the same
-    bits, outside of Numba's threads."""
+    """`_integrate_blocks` on the thread of the caller: the same machine code of the kernel, so the
+    same bits, outside of Numba's threads."""
     enter = CFUNCTYPE(None, *3 * (c_int64,))(kernel)
     for number in range(blocks):
         enter(workspace, number * LANES, arguments)
@@ -154,7 +154,7 @@ def _workspaces(kernel: Kernel) -> tuple[np.ndarray, int]:
 def compile_blocks() -> None:
     """Compile the loop over blocks into the cache folder."""
     signature = types.void(*5 * (types.int64,))
-    cache_files.keep(NAME, *machine_code(compiled(_fly_blocks, signature, parallel=True)))
+    cache_files.keep(NAME, *machine_code(compiled(_integrate_blocks, signature, parallel=True)))
 
 
 @cache

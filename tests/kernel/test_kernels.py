@@ -690,28 +690,28 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 @pytest.mark.parametrize(
     ("settings", "history", "apart"),
     [
-        ({}, True, {"begin", "fly_block"}),
+        ({}, True, {"load_cases", "integrate_block"}),
         (
             {"solver.step_s": 0.05},
             False,
             {
                 "advance_sharp9",
                 "advance_tp7",
-                "aim_phase2",
-                "approach",
-                "fly_block",
-                "meet",
-                "set_rest",
+                "event_step_phase2",
+                "polish_event",
+                "integrate_block",
+                "set_event_flags",
+                "set_event_polish_step",
                 "set_step",
-                "settle",
+                "finish_step",
             },
         ),
         (
             {"solver.method": "rk4"},
             False,
-            {"advance_sharp9", "advance_tp7", "begin", "finish", "fly_block"},
+            {"advance_sharp9", "advance_tp7", "load_cases", "write_results", "integrate_block"},
         ),
-        ({"output.tip_off": ["pins"]}, False, {"begin", "finish", "leave_phase2"}),
+        ({"output.tip_off": ["pins"]}, False, {"load_cases", "write_results", "leave_phase2"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )

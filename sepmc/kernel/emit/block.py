@@ -57,8 +57,8 @@ def emit_block(out: Text, c: Context) -> None:
         "come in and go out."
     )
     block = Text()
-    text = block.function("fly_block(w, first: int, a: Arrays)", says)
-    text(*_STEPS, "begin(w, first, a)")
+    text = block.function("integrate_block(w, first: int, a: Arrays)", says)
+    text(*_STEPS, "load_cases(w, first, a)")
     for number, segment in enumerate(c.spec.segments):
         text(f"# {segment.name}", f"enter_{segment.name}(w)")
         _enter(parts, c, number, segment)
@@ -68,9 +68,9 @@ def emit_block(out: Text, c: Context) -> None:
             _stretch(text, c, number, segment)
         text(f"leave_{segment.name}(w)")
         _leave(parts, c, number, segment)
-    text("finish(w, first, a)")
+    text("write_results(w, first, a)")
     says = "Outcomes of a block, and what is told of its cases, into the arrays that go out."
-    results = parts.function("finish(w, first: int, a: Arrays)", says)
+    results = parts.function("write_results(w, first: int, a: Arrays)", says)
     results(_GOES)
     emit_results(results, c)
     out.lines += parts.lines + block.lines
@@ -79,7 +79,7 @@ def emit_block(out: Text, c: Context) -> None:
 def _begin(out: Text, c: Context) -> None:
     """The function that puts the cases of a block into the workspace, as they start."""
     text = out.function(
-        "begin(w, first: int, a: Arrays)",
+        "load_cases(w, first: int, a: Arrays)",
         "Put the cases of a block into the workspace, as they start.",
     )
     text(_COMES, "numbers = vector(a, 12)")
@@ -106,7 +106,7 @@ def _begin(out: Text, c: Context) -> None:
     if c.spec.borders:
         text("enter_layers(w)")
     if c.spec.borders or c.slabs.has("AIR"):
-        text("centre(w, 0.0)")
+        text("recentre_air(w, 0.0)")
     if c.spec.switches:
         text.lanes().block("for k in range(nominal.shape[0]):")(
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
@@ -128,7 +128,7 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
         _begin_late(text, c, segment)
     _forget_sides(text, c, segment)
     if segment.awaited:
-        text(f"await_{segment.name}(w, 1.0)")
+        text(f"pending_event_{segment.name}(w, 1.0)")
     if segment.releases:
         _note_told(text, c, segment)
     if segment.masked:
@@ -397,7 +397,7 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
         scope.store(f"LAST_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.switches:
-        text("switch(w, a)")
+        text("next_load_switch(w, a)")
     if segment.stops > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
@@ -407,7 +407,7 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     else:
         _in_steps(text, c, number, segment)
     if segment.events:
-        text(f"meet(w, {number})")
+        text(f"set_event_flags(w, {number})")
     elif segment.waits_for_load:
         text.lanes()(f"w[T + l] = w[END + l] if w[END + l] - w[T + l] <= {at.GRAIN} else w[T + l]")
     else:
@@ -436,7 +436,7 @@ def _in_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     if noted:
         inner.block("if left > 1:")(*noted)
     # of the last step only what comes before the event counts
-    text(f"approach(w, {number}, {size})", *awaited, *noted)
+    text(f"polish_event(w, {number}, {size})", *awaited, *noted)
 
 
 def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
@@ -454,11 +454,11 @@ def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     text("going = True")
     inner = text.block("while going:")
     _advance(inner, c, number, segment, "1")
-    inner(*([f"break_{segment.name}(w)"] if segment.loads else []), *awaited)
+    inner(*([f"stop_at_load_{segment.name}(w)"] if segment.loads else []), *awaited)
     if segment.events:
         inner("arrive = False")
         inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
-        inner.block("if arrive:")(f"approach(w, {number}, {size})", *awaited)
+        inner.block("if arrive:")(f"polish_event(w, {number}, {size})", *awaited)
     inner(*_noted(c, number), "going = False")
     inner.lanes()(f"going = going or (w[WAY + l] < 1.0 and {_GOES_ON})")
 
@@ -481,7 +481,7 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
 
 def _awaited(segment: Segment) -> list[str]:
     """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
-    return [f"await_{segment.name}(w, 0.0)"] if segment.awaited else []
+    return [f"pending_event_{segment.name}(w, 0.0)"] if segment.awaited else []
 
 
 def _let_go(text: Text, c: Context, segment: Segment) -> None:
@@ -542,19 +542,19 @@ def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator
 def _noted(c: Context, number: int) -> list[str]:
     """What is written or followed of a step of a phase."""
     segment = c.spec.segments[number]
-    found = [f"keep(w, {number}, first, a)"] if c.history else []
-    found += [f"watch(w, {number})"] if c.watches(segment) else []
-    return found + ([f"clearances_{segment.name}(w)"] if c.counted(segment) else [])
+    found = [f"write_history(w, {number}, first, a)"] if c.history else []
+    found += [f"monitor_loads(w, {number})"] if c.watches(segment) else []
+    return found + ([f"search_clearances_{segment.name}(w)"] if c.counted(segment) else [])
 
 
-def emit_switch(out: Text, c: Context) -> None:
+def emit_load_switch(out: Text, c: Context) -> None:
     """A function that ends a stretch at the next switch of a load, and notes what acts until
     then."""
     if not c.spec.switches:
         return
     says = "Stop at the next switch of a load, and note what acts until then."
     c.slabs.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
-    text = out.function("switch(w, a: Arrays)", says)
+    text = out.function("next_load_switch(w, a: Arrays)", says)
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
     text(f"case = CASES + {int(c.model.size_w)} * l", "t = w[T + l]")

@@ -28,11 +28,11 @@ def emit_clearances(out: Text, c: Context) -> None:
         "Search the step of a lane for less than a clearance so far: see "
         "`sepmc.routines.clearances.search_clearance`."
     )
-    out.function("clearance(w, job: int)", says)("search_clearance(w, job)")
+    out.function("search_lane(w, job: int)", says)("search_clearance(w, job)")
     for segment in c.spec.segments:
         if which := c.counted(segment):
             text = out.function(
-                f"clearances_{segment.name}(w)",
+                f"search_clearances_{segment.name}(w)",
                 f"Search the step just made in phase {segment.name} for the least clearances.",
             )
             for i in which:
@@ -103,7 +103,7 @@ def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int
         text.block(f"for k in range({count}):")(
             f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]"
         )
-    text("clearance(w, JOB)")
+    text("search_lane(w, JOB)")
 
 
 def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None:

@@ -21,14 +21,14 @@ _MET = -1e-12  # what counts as zero of a condition's value
 _TOUCH, _PER_RATE, _PER_ACCELERATION = 1e-12, 1e3, 1e6
 
 
-def emit_aim(out: Text, c: Context, segment: Segment) -> None:
+def emit_event_step(out: Text, c: Context, segment: Segment) -> None:
     """A function that finds the time to a phase's next event."""
     says = (
         "Time to the next event, into STEP, foretold from values, rates and accelerations (in "
         "K1) of the conditions and from how fast"
     )
     text = out.function(
-        f"aim_{segment.name}(w, usual: float)", says + " these change; at most to END."
+        f"event_step_{segment.name}(w, usual: float)", says + " these change; at most to END."
     )
     s = State(c, c.scope(), segment, "Y")
     ahead = s.scope.load("END") - s.time
@@ -180,7 +180,7 @@ def _may_rise(past: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> 
     )
 
 
-def emit_await(out: Text, c: Context, segment: Segment) -> None:
+def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
     """A function by which a case is lost if the condition that ends the next phase may be met while
     joints are late."""
     event = segment.awaited
@@ -190,7 +190,7 @@ def emit_await(out: Text, c: Context, segment: Segment) -> None:
         "while joints were late, since the last note"
     )
     text = out.function(
-        f"await_{segment.name}(w, first: float)", says + " unless it is the ``first``."
+        f"pending_event_{segment.name}(w, first: float)", says + " unless it is the ``first``."
     )
     name = f"AWAITED_{segment.name}"
     c.slabs.add(name, 3)
@@ -317,23 +317,23 @@ def _spin_rate(s: State, body: str) -> Any:
     )
 
 
-def emit_meet(out: Text, c: Context) -> None:
+def emit_event_flags(out: Text, c: Context) -> None:
     """A function that notes which conditions are met."""
     text = out.function(
-        "meet(w, phase: int)",
+        "set_event_flags(w, phase: int)",
         "After the last step to an event: which conditions of the phase are met.",
     )
     for number, segment in enumerate(c.spec.segments):
         if segment.events:
             inner = text.block(f"if phase == {number}:")
             hold_back(inner, c, segment, "True")
-            inner(f"aim_{segment.name}(w, math.inf)")
+            inner(f"event_step_{segment.name}(w, math.inf)")
             scope = c.scope()
             for event in segment.events:
                 _note_met(scope, c, segment, event)
             scope.write(inner)
     if c.spec.borders:
-        text("enter_layers(w)", "centre(w, 0.5 * NEAR)")
+        text("enter_layers(w)", "recentre_air(w, 0.5 * NEAR)")
 
 
 def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:

@@ -26,7 +26,7 @@ def _extend(out: Text, c: Context) -> None:
         "Coefficients P1, P2, ... of the state over the step just made, by powers of its share "
         "gone by."
     )
-    text = out.function("extend(w, phase: int)", says)
+    text = out.function("make_extension(w, phase: int)", says)
     rk = c.extended
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
     c.slabs.add("POWERS", (order + 1) * c.size)
@@ -57,7 +57,7 @@ def _sample(out: Text, c: Context) -> None:
         "The state at the shares THETA of the step just made, attitudes of unit length, into "
         "S, and its time into CLOCK."
     )
-    text = out.function("sample(w, phase: int)", says)
+    text = out.function("interpolate(w, phase: int)", says)
     text.lanes()("w[CLOCK + l] = w[BEGIN_T + l] + w[THETA + l] * w[LENGTH + l]")
     order = c.extended.dense.shape[1] - 1
     inner = text.block("for e in range(SIZE_Y):")

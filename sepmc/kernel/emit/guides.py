@@ -23,7 +23,7 @@ from sepmc.schema import Status
 Ends = list[tuple[Any, Any]]
 
 
-def emit_rub(out: Text, c: Context, segment: Segment) -> None:
+def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     """A function for the friction of a phase's guides; the other functions of the phase take it as
     a load that is known."""
     joints = c.spec.rubbing(segment)
@@ -33,7 +33,7 @@ def emit_rub(out: Text, c: Context, segment: Segment) -> None:
         f"Friction of the guides of phase {segment.name} at the state S and the times CLOCK, "
         "into FRICTION; a case may jam."
     )
-    text = out.function(f"rub_{segment.name}(w)", says)
+    text = out.function(f"friction_{segment.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
     c.slabs.add("FRICTION", len(c.spec.scene.joint))
     c.slabs.add(f"RUBBING_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))

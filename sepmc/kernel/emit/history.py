@@ -10,7 +10,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
 from sepmc.kernel.emit.outcomes import of_body
-from sepmc.kernel.emit.steps import emit_spread, restore_stage
+from sepmc.kernel.emit.steps import emit_broadcast, restore_stage
 from sepmc.kernel.emit.wrenches import before_wrenches, force_of, make_wrenches, moment_of
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method
@@ -50,7 +50,7 @@ def _emit_curves(out: Text, c: Context) -> None:
     for rk in c.used.values():
         _emit_fit_curves(out, c, rk)
     says = "Separations of the step just made, every so many seconds, into rows of the history."
-    text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
+    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", says)
     text(
         f"curves.write(w, CURVES, {len(joints)}, {points + 4}, BEGIN_T, T, LENGTH, "
         "vector(a, 5)[0], block(a, 8), first)"
@@ -190,7 +190,7 @@ def _keep_everything(out: Text, c: Context) -> None:
         "Rows at those of the instants (time, segment, side) that fall within the step just "
         "made, or at its end (-1) or beginning (1)."
     )
-    text = out.function("keep(w, phase: int, first: int, a: Arrays)", says)
+    text = out.function("write_history(w, phase: int, first: int, a: Arrays)", says)
     text("instants, history = table(a, 5), block(a, 8)")
     _span(text)
     text = text.block("for row in range(instants.shape[0]):")
@@ -206,8 +206,8 @@ def _keep_everything(out: Text, c: Context) -> None:
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
     c.slabs.add("WITHIN", 1)
     text = text.block("if there > 0.0:")
-    emit_spread(text, c, "THETA")
-    text("sample(w, phase)")
+    emit_broadcast(text, c, "THETA")
+    text("interpolate(w, phase)")
     for number, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if number else 'if'} phase == {number}:")(f"row_{segment.name}(w)")
     inner = text.block("for l in range(min(LANES, history.shape[0] - first)):").block(

@@ -92,7 +92,7 @@ def _rise(s: State, body: str) -> tuple[Expr, Expr]:
 _BORDER = 1e-6  # m
 
 
-def emit_centre(out: Text, c: Context) -> None:
+def emit_recentre_air(out: Text, c: Context) -> None:
     """A function that expands density and gravity anew for bodies that have left the height about
     which they were expanded."""
     bodies = [body for body in c.spec.bodies if c.spec.in_layers(body)]
@@ -102,7 +102,7 @@ def emit_centre(out: Text, c: Context) -> None:
         "Expand density and gravity about the height of every body that is further than "
         "``far`` metres from where they were last."
     )
-    text = out.function("centre(w, far: float)", says)
+    text = out.function("recentre_air(w, far: float)", says)
     scope, case = c.scope(), c.case
     if not c.spec.borders:
         c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)

@@ -5,30 +5,30 @@ The module flies LANES cases side by side. Sizes and places are constants in it,
 coefficients are data: scenes of one structure share it. `sepmc check --code` prints it.
 """
 
-from sepmc.kernel.emit.block import emit_block, emit_switch
+from sepmc.kernel.emit.block import emit_block, emit_load_switch
 from sepmc.kernel.emit.clearances import emit_clearances
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.emit.energy import emit_energy
-from sepmc.kernel.emit.events import emit_aim, emit_await, emit_meet
+from sepmc.kernel.emit.events import emit_event_flags, emit_event_step, emit_pending_event
 from sepmc.kernel.emit.extension import emit_extension
-from sepmc.kernel.emit.guides import emit_rub
+from sepmc.kernel.emit.guides import emit_friction
 from sepmc.kernel.emit.history import emit_history
-from sepmc.kernel.emit.loads import emit_centre, emit_layers
-from sepmc.kernel.emit.monitor import emit_watch
+from sepmc.kernel.emit.loads import emit_layers, emit_recentre_air
+from sepmc.kernel.emit.monitor import emit_monitor
 from sepmc.kernel.emit.motion import emit_correct
-from sepmc.kernel.emit.outcomes import emit_report
+from sepmc.kernel.emit.outcomes import emit_outcomes
 from sepmc.kernel.emit.rates import emit_rates
 from sepmc.kernel.emit.start import ZERO_AT_FIRST, emit_prepare, shared_size
 from sepmc.kernel.emit.steps import (
     coefficients,
     emit_advance,
-    emit_approach,
-    emit_lengths,
+    emit_event_polish,
+    emit_finish_step,
     emit_note_indicators,
-    emit_settle,
+    emit_step_length,
 )
 from sepmc.kernel.emit.tables import has_tables_over_height, looks_up
-from sepmc.kernel.emit.wrenches import emit_shares
+from sepmc.kernel.emit.wrenches import emit_min_norm
 from sepmc.kernel.spec.kernel_spec import KernelSpec
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.tracer.text import Text
@@ -82,7 +82,7 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
     Returns
     -------
     str
-        text of a Python module whose entry is ``fly_block``
+        text of a Python module whose entry is ``integrate_block``
     """
     context = Context(
         spec,
@@ -99,28 +99,28 @@ def _body(c: Context) -> Text:
     body = Text()
     emit_rates(body, c)
     for segment in c.spec.segments:
-        emit_rub(body, c, segment)
+        emit_friction(body, c, segment)
     for segment in c.spec.segments:
         emit_energy(body, c, segment)
         if segment.rows:
             emit_correct(body, c, segment)
         if segment.events:
-            emit_aim(body, c, segment)
+            emit_event_step(body, c, segment)
         if segment.awaited:
-            emit_await(body, c, segment)
+            emit_pending_event(body, c, segment)
     if c.spec.borders:
         emit_layers(body, c)
-    emit_switch(body, c)
-    emit_centre(body, c)
-    emit_lengths(body, c)
-    emit_settle(body, c)
+    emit_load_switch(body, c)
+    emit_recentre_air(body, c)
+    emit_step_length(body, c)
+    emit_finish_step(body, c)
     emit_note_indicators(body, c)
     for rk in c.used.values():
         emit_advance(body, c, rk)
     if any(segment.events for segment in c.spec.segments):
-        emit_approach(body, c)
-        emit_meet(body, c)
-    emit_report(body, c)
+        emit_event_polish(body, c)
+        emit_event_flags(body, c)
+    emit_outcomes(body, c)
     with c.slabs.optional():
         _optional(body, c)
     block = Text()
@@ -136,8 +136,8 @@ def _optional(body: Text, c: Context) -> None:
     if c.extends:
         emit_extension(body, c)
         for segment in filter(c.carries, c.spec.segments):
-            emit_shares(body, c, segment)
-    emit_watch(body, c)
+            emit_min_norm(body, c, segment)
+    emit_monitor(body, c)
     if c.spec.scene.clearance:
         emit_clearances(body, c)
     if c.history:

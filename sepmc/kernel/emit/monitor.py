@@ -6,7 +6,7 @@ import math
 from sepmc.kernel.emit.context import Context, part
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
-from sepmc.kernel.emit.steps import emit_attitudes_where, emit_spread
+from sepmc.kernel.emit.steps import emit_attitudes_where, emit_broadcast
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
 from sepmc.kernel.spec.kernel_spec import APART, Event, Segment
 from sepmc.kernel.tracer.text import Text
@@ -15,7 +15,7 @@ from sepmc.routines import layout as at
 _AT_FIRST = (0.0, math.nan, 0.0)  # peak, its time, integral
 
 
-def emit_watch(out: Text, c: Context) -> None:
+def emit_monitor(out: Text, c: Context) -> None:
     """Functions that follow the loads over a step."""
     segments = {
         number: segment
@@ -35,13 +35,13 @@ def emit_watch(out: Text, c: Context) -> None:
         if not c.carried_by_rates(segment):
             _wrenches(out, c, segment)
     text = out.function(
-        "load_joints(w, phase: int)",
+        "node_loads(w, phase: int)",
         "Loads of joints at the nodes of what counts of the step just made, into WRENCHES.",
     )
     inner = text.block(f"for i in range({at.PEAK_NODES}):")
     inner.lanes()("w[THETA + l] = peaks.THETA[i] * w[REACH + l]")
-    emit_spread(inner, c, "THETA")
-    inner("sample(w, phase)")
+    emit_broadcast(inner, c, "THETA")
+    inner("interpolate(w, phase)")
     for place, (number, segment) in enumerate(segments.items()):
         what = "rates" if c.carried_by_rates(segment) else "wrenches"
         inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"{what}_{segment.name}(w)")
@@ -64,10 +64,10 @@ def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
     """A function for peaks and impulses."""
     numbers = c.node_size
     text = out.function(
-        "watch(w, phase: int)",
+        "monitor_loads(w, phase: int)",
         "Peaks and integrals of the loads of joints over the step just made, into PEAKS.",
     )
-    text("load_joints(w, phase)")
+    text("node_loads(w, phase)")
     inner = text.lanes().block(
         f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all"
     )
@@ -102,8 +102,8 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
         f"End the step just made in phase {segment.name} where a load that is waited for is "
         "reached, or several are at once."
     )
-    text = out.function(f"break_{segment.name}(w)", says)
-    text(f"load_joints(w, {number})", "found = 0.0")
+    text = out.function(f"stop_at_load_{segment.name}(w)", says)
+    text(f"node_loads(w, {number})", "found = 0.0")
     inner = text.lanes()
     inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
@@ -147,9 +147,9 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
         )
     inner(*sides)
     inner = text.block("if found > 0.0:")
-    emit_spread(inner, c, "THETA")
-    emit_spread(inner, c, "MET")
-    inner(f"sample(w, {number})")
+    emit_broadcast(inner, c, "THETA")
+    emit_broadcast(inner, c, "MET")
+    inner(f"interpolate(w, {number})")
     inner.block(f"for e in range({c.spec.active(segment)} * LANES):")(
         "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
     )

@@ -30,7 +30,7 @@ def before_motion(text: Text, c: Context, segment: Segment) -> None:
     friction."""
     call_look_up(text, c, segment)
     if c.spec.rubbing(segment):
-        text(f"rub_{segment.name}(w)")
+        text(f"friction_{segment.name}(w)")
     if segment.full:
         before_full(text, segment, c.spec.bodies)
 

@@ -24,11 +24,11 @@ _UNRESOLVED = 1e-6
 AT_EVENT = 6  # the last outcomes of a body, which are told at events too: rates and attitude
 
 
-def emit_report(out: Text, c: Context) -> None:
+def emit_outcomes(out: Text, c: Context) -> None:
     """A function for the outcomes of all lanes."""
     spec, segment = c.spec, c.spec.segments[-1]
     text = out.function(
-        "report(w)", "Outcomes of the final state, in the order of the columns, into OUT."
+        "compute_outcomes(w)", "Outcomes of the final state, in the order of the columns, into OUT."
     )
     c.slabs.add(
         "OUT", len(spec.bodies) * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
@@ -152,7 +152,7 @@ def emit_results(text: Text, c: Context) -> None:
     spec, bodies = c.spec, len(c.spec.bodies)
     own = bodies * at.BODY_OUTCOMES + len(spec.scene.joint) * at.JOINT_OUTCOMES
     audits = _audits(c)
-    text("# outcomes", "report(w)")
+    text("# outcomes", "compute_outcomes(w)")
     _judge(text, c)
     c.slabs.add("AUDITS", len(audits))
     inner = text.lanes()

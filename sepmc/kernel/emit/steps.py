@@ -70,7 +70,7 @@ def advance(rk: Method) -> str:
     return f"advance_{rk.name}"
 
 
-def emit_lengths(out: Text, c: Context) -> None:
+def emit_step_length(out: Text, c: Context) -> None:
     """A function for the step lengths of all lanes."""
     says = (
         "Length of the first of ``parts`` steps to END or to the next event, into all of STEP; "
@@ -88,14 +88,14 @@ def emit_lengths(out: Text, c: Context) -> None:
             inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
         if segment.events:
             hold_back(inner, c, segment, "w[WAY + l] < 1.0")
-            inner(f"aim_{segment.name}(w, usual)")
+            inner(f"event_step_{segment.name}(w, usual)")
         if c.paces(segment):
             end = "min(w[END + l], w[USUALLY + l])" if segment.waits_for_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
-    emit_spread(text, c, "STEP")
+    emit_broadcast(text, c, "STEP")
     if any(segment.events for segment in c.spec.segments):
-        _emit_rest(out, c)
+        _emit_event_polish_step(out, c)
 
 
 def hold_back(text: Text, c: Context, segment: Segment, goes: str) -> None:
@@ -136,10 +136,10 @@ def _keep_pace(lane: Text, end: str, given: bool) -> None:
     lane(lost_unless(f"way >= 1.0 or h >= -{GRAIN}"))
 
 
-def _emit_rest(out: Text, c: Context) -> None:
+def _emit_event_polish_step(out: Text, c: Context) -> None:
     """A function for the lengths of last short steps."""
     text = out.function(
-        "set_rest(w, phase: int)",
+        "set_event_polish_step(w, phase: int)",
         "What is left of the way to END or to the next event, into all of STEP.",
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
@@ -149,13 +149,13 @@ def _emit_rest(out: Text, c: Context) -> None:
             if segment.waits_for_load:
                 inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
             hold_back(inner, c, segment, "w[WAY + l] == 1.0")
-            inner(f"aim_{segment.name}(w, math.inf)")
+            inner(f"event_step_{segment.name}(w, math.inf)")
             if c.paces(segment):
                 inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
-    emit_spread(text, c, "STEP")
+    emit_broadcast(text, c, "STEP")
 
 
-def emit_spread(text: Text, c: Context, slab: str) -> None:
+def emit_broadcast(text: Text, c: Context, slab: str) -> None:
     """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a
     state, by doubling."""
     filled = 1
@@ -187,7 +187,7 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     text("note_indicators(w, phase)")
     if extends:
         _extends(text, c)
-    text("settle(w, phase)")
+    text("finish_step(w, phase)")
 
 
 def _extends(text: Text, c: Context) -> None:
@@ -195,15 +195,15 @@ def _extends(text: Text, c: Context) -> None:
     history are asked for in few of the flights of a case."""
     where = [f"phase == {number}" for number, one in enumerate(c.spec.segments) if c.follows(one)]
     if len(where) == len(c.spec.segments):
-        text("extend(w, phase)")
+        text("make_extension(w, phase)")
         return
     if c.history == FULL_HISTORY:
         where.append("w[WANTS_ROWS] > 0.0")
     if where:
-        text.block(f"if {' or '.join(where)}:")("extend(w, phase)")
+        text.block(f"if {' or '.join(where)}:")("make_extension(w, phase)")
 
 
-def emit_approach(out: Text, c: Context) -> None:
+def emit_event_polish(out: Text, c: Context) -> None:
     """A function for the rest of the way to an event: what is left is short, so that a method of
     low order will do."""
     rk = method("rk4")
@@ -211,11 +211,11 @@ def emit_approach(out: Text, c: Context) -> None:
         f"The rest of the way to an event: a short step by {rk.name}, and a last correction "
         "along the derivative."
     )
-    text = out.function("approach(w, phase: int, size: int)", says)
-    _begin(text, c, "set_rest(w, phase)", False)
+    text = out.function("polish_event(w, phase: int, size: int)", says)
+    _begin(text, c, "set_event_polish_step(w, phase)", False)
     text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
     _emit_stages(text, rk, np.empty((0, rk.stages)))
-    text("settle(w, phase)", "set_rest(w, phase)")
+    text("finish_step(w, phase)", "set_event_polish_step(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
     inner = text.lanes()
     inner(
@@ -295,14 +295,14 @@ def _emit_stages(
     text.lanes()("w[T + l] += w[STEP + l]")
 
 
-def emit_settle(out: Text, c: Context) -> None:
+def emit_finish_step(out: Text, c: Context) -> None:
     """A function for what is done at the end of a step."""
     spec = c.spec
     says = (
         "After a step: attitudes of unit length, pitch and roll followed through turns, "
         "constraints, and what disqualifies a case."
     )
-    text = out.function("settle(w, phase: int)", says)
+    text = out.function("finish_step(w, phase: int)", says)
     for first, bodies in turning_from(c):
         scope = c.scope()
         for body in bodies:
@@ -322,7 +322,7 @@ def emit_settle(out: Text, c: Context) -> None:
     if in_air:
         text("farthest = 0.0")
         text.lanes()("farthest = max(farthest, w[FAR + l])")
-        text.block("if farthest > 0.5 * NEAR:")("centre(w, 0.5 * NEAR)")
+        text.block("if farthest > 0.5 * NEAR:")("recentre_air(w, 0.5 * NEAR)")
     for number, segment in enumerate(spec.segments):
         if segment.rows:
             text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")

@@ -15,7 +15,7 @@ from sepmc.kernel.tracer.text import Text
 from sepmc.scene.model import GROUND
 
 
-def emit_shares(out: Text, c: Context, segment: Segment) -> None:
+def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     """A function for what joints carry in a phase in which rows are redundant: that of least sum of
     squares."""
     if not segment.shares:
@@ -24,7 +24,7 @@ def emit_shares(out: Text, c: Context, segment: Segment) -> None:
         f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
         "all that would do the multipliers of least"
     )
-    text = out.function(f"shares_{segment.name}(w)", says + " sum of squares, into SHARES.")
+    text = out.function(f"min_norm_{segment.name}(w)", says + " sum of squares, into SHARES.")
     s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
     rows, count = Rows(s, segment.every_row, apart=True), len(segment.every_row)
@@ -53,7 +53,7 @@ def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before what joints carry."""
     before_motion(text, c, segment)
     if segment.shares:
-        text(f"shares_{segment.name}(w)")
+        text(f"min_norm_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:

@@ -43,17 +43,17 @@ _TAKEN |= {"e", "i", "k", "l"}  # count loops that are written by hand
 _TAKEN |= {
     "add",
     "advance",
-    "approach",
-    "centre",
-    "extend",
+    "compute_outcomes",
+    "finish_step",
+    "interpolate",
+    "make_extension",
+    "monitor_loads",
     "note_indicators",
-    "keep",
-    "meet",
+    "polish_event",
     "rates",
-    "report",
-    "sample",
-    "settle",
-    "watch",
+    "recentre_air",
+    "set_event_flags",
+    "write_history",
 }
 
 
