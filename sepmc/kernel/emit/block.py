@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, lose, part, went
+from sepmc.kernel.emit.context import Context, component, reject_unless, went
 from sepmc.kernel.emit.history import fit_curves
 from sepmc.kernel.emit.ignition import ignition, lights, note_ignitions
 from sepmc.kernel.emit.monitor import side_before
@@ -33,7 +33,7 @@ from sepmc.schema import Status
 
 _SAME_TIME = 1e-12  # s
 # of a lane: no status has ended its case (what only needs more care goes on)
-_GOES_ON = "w[LOST + l] <= 0.0"
+_GOES_ON = "w[REJECTED + l] <= 0.0"
 # of the time left: a stretch where a load usually ends a phase at once, for the cases in which it
 # does not
 _LEAST_SHARE = 2.0**-16
@@ -85,27 +85,27 @@ def _begin(out: Text, c: Context) -> None:
     text(_COMES, "numbers = vector(a, 12)")
     text.block("for k in range(SIZE_SHARED):")("w[SHARED + k] = numbers[k]")
     text.block("for k in range(nominal.shape[0]):").lanes()("w[P + k * LANES + l] = nominal[k]")
-    text.lanes()("w[UNSOUND + l] = 0.0")
+    text.lanes()("w[NOT_FINITE + l] = 0.0")
     text.block("for k in range(slots.shape[0]):")(
         "get_column(w, P + slots[k] * LANES, draws, k, first)",
         "for l in range(LANES):  # not 0 if a number is not finite",
-        "    w[UNSOUND + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
+        "    w[NOT_FINITE + l] += w[P + slots[k] * LANES + l] - w[P + slots[k] * LANES + l]",
     )
     text("prepare(w)")
-    for slab in tip_offs(c):
-        c.slabs.add(slab, 3, optional=True)
-        text.block("for e in range(3 * LANES):")(f"w[{slab} + e] = math.nan")
+    for field in tip_offs(c):
+        c.workspace.add(field, 3, optional=True)
+        text.block("for e in range(3 * LANES):")(f"w[{field} + e] = math.nan")
     for event in c.spec.scene.event:
-        c.slabs.add(kept(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
-        text.block(f"for e in range({c.slabs.counts[kept(event.name)]} * LANES):")(
+        c.workspace.add(kept(event.name), c.size + 2 * len(c.spec.bodies), optional=True)
+        text.block(f"for e in range({c.workspace.counts[kept(event.name)]} * LANES):")(
             f"w[{kept(event.name)} + e] = math.nan"
         )
     if c.history == at.FULL_HISTORY:
-        c.slabs.add("WANTS_ROWS", 1, optional=True)
+        c.workspace.add("WANTS_ROWS", 1, optional=True)
         text.lanes()("w[WANTS_ROWS + l] = 1.0 if table(a, 5).shape[0] > 0 else 0.0")
     if c.spec.borders:
         text("enter_layers(w)")
-    if c.spec.borders or c.slabs.has("AIR"):
+    if c.spec.borders or c.workspace.has("AIR"):
         text("recentre_air(w, 0.0)")
     if c.spec.switches:
         text.lanes().block("for k in range(nominal.shape[0]):")(
@@ -148,9 +148,9 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
             "w[RESIDUAL + e] = larger(w[RESIDUAL + e], w[RESIDUAL_NOW + e])"
         )
     scope = c.scope()
-    c.slabs.add(f"ENDED_{segment.name}", 1)
+    c.workspace.add(f"ENDED_{segment.name}", 1)
     if number:
-        lose(
+        reject_unless(
             scope,
             scope.load("T") >= scope.load(f"ENDED_{c.spec.segments[number - 1].name}") - _SAME_TIME,
         )
@@ -182,8 +182,8 @@ def _kind(scope: Scope, c: Context, joint: str) -> Expr:
 
 def _comes(scope: Scope, c: Context, change: Change) -> Expr:
     """When an event came that tells a joint to let go."""
-    c.start(f"COMES_{change.event}", math.inf)
-    return scope.load(f"COMES_{change.event}")
+    c.start(f"EVENT_TIME_{change.event}", math.inf)
+    return scope.load(f"EVENT_TIME_{change.event}")
 
 
 def _due(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[Change, Expr]]:
@@ -208,7 +208,7 @@ def _begin_clauses(text: Text, c: Context, segment: Segment) -> None:
     """None of several conditions is met, but for times that are past."""
     scope = c.scope()
     for number in numbers_of(segment.clauses):
-        c.slabs.add(met(segment.name, number), 1)
+        c.workspace.add(met(segment.name, number), 1)
         scope.store(met(segment.name, number), 0.0)
     scope.write(text)
     _note_clauses(text, c, segment)
@@ -273,13 +273,13 @@ def _note_told(text: Text, c: Context, segment: Segment) -> None:
     for release in segment.releases:
         for number in numbers_of(release.clauses):
             c.start(met(APART, number), 0.0)
-        place = f"COMES_{release.name}"
+        place = f"EVENT_TIME_{release.name}"
         c.start(place, math.inf)
         told = _holds(scope, c, APART, release) & scope.load(place).equals(math.inf)
         scope.store(place, where(told, scope.load("T"), scope.load(place)))
         if not release.joint:
-            c.slabs.add(f"NOW_{release.name}", 1)
-            scope.store(f"NOW_{release.name}", where(told, 1.0, 0.0))
+            c.workspace.add(f"OCCURS_NOW_{release.name}", 1)
+            scope.store(f"OCCURS_NOW_{release.name}", where(told, 1.0, 0.0))
     scope.write(text)
     for release in segment.releases:
         if not release.joint:
@@ -291,11 +291,11 @@ def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
     by itself in the end, its attitude and its angles, whoever leads it now."""
     place = kept(event)
     text.block(f"for k in range({c.size}):").lanes()(
-        f"w[{place} + k * LANES + l] = w[Y + k * LANES + l] if w[NOW_{event} + l] > 0.0 else "
-        f"w[{place} + k * LANES + l]"
+        f"w[{place} + k * LANES + l] = w[Y + k * LANES + l] "
+        f"if w[OCCURS_NOW_{event} + l] > 0.0 else w[{place} + k * LANES + l]"
     )
     scope = c.scope()
-    now = scope.load(f"NOW_{event}") > 0.0
+    now = scope.load(f"OCCURS_NOW_{event}") > 0.0
     for body in c.spec.segments[-1].leaders:
         leader = segment.leader(body)
         if leader == GROUND:
@@ -309,11 +309,13 @@ def _keep_state(text: Text, c: Context, segment: Segment, event: str) -> None:
                 (f"{place} + Q_{body}", 4, scope.load(f"Y + Q_{leader}", 4)),
                 (f"{place} + OMEGA_{body}", 3, scope.load(f"Y + OMEGA_{leader}", 3)),
             ]
-            angles = [scope.load(part(f"ANGLES_{leader}", k)) for k in range(2)]
+            angles = [scope.load(component(f"ANGLES_{leader}", k)) for k in range(2)]
         if leader != body:
-            for slab, count, value in values:
+            for field, count, value in values:
                 for k in range(count):
-                    scope.store(part(slab, k), where(now, value[k], scope.load(part(slab, k))))
+                    scope.store(
+                        component(field, k), where(now, value[k], scope.load(component(field, k)))
+                    )
         for k, value in enumerate(angles):
             angle = kept_angle(c, event, body, k)
             scope.store(angle, where(now, value, scope.load(angle)))
@@ -324,7 +326,11 @@ def _check_start(text: Text, c: Context) -> None:
     """Whether the joints allow the start."""
     scope = c.scope()
     for k in range(4):
-        lose(scope, scope.load(part("RESIDUAL_NOW", k)) <= _CONSISTENT, Status.INCONSISTENT_START)
+        reject_unless(
+            scope,
+            scope.load(component("RESIDUAL_NOW", k)) <= _CONSISTENT,
+            Status.INCONSISTENT_START,
+        )
     scope.write(text)
 
 
@@ -334,7 +340,7 @@ def _begin_timed(text: Text, c: Context, segment: Segment) -> None:
     scope, time = c.scope(), total([c.case.number(place) for place in segment.end_time])
     now = scope.load("T")
     if segment.after_late:  # its end came while a late joint held on
-        lose(
+        reject_unless(
             scope, (time >= now - _SAME_TIME) | (scope.load("UNRELEASED") > 0.0), Variant.ANY_ORDER
         )
     until = scalar.larger(time, now)
@@ -350,7 +356,7 @@ def _begin_late(text: Text, c: Context, segment: Segment) -> None:
     scope = c.scope()
     first, *others = (c.case.number(place) for place in segment.late.values())
     last = functools.reduce(scalar.larger, others, first)
-    c.slabs.add(f"UNTIL_{segment.name}", 1)
+    c.workspace.add(f"UNTIL_{segment.name}", 1)
     scope.store(f"UNTIL_{segment.name}", scope.load("T") + last)
     scope.write(text)
 
@@ -360,7 +366,7 @@ def _stand_still(text: Text, c: Context) -> None:
     would tell are left out."""
     scope = c.scope()
     omega = c.case.vector(at.OMEGA)
-    lose(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
+    reject_unless(scope, vec3.dot(omega, omega) <= _CONSISTENT**2, Status.INCONSISTENT_START)
     scope.write(text)
 
 
@@ -391,10 +397,10 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
             waits & (scope.load("DONE").equals(0.0)) & (comes < end), scalar.larger(comes, now), end
         )
     scope.store("END", where(end < run_end, end, run_end))
-    scope.store("LONGEST", math.inf)
+    scope.store("MAX_NEXT_STEP", math.inf)
     note_ignitions(scope, c)
     for event in segment.events:
-        scope.store(f"LAST_{segment.name}_{event.name}", math.inf)
+        scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
     if c.spec.switches:
         text("next_load_switch(w, a)")
@@ -444,12 +450,15 @@ def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     but in no more than the phase has."""
     size, awaited = f"{c.spec.active(segment)} * LANES", _awaited(segment)
     inner = text.lanes()
-    inner(f"w[PACE + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
-    inner(f"w[TIMES + l], w[LEFT + l], w[WAY + l] = float(times[0]), 1.0 + steps[{number}], 0.0")
+    inner(f"w[MAX_STEP + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
+    inner(
+        "w[STEP_FACTOR + l], w[STEPS_LEFT + l], w[PROGRESS + l] = "
+        f"float(times[0]), 1.0 + steps[{number}], 0.0"
+    )
     if segment.waits_for_load:
         inner(
-            f"w[USUALLY + l] = w[T + l] + max(usual[{number}], {_LEAST_SHARE} * (w[END + l] - w[T "
-            "+ l]))"
+            f"w[TYPICAL_END + l] = w[T + l] + max(usual[{number}], "
+            f"{_LEAST_SHARE} * (w[END + l] - w[T + l]))"
         )
     text("going = True")
     inner = text.block("while going:")
@@ -457,10 +466,10 @@ def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     inner(*([f"stop_at_load_{segment.name}(w)"] if segment.loads else []), *awaited)
     if segment.events:
         inner("arrive = False")
-        inner.lanes()("arrive = arrive or w[WAY + l] == 1.0")
+        inner.lanes()("arrive = arrive or w[PROGRESS + l] == 1.0")
         inner.block("if arrive:")(f"polish_event(w, {number}, {size})", *awaited)
     inner(*_noted(c, number), "going = False")
-    inner.lanes()(f"going = going or (w[WAY + l] < 1.0 and {_GOES_ON})")
+    inner.lanes()(f"going = going or (w[PROGRESS + l] < 1.0 and {_GOES_ON})")
 
 
 def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -> None:
@@ -521,14 +530,14 @@ def _note_release(
     goes = in_time if goes is None else goes & in_time
     noted = [(f"RELEASE_{joint}", scope.load("T"))]
     for place, rate in _tip_off(scope, c, segment, joint):
-        noted += [(part(place, k), rate[k]) for k in range(3)]
+        noted += [(component(place, k), rate[k]) for k in range(3)]
     for place, now in noted:
         scope.store(place, where(goes, now, scope.load(place)))
 
 
 def _tip_off(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tuple[str, Any]]:
-    """Slabs for the rates of the bodies of a joint that becomes free, if they are asked for, and
-    these rates."""
+    """Workspace for the rates of the bodies of a joint that becomes free, if they are asked for,
+    and these rates."""
     if joint in c.spec.scene.output.tip_off:
         for body in c.spec.scene.joint[joint].bodies:
             if body != GROUND:
@@ -553,7 +562,7 @@ def emit_load_switch(out: Text, c: Context) -> None:
     if not c.spec.switches:
         return
     says = "Stop at the next switch of a load, and note what acts until then."
-    c.slabs.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
+    c.workspace.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
     text = out.function("next_load_switch(w, a: Arrays)", says)
     text("m = Model(record(a, 10), indices(a, 11), vector(a, 12))")
     text = text.lanes()
@@ -566,18 +575,18 @@ def emit_load_switch(out: Text, c: Context) -> None:
     text("end = min(w[END + l], next_break(t, m, w, case))", "w[END + l] = end")
     text("set_stretch(0.5 * (t + end), m, w, case)")
     for i, motor in enumerate(c.spec.scene.motor):
-        c.slabs.add(f"BURNING_{motor.name}", 3)
+        c.workspace.add(f"BURNING_{motor.name}", 3)
         work = int(c.model.motors_w) + at.MOTOR_WORK * i
         text(f"put3(w, BURNING_{motor.name} + l, vec3.get(w, case + {work + at.BURNING}))")
     for i, load in enumerate(c.spec.scene.load):
-        c.slabs.add(f"ACTS_{load.name}", 1)
+        c.workspace.add(f"ACTS_{load.name}", 1)
         work = int(c.model.loads_w) + at.LOAD_WORK * i
         text(f"w[ACTS_{load.name} + l] = w[case + {work + at.ACTS}]")
 
 
 def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None:
     """From a phase to the next: who did not get there before the end, attitudes of bodies that
-    part, what is noted of a release."""
+    component, what is noted of a release."""
     scope = c.scope()
     now = scope.load("T")
     ended = (
@@ -585,19 +594,22 @@ def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None
         if segment.ends_by_state
         else now >= scope.load(f"UNTIL_{segment.name}")
     )
-    lose(scope, ended | (now >= scope.load("RUN_END")))
+    reject_unless(scope, ended | (now >= scope.load("RUN_END")))
     scope.store("UNRELEASED", where(ended, scope.load("UNRELEASED"), 1.0))
     for leader in after.leaders:
         old = segment.leader(leader)
         if leader not in segment.leaders and old != GROUND:
-            for slab, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
-                scope.store(f"{slab}_{leader}", scope.load(f"{slab}_{old}", count))
-            for slab, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
+            for field, count in (("Y + Q", 4), ("Y + OMEGA", 3)):
+                scope.store(f"{field}_{leader}", scope.load(f"{field}_{old}", count))
+            for field, count in (("ANGLES", 2), ("HEADING", 4), ("LAST_RATE", 3)):
                 for k in range(count):
-                    scope.store(part(f"{slab}_{leader}", k), scope.load(part(f"{slab}_{old}", k)))
+                    scope.store(
+                        component(f"{field}_{leader}", k),
+                        scope.load(component(f"{field}_{old}", k)),
+                    )
     for told in c.spec.changes:
         if told.event == segment.phase and not segment.late and told.joint in c.spec.masked:
-            scope.store(f"COMES_{told.event}", where(ended, now, _comes(scope, c, told)))
+            scope.store(f"EVENT_TIME_{told.event}", where(ended, now, _comes(scope, c, told)))
     for joint, kinds in after.may.items():
         masked, to = joint in c.spec.masked, min(kinds)
         if segment.holds(joint) and not kinds[to]:

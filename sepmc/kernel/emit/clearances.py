@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, lost_unless, part
+from sepmc.kernel.emit.context import Context, among, component, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import vec3
@@ -17,13 +17,16 @@ def emit_clearances(out: Text, c: Context) -> None:
     all."""
     powers, entries = c.extended.dense.shape[1], c.spec.scene.clearance
     for k in range(at.CLEARANCE_OUTCOMES * len(entries)):
-        c.case.scope.store(part("CLEARANCES", k), math.nan)
-    c.slabs.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
-    c.slabs.add("PATH", powers * at.PATH), c.slabs.add("JOB", at.JOB_PATH + powers * at.PATH)
-    c.slabs.add("CENTRES", 6 * len(entries))
+        c.case.scope.store(component("CLEARANCES", k), math.nan)
+    c.workspace.add("CLEARANCES", at.CLEARANCE_OUTCOMES * len(entries))
+    (
+        c.workspace.add("PATH", powers * at.PATH),
+        c.workspace.add("JOB", at.JOB_PATH + powers * at.PATH),
+    )
+    c.workspace.add("CENTRES", 6 * len(entries))
     for i, entry in enumerate(entries):
         for k, body in enumerate(entry.bodies):
-            c.case.scope.store(part("CENTRES", 6 * i + 3 * k), c.case.centre_of_mass(body))
+            c.case.scope.store(component("CENTRES", 6 * i + 3 * k), c.case.centre_of_mass(body))
     says = (
         "Search the step of a lane for less than a clearance so far: see "
         "`sepmc.routines.clearances.search_clearance`."
@@ -48,11 +51,12 @@ def _search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) 
     share: Any = 1.0
     for q in range(powers):
         a, b = (_place(s, body, q) for body in entry.bodies)
-        s.scope.store(part("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
+        s.scope.store(component("PATH", at.PATH * q), vec3.scale(share, vec3.sub(b, a)))
         for k, body in enumerate(entry.bodies):
             turning = _attitude(s, body, q)
             s.scope.store(
-                part("PATH", at.PATH * q + 3 + 4 * k), tuple(share * turning[i] for i in range(4))
+                component("PATH", at.PATH * q + 3 + 4 * k),
+                tuple(share * turning[i] for i in range(4)),
             )
         share = share * reach
     s.scope.write(text)
@@ -69,7 +73,7 @@ def _search(text: Text, c: Context, segment: Segment, i: int, entry: Clearance) 
         f"w[CLEARANCES + ({at.CLEARANCE_OUTCOMES * i} + k) * LANES + l] = w[JOB + {at.JOB_FOUND} "
         "+ k]"
     )
-    text(lost_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
+    text(rejection_unless(f"w[JOB + {at.JOB_DONE}] > 0.0"))
 
 
 def counts_in(c: Context, segment: Segment, i: int) -> str:
@@ -83,7 +87,7 @@ def counts_in(c: Context, segment: Segment, i: int) -> str:
 
 def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:
     """Lines that search what PATH tells of a lane, by so many powers, for a clearance; ``more``
-    that it is to begin with: slab, the first of its numbers, place in the job, count."""
+    that it is to begin with: field, the first of its numbers, place in the job, count."""
     text(f"w[JOB + {at.JOB_POWERS}] = {float(powers)}")
     model, bodies = c.spec.layout.model, [*c.spec.bodies, GROUND]
     for k, body in enumerate(c.spec.scene.clearance[i].bodies):
@@ -92,16 +96,16 @@ def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int
         )
         place, start = at.JOB_PARTS + 2 * k, f"SHARED + {first}"
         if body in c.spec.layout.outlines:
-            c.slabs.add(f"OUTLINE_{body}", at.PART_SIZE * count)
+            c.workspace.add(f"OUTLINE_{body}", at.PART_SIZE * count)
             start = f"OUTLINE_{body} + {at.PART_SIZE * count} * l"
         text(f"w[JOB + {place}], w[JOB + {place + 1}] = float({start}), {float(count)}")
-    for slab, first, place, count in (
+    for field, first, place, count in (
         ("CENTRES", 6 * i, at.JOB_CENTRES, 6),
         *more,
         ("PATH", 0, at.JOB_PATH, powers * at.PATH),
     ):
         text.block(f"for k in range({count}):")(
-            f"w[JOB + {place} + k] = w[{slab} + ({first} + k) * LANES + l]"
+            f"w[JOB + {place} + k] = w[{field} + ({first} + k) * LANES + l]"
         )
     text("search_lane(w, JOB)")
 
@@ -110,11 +114,11 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
     """Lines that put the distance of a clearance's bodies at a state into ``place`` of the lanes,
     NaN where it does not count yet: a step in which nothing moves is searched for it."""
     entry = s.spec.scene.clearance[i]
-    path = State(s.c, s.c.scope(), s.segment, s.slab, s.clock)
+    path = State(s.c, s.c.scope(), s.segment, s.field, s.clock)
     a, b = (path.place(body) for body in entry.bodies)
     path.scope.store("PATH", vec3.sub(b, a))
     for k, body in enumerate(entry.bodies):
-        path.scope.store(part("PATH", 3 + 4 * k), _quaternion(path, body))
+        path.scope.store(component("PATH", 3 + 4 * k), _quaternion(path, body))
     path.scope.write(text)
     text = text.lanes()
     text(f"w[{place} + l] = math.nan")
@@ -138,7 +142,7 @@ def _place(s: State, body: str, q: int) -> Any:
     if body == GROUND:
         times = s.scope.load("BEGIN_T") if q == 0 else s.scope.load("LENGTH") if q == 1 else 0.0
         return vec3.scale(times, s.speed(GROUND))
-    return s.scope.load(f"{_slab(q)} + X_{body}", 3)
+    return s.scope.load(f"{_powers(q)} + X_{body}", 3)
 
 
 def _attitude(s: State, body: str, q: int) -> Any:
@@ -146,7 +150,7 @@ def _attitude(s: State, body: str, q: int) -> Any:
     leader = s.segment.leader(body)
     if leader == GROUND:
         return s.case.attitude if q == 0 else (0.0, 0.0, 0.0, 0.0)
-    return s.scope.load(f"{_slab(q)} + Q_{leader}", 4)
+    return s.scope.load(f"{_powers(q)} + Q_{leader}", 4)
 
 
 def _quaternion(s: State, body: str) -> Any:
@@ -155,5 +159,5 @@ def _quaternion(s: State, body: str) -> Any:
     return s.case.attitude if leader == GROUND else s.quaternion(leader)
 
 
-def _slab(q: int) -> str:
+def _powers(q: int) -> str:
     return f"POWERS + {q} * SIZE_Y" if q else "BEGIN"

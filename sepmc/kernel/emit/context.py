@@ -7,7 +7,7 @@ from typing import Any
 from sepmc.kernel.emit.case import Case
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.spec.methods import Method, methods_of
-from sepmc.kernel.tracer.text import Slabs, Text
+from sepmc.kernel.tracer.text import Text, Workspace
 from sepmc.kernel.tracer.tracer import Expr, Scope, where
 from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 
@@ -16,19 +16,19 @@ from sepmc.routines.layout import FINER_STEPS, FULL_HISTORY
 class Context:
     """What a module is written for, and what its parts have asked for so far.
 
-    Any part may add slabs, and ask for expressions of the ``case``, which are computed before a
-    flight. The function that does this and the constants of the slabs are therefore written last.
-    """
+    Any component may add workspace, and ask for expressions of the ``case``, which are computed
+    before a flight. The function that does this and the constants of the workspace are therefore
+    written last."""
 
     spec: KernelSpec
     solver: str  # name of its Runge-Kutta method
     # what is written over time: `NO_HISTORY`, `SEPARATION_HISTORY`, `FULL_HISTORY` of
     # `sepmc.routines.layout`
     history: int
-    slabs: Slabs = field(default_factory=Slabs)
+    workspace: Workspace = field(default_factory=Workspace)
 
     def __post_init__(self):
-        self.case = Case(Scope(self.slabs), self.spec)
+        self.case = Case(Scope(self.workspace), self.spec)
 
     def methods(self, segment: Segment) -> tuple[Method, ...]:
         """Methods by which a segment may be flown, the most exact first."""
@@ -48,8 +48,8 @@ class Context:
 
     @property
     def sudden(self) -> list[str]:
-        """Slabs of the times within segments on both sides of which a full history has rows: joints
-        take another of their kinds, springs end their strokes."""
+        """Workspace of the times within segments on both sides of which a full history has rows:
+        joints take another of their kinds, springs end their strokes."""
         if self.history != FULL_HISTORY:
             return []
         return [went(*change) for change in self.spec.changing] + [
@@ -70,7 +70,8 @@ class Context:
         )
 
     def layer(self, body: str) -> str:
-        """The slab of the layer of air in which a body flies: that of all, if none can leave it."""
+        """The field of the layer of air in which a body flies: that of all, if none can leave
+        it."""
         return f"LAYER_{body}" if self.spec.borders else "AIR"
 
     @property
@@ -211,31 +212,31 @@ class Context:
 
     def indicator(self, name: str) -> str:
         """The place of a indicator."""
-        return part("INDICATORS", self.indicators.index(name))
+        return component("INDICATORS", self.indicators.index(name))
 
     @property
     def model(self) -> Any:
         """The record that says where everything stands in the vector of parameters."""
         return self.spec.layout.model.scene[0]
 
-    def start(self, slab: str, value: float) -> None:
-        """A slab of one number a case, and what stands there before a flight."""
-        if self.slabs.add(slab, 1):
-            self.case.scope.store(slab, value)
+    def start(self, field: str, value: float) -> None:
+        """A field of one number a case, and what stands there before a flight."""
+        if self.workspace.add(field, 1):
+            self.case.scope.store(field, value)
 
     def scope(self) -> Scope:
         """A new loop over lanes."""
-        return Scope(self.slabs, self.case.scope)
+        return Scope(self.workspace, self.case.scope)
 
 
 def went(joint: str, number: int) -> str:
-    """The slab of the time at which a joint took a kind, by number."""
-    return f"WENT_{joint}_{number}"
+    """The field of the time at which a joint took a kind, by number."""
+    return f"CHANGE_TIME_{joint}_{number}"
 
 
 def spent(spring: str) -> str:
-    """The slab of the time at which a spring ended its stroke."""
-    return f"WHEN_SPENT_{spring}"
+    """The field of the time at which a spring ended its stroke."""
+    return f"STROKE_END_TIME_{spring}"
 
 
 def among(joint: str, kinds: tuple[int, ...]) -> str:
@@ -243,9 +244,9 @@ def among(joint: str, kinds: tuple[int, ...]) -> str:
     return " or ".join(f"w[KIND_{joint} + l] == {number}.0" for number in kinds)
 
 
-def part(slab: str, k: int) -> str:
-    """The place of number ``k`` of a slab."""
-    return f"{slab} + {k} * LANES" if k else slab
+def component(field: str, k: int) -> str:
+    """The place of number ``k`` of a field."""
+    return f"{field} + {k} * LANES" if k else field
 
 
 def level(scope: Scope, time: Expr) -> Expr:
@@ -258,25 +259,25 @@ def height(scope: Scope, body: str) -> Expr:
     return scope.load(f"Y + X_{body}", 3)[1] + level(scope, scope.load("T"))
 
 
-def lose(scope: Scope, unless: Expr, status: int = FINER_STEPS) -> None:
+def reject_unless(scope: Scope, unless: Expr, status: int = FINER_STEPS) -> None:
     """A case that is not lost yet is, where a condition does not hold: with a status, or for finer
     steps or another kernel to tell."""
-    _lose(scope, where(unless, 0.0, float(status)))
+    _reject(scope, where(unless, 0.0, float(status)))
 
 
-def lose_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
+def reject_if(scope: Scope, condition: Expr, status: int = FINER_STEPS) -> None:
     """The same where a condition holds."""
-    _lose(scope, where(condition, float(status), 0.0))
+    _reject(scope, where(condition, float(status), 0.0))
 
 
-def _lose(scope: Scope, status: Expr) -> None:
-    lost = scope.load("LOST")
-    scope.store("LOST", where(lost.equals(0.0), status, lost))
+def _reject(scope: Scope, status: Expr) -> None:
+    lost = scope.load("REJECTED")
+    scope.store("REJECTED", where(lost.equals(0.0), status, lost))
 
 
-def lost_unless(condition: str, status: int = FINER_STEPS) -> str:
+def rejection_unless(condition: str, status: int = FINER_STEPS) -> str:
     """The line for it, for a lane."""
     return (
-        f"w[LOST + l] = {float(status)} if w[LOST + l] == 0.0 and not ({condition}) else "
-        "w[LOST + l]"
+        f"w[REJECTED + l] = {float(status)} if w[REJECTED + l] == 0.0 and not ({condition}) else "
+        "w[REJECTED + l]"
     )

@@ -3,7 +3,7 @@ is lost between the two."""
 
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -57,7 +57,7 @@ def emit_energy(out: Text, c: Context, segment: Segment) -> None:
         f"energy_{segment.name}(w, first: float)",
         says + " counts as large; ``first`` of all it is that at the start.",
     )
-    c.slabs.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
+    c.workspace.add("ENERGY", 3)  # that is lost, that at the start, what counts as large
     s, case = State(c, c.scope(), segment, "Y"), c.case
     mean, moving, slow = _mean_speed(s), [], []
     for body in c.spec.bodies:
@@ -70,10 +70,10 @@ def emit_energy(out: Text, c: Context, segment: Segment) -> None:
             moving.append(0.5 * vec3.dot(omega, vec3.rotate(case.group_inertia(group), omega)))
     scope, begins = s.scope, s.scope.named("first") > 0.0
     now, work, rest = total(moving).called("energy"), scope.load("Y + WORK"), total(slow)
-    start, lost, large = (scope.load(part("ENERGY", k)) for k in (1, 0, 2))
+    start, lost, large = (scope.load(component("ENERGY", k)) for k in (1, 0, 2))
     counts = scalar.larger(scalar.larger(now, rest), scalar.abs(work)).called("counts")
     missing = scalar.larger(lost, scalar.abs(now - start - work))
     scope.store("ENERGY", where(begins, 0.0, missing))
-    scope.store(part("ENERGY", 1), where(begins, now, start))
-    scope.store(part("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
+    scope.store(component("ENERGY", 1), where(begins, now, start))
+    scope.store(component("ENERGY", 2), where(begins, counts, scalar.larger(large, counts)))
     scope.write(text)

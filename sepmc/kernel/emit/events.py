@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, height, lose_if, part, spent
+from sepmc.kernel.emit.context import Context, component, height, reject_if, spent
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all
 from sepmc.kernel.emit.steps import hold_back
@@ -44,31 +44,31 @@ def _wait(s: State, event: Event) -> Any:
     if event.direction:
         return _wait_to_cross(s, event)
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
-    for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("AT_ONCE", 1)):
-        s.c.slabs.add(f"{slab}_{name}", count)
+    for field, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("MET_AT_START", 1)):
+        s.c.workspace.add(f"{field}_{name}", count)
     scope.comment(f"{event.which}")
     value, rate, acceleration = (  # rates are numbers, zero, of bodies that are held to the ground
         called(x, name)
         for x, name in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
     )
     time, usual = s.time, scope.named("usual")
-    earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
+    earlier, before = scope.load(f"PREVIOUS_{name}"), scope.load(component(f"PREVIOUS_{name}", 1))
     first = earlier.equals(math.inf)
     jerk = where(time > earlier, (acceleration - before) / (time - earlier), 0.0)
-    at_once = where(first, where(value >= _MET, 1.0, 0.0), scope.load(f"AT_ONCE_{name}")).called(
-        "at_once"
-    )
+    at_once = where(
+        first, where(value >= _MET, 1.0, 0.0), scope.load(f"MET_AT_START_{name}")
+    ).called("at_once")
     _note_graze(scope, event, s.segment.name, value, rate)
     noted = (
         (f"VALUE_{name}", value),
         (f"RATE_{name}", rate),
-        (f"LAST_{name}", time),
-        (f"AT_ONCE_{name}", at_once),
+        (f"PREVIOUS_{name}", time),
+        (f"MET_AT_START_{name}", at_once),
     )
-    for place, now in (*noted, (part(f"LAST_{name}", 1), acceleration)):
+    for place, now in (*noted, (component(f"PREVIOUS_{name}", 1), acceleration)):
         scope.store(
             place,
-            where(scope.load("HELD_BACK") > 0.0, scope.load(place), now)
+            where(scope.load("INACTIVE") > 0.0, scope.load(place), now)
             if s.c.paces(s.segment)
             else now,
         )
@@ -93,11 +93,17 @@ def _wait_to_cross(s: State, event: Event) -> Any:
     that is noted at the end of a step.
     """
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
-    for slab, count in (("VALUE", 1), ("RATE", 1), ("LAST", 2), ("SIDE", 1), ("STOOD", 1)):
-        s.c.slabs.add(f"{slab}_{name}", count)
+    for field, count in (
+        ("VALUE", 1),
+        ("RATE", 1),
+        ("PREVIOUS", 2),
+        ("SIDE", 1),
+        ("STARTED_AT_THRESHOLD", 1),
+    ):
+        s.c.workspace.add(f"{field}_{name}", count)
     scope.comment(f"{event.which}, {event.direction}")
     time, usual = s.time, scope.named("usual")
-    earlier, before = scope.load(f"LAST_{name}"), scope.load(part(f"LAST_{name}", 1))
+    earlier, before = scope.load(f"PREVIOUS_{name}"), scope.load(component(f"PREVIOUS_{name}", 1))
     first = earlier.equals(math.inf)
     excess, rate, acceleration = (
         called(x, name)
@@ -119,17 +125,17 @@ def _wait_to_cross(s: State, event: Event) -> Any:
     side = where(again, where(goes < 0.0, 1.0, where(goes > 0.0, -1.0, 0.0)), was).called("side")
     value, slope = side * excess, side * rate
     _note_graze(scope, event, s.segment.name, value, slope, side)
-    stood = scope.load(f"STOOD_{name}")
+    stood = scope.load(f"STARTED_AT_THRESHOLD_{name}")
     noted = (
         (f"VALUE_{name}", excess),
         (f"RATE_{name}", rate),
-        (f"LAST_{name}", time),
-        (part(f"LAST_{name}", 1), acceleration),
+        (f"PREVIOUS_{name}", time),
+        (component(f"PREVIOUS_{name}", 1), acceleration),
         (f"SIDE_{name}", side),
-        (f"STOOD_{name}", where(first, where(stands, time, -math.inf), stood)),
+        (f"STARTED_AT_THRESHOLD_{name}", where(first, where(stands, time, -math.inf), stood)),
     )
     for place, now in noted:
-        held = scope.load("HELD_BACK") > 0.0 if s.c.paces(s.segment) else None
+        held = scope.load("INACTIVE") > 0.0 if s.c.paces(s.segment) else None
         scope.store(place, now if held is None else where(held, scope.load(place), now))
     wait = scalar.time_left(value, slope, side * acceleration, side * jerk).called("wait")
     wait = where(_counts(event, side), where(first & stands, math.inf, wait), math.inf)
@@ -157,7 +163,7 @@ def _note_graze(
     noted of it counts from a ``side``."""
     name = f"{segment}_{event.name}"
     earlier, past, slope = (
-        scope.load(f"LAST_{name}"),
+        scope.load(f"PREVIOUS_{name}"),
         scope.load(f"VALUE_{name}") * side,
         scope.load(f"RATE_{name}") * side,
     )
@@ -192,12 +198,12 @@ def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
     text = out.function(
         f"pending_event_{segment.name}(w, first: float)", says + " unless it is the ``first``."
     )
-    name = f"AWAITED_{segment.name}"
-    c.slabs.add(name, 3)
+    name = f"PENDING_{segment.name}"
+    c.workspace.add(name, 3)
     s = State(c, c.scope(), segment, "Y")
     scope, time = s.scope, s.time
     value, rate, _ = _condition(s, event)
-    past, slope, earlier = (scope.load(part(name, k)) for k in range(3))
+    past, slope, earlier = (scope.load(component(name, k)) for k in range(3))
     length = time - earlier
     met = (value >= _MET) | _may_rise(past, slope, value, rate, length)
     if event.direction:  # from below or from above
@@ -210,9 +216,9 @@ def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
         s.case.number(segment.delay) if segment.delay is not None else math.inf
     )
     counts = scope.named("first").equals(0.0) & late & met
-    lose_if(scope, counts, Variant.ANY_ORDER)
+    reject_if(scope, counts, Variant.ANY_ORDER)
     for k, now in enumerate((value, rate, time)):
-        scope.store(part(name, k), now)
+        scope.store(component(name, k), now)
     scope.write(text)
 
 
@@ -258,7 +264,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     """How far a body is above the top of its layer of air, or below its base."""
     up = event.what == at.AT_LAYER_TOP
-    value, rate = _climb(s, event.which, s.scope.load(part(f"BORDERS_{event.which}", int(up))))
+    value, rate = _climb(s, event.which, s.scope.load(component(f"BORDERS_{event.which}", int(up))))
     acceleration = s.scope.load(f"K1 + V_{event.which}", 3)[1]
     return (value, rate, acceleration) if up else (-value, -rate, -acceleration)
 
@@ -351,7 +357,7 @@ def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
         scope.load(f"RATE_{name}"),
     )
     slow = where(rate > 0.0, 1.0 / rate, math.inf)
-    waited_for = met & before.equals(0.0) & scope.load(f"AT_ONCE_{name}").equals(0.0)
+    waited_for = met & before.equals(0.0) & scope.load(f"MET_AT_START_{name}").equals(0.0)
     indicator = c.indicator(name)
     scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
@@ -369,7 +375,7 @@ def _note_crossed(scope: Scope, c: Context, segment: Segment, event: Event) -> N
     met = (
         (side * scope.load(f"VALUE_{name}") >= -_touch(c, event))
         & _counts(event, side)
-        & (scope.load("T") > scope.load(f"STOOD_{name}") + at.GRAIN)
+        & (scope.load("T") > scope.load(f"STARTED_AT_THRESHOLD_{name}") + at.GRAIN)
     )
     rate = side * scope.load(f"RATE_{name}")
     slow = where(rate > 0.0, 1.0 / rate, math.inf)

@@ -12,10 +12,10 @@ from sepmc.kernel.tracer.tracer import total
 
 def emit_extension(out: Text, c: Context) -> None:
     """Functions for the coefficients of the extension, and for a state by them."""
-    c.slabs.add("BEGIN", c.size), c.slabs.add("THETA", c.size)
+    c.workspace.add("BEGIN", c.size), c.workspace.add("THETA", c.size)
     # start and length of the step, and where its phase ends, as a share of it: about 1
     for name in ("BEGIN_T", "LENGTH", "REACH"):
-        c.slabs.add(name, 1)
+        c.workspace.add(name, 1)
     _extend(out, c)
     _sample(out, c)
 
@@ -29,7 +29,7 @@ def _extend(out: Text, c: Context) -> None:
     text = out.function("make_extension(w, phase: int)", says)
     rk = c.extended
     stages, total, order = rk.stages, rk.dense.shape[0], rk.dense.shape[1] - 1
-    c.slabs.add("POWERS", (order + 1) * c.size)
+    c.workspace.add("POWERS", (order + 1) * c.size)
     for i in range(stages, total):
         restore_stage(text, rk, i)
         text("rates(w, phase)")

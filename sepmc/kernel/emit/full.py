@@ -7,7 +7,7 @@ F_B, M_A, M_B (ground axes).
 
 from typing import Any
 
-from sepmc.kernel.emit.context import lose, part
+from sepmc.kernel.emit.context import component, reject_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.rows import JointRow, Rows
 from sepmc.kernel.spec.kernel_spec import Segment
@@ -95,9 +95,9 @@ class FullSystem:
                 self.entries[first + 3 + i, first + _FORCE_B + k] = lever[i]
 
     def _put_joint(self, joint: str) -> None:
-        """Its constraints, or none of that wrench where it has let go of one; no part of the wrench
-        along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry the
-        axes, where constraints leave none."""
+        """Its constraints, or none of that wrench where it has let go of one; no component of the
+        wrench along what is free, paper eqs (24), (25): on B at r_B, the body that does not carry
+        the axes, where constraints leave none."""
         first, rows = (
             self.of_joint[joint],
             [row for row in self.rows.rows if row.row.joint == joint],
@@ -144,25 +144,25 @@ class FullSystem:
         """Accelerations of mass centres (ground axes), angular accelerations (body axes), and
         wrenches. A case is lost where there are none."""
         s, n, name = self.s, self.n, self.s.segment.name
-        slabs, scope = s.c.slabs, s.scope
-        for slab, size in (
+        workspace, scope = s.c.workspace, s.scope
+        for field, size in (
             (f"SYSTEM_{name}", n * n + n),
-            (f"FOUND_{name}", n),
+            (f"SOLUTION_{name}", n),
             (f"SCRATCH_{name}", n * n + n),
         ):
-            slabs.add(slab, size)
+            workspace.add(field, size)
         for (i, k), value in self.entries.items():
-            scope.store(part(f"SYSTEM_{name}", i * n + k), value)
+            scope.store(component(f"SYSTEM_{name}", i * n + k), value)
         for i, value in enumerate(self.side):
-            scope.store(part(f"SYSTEM_{name}", n * n + i), value)
+            scope.store(component(f"SYSTEM_{name}", n * n + i), value)
         w, system, found, scratch = map(
-            scope.named, ("w", f"SYSTEM_{name} + l", f"FOUND_{name} + l", f"SCRATCH_{name}")
+            scope.named, ("w", f"SYSTEM_{name} + l", f"SOLUTION_{name} + l", f"SCRATCH_{name}")
         )
         pivot = linear.eliminate(w, system, n, scratch, found).called("pivot")
-        lose(scope, pivot > 0.0, Variant.LEAST_SQUARES)
+        reject_unless(scope, pivot > 0.0, Variant.LEAST_SQUARES)
 
         def vector(k: int) -> Any:
-            return tuple(scope.load(part(f"FOUND_{name}", k + i)) for i in range(3))
+            return tuple(scope.load(component(f"SOLUTION_{name}", k + i)) for i in range(3))
 
         acceleration = {body: vector(k) for body, k in self.of_body.items()}
         spin_rate = {body: vector(k + 3) for body, k in self.of_body.items()}

@@ -4,7 +4,7 @@ bodies."""
 from dataclasses import dataclass, replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.tracer.formulas import UNIT, ZERO, joints, quat, square_root, vec3
 from sepmc.kernel.tracer.tracer import Expr, Scope, product, where
@@ -39,9 +39,9 @@ class Slide:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of action: direction e, arms of both bodies, the part gamma of its second derivative,
-    length and its rate. Along an axis that turns with both bodies also the direction and the lever
-    of the group in its ``own`` axes."""
+    """A line of action: direction e, arms of both bodies, the component gamma of its second
+    derivative, length and its rate. Along an axis that turns with both bodies also the direction
+    and the lever of the group in its ``own`` axes."""
 
     e: Any
     arm_a: Any
@@ -63,12 +63,12 @@ class Own:
 
 
 class State:
-    """The state at ``slab`` (S of a segment of a step, Y at its end, or another kept with its
+    """The state at ``field`` (S of a segment of a step, Y at its end, or another kept with its
     ``time``) of the bodies in a phase."""
 
-    def __init__(self, c: Context, scope: Scope, segment: Segment, slab: str, time: str = ""):
-        self.c, self.scope, self.segment, self.slab = c, scope, segment, slab
-        self.clock = time or ("CLOCK" if slab == "S" else "T")
+    def __init__(self, c: Context, scope: Scope, segment: Segment, field: str, time: str = ""):
+        self.c, self.scope, self.segment, self.field = c, scope, segment, field
+        self.clock = time or ("CLOCK" if field == "S" else "T")
         self.spec, self.case = c.spec, c.case
 
     @property
@@ -80,20 +80,20 @@ class State:
         """Place of a mass centre, seen from what moves with the vehicle's first speed."""
         if body == GROUND:  # its axes start at the mass centre of the start
             return vec3.scale(self.time, self.speed(GROUND)).called("x_ground")
-        return self.scope.load(f"{self.slab} + X_{body}", 3).called(f"x_{body}")
+        return self.scope.load(f"{self.field} + X_{body}", 3).called(f"x_{body}")
 
     def speed(self, body: str) -> Any:
         """Its velocity, seen from there."""
         if body == GROUND:
             return vec3.scale(-1.0, self.case.velocity).called("ground_speed")
-        return self.scope.load(f"{self.slab} + V_{body}", 3).called(f"v_{body}")
+        return self.scope.load(f"{self.field} + V_{body}", 3).called(f"v_{body}")
 
     def stream(self, body: str) -> Any:
         """What the flow around a body has besides its own speed: that of the start, less the
         wind."""
         if self.spec.scene.environment.wind.profile is None:
             return self.case.stream
-        along, across = (self.scope.load(part(f"WIND_{body}", k)) for k in range(2))
+        along, across = (self.scope.load(component(f"WIND_{body}", k)) for k in range(2))
         gust = self.case.gust
         if gust is not None:
             along, across = (
@@ -104,11 +104,11 @@ class State:
 
     def quaternion(self, leader: str) -> Expr:
         """Attitude quaternion of the group that a body leads."""
-        return self.scope.load(f"{self.slab} + Q_{leader}", 4).called(f"q_{leader}")
+        return self.scope.load(f"{self.field} + Q_{leader}", 4).called(f"q_{leader}")
 
     def rate(self, leader: str) -> Expr:
         """Angular rate in body axes."""
-        return self.scope.load(f"{self.slab} + OMEGA_{leader}", 3).called(f"omega_{leader}")
+        return self.scope.load(f"{self.field} + OMEGA_{leader}", 3).called(f"omega_{leader}")
 
     def attitude(self, body: str) -> Any:
         """Matrix from a body's axes to the ground's."""
@@ -225,7 +225,11 @@ class State:
         """Friction on the second body of a joint, N, in the direction of separation; None if there
         is none."""
         rubbing = self.spec.rubbing(self.segment)
-        return self.scope.load(part("FRICTION", rubbing.index(joint))) if joint in rubbing else None
+        return (
+            self.scope.load(component("FRICTION", rubbing.index(joint)))
+            if joint in rubbing
+            else None
+        )
 
     def lengthening(
         self,
@@ -253,11 +257,13 @@ class State:
                 )
         return found
 
-    def lengthening_by(self, slab: str, bodies: tuple[str, str], line: Line) -> Any:
+    def lengthening_by(self, field: str, bodies: tuple[str, str], line: Line) -> Any:
         """Second derivative of a distance along a line, from the derivative of the state in a
-        slab."""
-        moving = {body: self.scope.load(f"{slab} + V_{body}", 3) for body in self.spec.bodies}
-        turning = {one: self.scope.load(f"{slab} + OMEGA_{one}", 3) for one in self.segment.leaders}
+        field."""
+        moving = {body: self.scope.load(f"{field} + V_{body}", 3) for body in self.spec.bodies}
+        turning = {
+            one: self.scope.load(f"{field} + OMEGA_{one}", 3) for one in self.segment.leaders
+        }
         return self.lengthening(bodies, line, moving, turning)
 
     def rod(self, pair: Pair) -> Line:

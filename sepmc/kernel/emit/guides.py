@@ -5,7 +5,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, among, lose, lost_unless, part
+from sepmc.kernel.emit.context import Context, among, component, reject_unless, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.motion import Motion, make_drive, make_motion, without_joints
 from sepmc.kernel.emit.rows import DEPENDENT, LeastSquares, Rows
@@ -35,8 +35,8 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     )
     text = out.function(f"friction_{segment.name}(w)", says)
     ends = [2 * c.pins(joint) for joint in joints]
-    c.slabs.add("FRICTION", len(c.spec.scene.joint))
-    c.slabs.add(f"RUBBING_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
+    c.workspace.add("FRICTION", len(c.spec.scene.joint))
+    c.workspace.add(f"PIN_FORCES_{segment.name}", sum(1 + n * (2 + 2 * len(joints)) for n in ends))
     s = State(c, c.scope(), segment, "S")
     motion, place = make_motion(s, rubs=False), 0
     drives = [make_drive(s, motion, joint) for joint in joints]
@@ -46,13 +46,13 @@ def emit_friction(out: Text, c: Context, segment: Segment) -> None:
         for forces in zip(*(pin_forces(s, one, joint) for one in (motion, *drives)), strict=True):
             numbers += [x for force in forces for x in force]
         for number in numbers:
-            s.scope.store(part(f"RUBBING_{segment.name}", place), number)
+            s.scope.store(component(f"PIN_FORCES_{segment.name}", place), number)
             place += 1
     s.scope.write(text)
     inner = text.lanes().block(
-        f"if not friction.balance(w, RUBBING_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
+        f"if not friction.balance(w, PIN_FORCES_{segment.name} + l, {tuple(ends)}, FRICTION + l):"
     )
-    inner(lost_unless("False", Status.JAMMED))
+    inner(rejection_unless("False", Status.JAMMED))
 
 
 def _friction_per_newton(s: State, joint: str) -> Any:
@@ -104,7 +104,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     alone = total([s.case.inverse_mass(body) for body in pair if body != GROUND])
     # what else holds them along x would share the drive
     sliding, drives = s.sliding(joint), mobility > DEPENDENT * alone
-    lose(
+    reject_unless(
         s.scope,
         drives | sliding.equals(0.0) if isinstance(sliding, Expr) else drives,
         Variant.LEAST_SQUARES,
@@ -145,9 +145,9 @@ def start_guides(c: Context) -> None:
     """Nothing is noted of guides at first."""
     for _, _, time, peaks in c.noted_of_guides:
         for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
-            c.case.scope.store(part("GUIDES", place), value)
+            c.case.scope.store(component("GUIDES", place), value)
     if c.guides:
-        c.slabs.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
+        c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
 
 
 def note_guides(text: Text, c: Context, segment: Segment) -> None:
@@ -162,18 +162,18 @@ def note_guides(text: Text, c: Context, segment: Segment) -> None:
             else text.block(f"if {among(joint, sliding)}:")
         )
         nodes = [
-            f"{part('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
+            f"{component('WRENCHES', first + 3 * k)} + l, {c.node_size} * LANES"
             for k in range(1 + 2 * len(peaks))
         ]
-        inner(f"w[{part('GUIDES', time)} + l] += h")
+        inner(f"w[{component('GUIDES', time)} + l] += h")
         for k, peak in enumerate(peaks, 1 + len(peaks)):
             inner(
-                f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {part('GUIDES', peak)} + l, w[BEGIN_T + "
-                "l], h)"
+                f"peaks.note_peak(w, {nodes[k]}, SCRATCH, {component('GUIDES', peak)} + l, "
+                "w[BEGIN_T + l], h)"
             )
         inner(
             f"peaks.note_least_share(w, {nodes[0]}, {len(peaks)}, SCRATCH, "
-            f"{part('GUIDES', time + 1)} + l)"
+            f"{component('GUIDES', time + 1)} + l)"
         )
 
 
@@ -182,8 +182,11 @@ def guide_outcomes(s: State) -> list[Any]:
     friction that would jam them."""
     found: list[Any] = []
     for _, _, place, peaks in s.c.noted_of_guides:
-        time, jams = s.scope.load(part("GUIDES", place)), s.scope.load(part("GUIDES", place + 1))
-        loads = [s.scope.load(part("GUIDES", peak)) for peak in peaks]
+        time, jams = (
+            s.scope.load(component("GUIDES", place)),
+            s.scope.load(component("GUIDES", place + 1)),
+        )
+        loads = [s.scope.load(component("GUIDES", peak)) for peak in peaks]
         found.append(time)
         found += [
             where(time > 0.0, scalar.larger(*loads[k : k + 2]), math.nan)

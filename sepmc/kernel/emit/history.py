@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from sepmc.kernel.emit.clearances import clearance_now, counts_in
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import pin_forces
 from sepmc.kernel.emit.motion import Motion
@@ -40,11 +40,11 @@ def _emit_curves(out: Text, c: Context) -> None:
         ("BEGIN", c.size),
         ("BEGIN_T", 1),
         ("LENGTH", 1),
-        ("NOW", at.AT_POINT * len(joints)),
+        ("POINT", at.AT_POINT * len(joints)),
         ("POINTS", points * at.AT_POINT * len(joints)),
         ("CURVES", (points + 4) * len(joints)),
     ):
-        c.slabs.add(name, count)
+        c.workspace.add(name, count)
     for segment in c.spec.segments:
         _separation(out, c, segment)
     for rk in c.used.values():
@@ -61,7 +61,7 @@ def _separation(out: Text, c: Context, segment: Segment) -> None:
     """A function for the separations at a state of a phase."""
     says = (
         f"Distance, speed and acceleration of every joint at the state S of phase {segment.name}, "
-        "which has the derivative D, into NOW."
+        "which has the derivative D, into POINT."
     )
     text = out.function(f"separation_{segment.name}(w)", says)
     s = State(c, c.scope(), segment, "S")
@@ -69,7 +69,7 @@ def _separation(out: Text, c: Context, segment: Segment) -> None:
         line, bodies = s.separation(joint), c.spec.scene.joint[joint].bodies
         acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
         for k, value in enumerate((line.length, line.rate, acceleration)):
-            s.scope.store(part("NOW", at.AT_POINT * j + k), value)
+            s.scope.store(component("POINT", at.AT_POINT * j + k), value)
     s.scope.write(text)
 
 
@@ -96,7 +96,7 @@ def _emit_fit_curves(out: Text, c: Context, rk: Method) -> None:
     text("rates(w, phase)")
     _note_point(text, c, len(stages))
     joints, points = len(c.spec.scene.joint), 1 + len(stages)
-    stride = c.slabs.counts["CURVES"] // joints
+    stride = c.workspace.counts["CURVES"] // joints
     text(
         f"curves.fit(w, POINTS, {joints}, {points}, CURVE_{rk.name.upper()}, LENGTH, CURVES, "
         f"{stride})"
@@ -107,9 +107,9 @@ def _note_point(text: Text, c: Context, number: int) -> None:
     """What is so at the state S of a point of a step."""
     for k, segment in enumerate(c.spec.segments):
         text.block(f"{'elif' if k else 'if'} phase == {k}:")(f"separation_{segment.name}(w)")
-    size = c.slabs.counts["NOW"]
+    size = c.workspace.counts["POINT"]
     text.block(f"for e in range({size} * LANES):")(
-        f"w[POINTS + {number * size} * LANES + e] = w[NOW + e]"
+        f"w[POINTS + {number * size} * LANES + e] = w[POINT + e]"
     )
 
 
@@ -155,12 +155,12 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
             )
     row += [load for joint in c.guided for load in _pin_loads(s, motion, joint)]
     clearances = c.spec.scene.clearance
-    c.slabs.add("ROW", len(row) + len(clearances))
+    c.workspace.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):
-        s.scope.store(part("ROW", k), value)
+        s.scope.store(component("ROW", k), value)
     s.scope.write(text)
     for i in range(len(clearances)):
-        clearance_now(text, s, i, counts_in(c, segment, i), part("ROW", len(row) + i))
+        clearance_now(text, s, i, counts_in(c, segment, i), component("ROW", len(row) + i))
 
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
@@ -177,7 +177,7 @@ def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
 def _angles(s: State, leader: str) -> tuple[Any, Any]:
     """Pitch and roll of a group within a step, the nearest turn to those at its end."""
     attitude = s.attitude(leader)
-    pitch, roll = (part(f"ANGLES_{leader}", k) for k in range(2))
+    pitch, roll = (component(f"ANGLES_{leader}", k) for k in range(2))
     return scalar.nearest_turn(quat.pitch(attitude), s.scope.load(pitch)), scalar.nearest_turn(
         quat.roll(attitude), s.scope.load(roll)
     )
@@ -199,12 +199,12 @@ def _keep_everything(out: Text, c: Context) -> None:
     inner = text.lanes()
     inner("t, last = instants[row, 0], w[BEGIN_T + l] + w[REACH + l] * w[LENGTH + l]")
     inner(f"within = w[BEGIN_T + l] - 1e-12 <= t <= last + 1e-12 and w[LENGTH + l] > {at.GRAIN}")
-    inner("within = within and instants[row, 1] == phase and w[LOST + l] == 0.0")
+    inner("within = within and instants[row, 1] == phase and w[REJECTED + l] == 0.0")
     inner("within = within and (instants[row, 2] <= 0.0 or t < last - 1e-12)")
     inner("within = within and (instants[row, 2] >= 0.0 or t > w[BEGIN_T + l] + 1e-12)")
     inner("w[WITHIN + l] = 1.0 if within else 0.0", "there += w[WITHIN + l]")
     inner("w[THETA + l] = (t - w[BEGIN_T + l]) / w[LENGTH + l] if within else 0.0")
-    c.slabs.add("WITHIN", 1)
+    c.workspace.add("WITHIN", 1)
     text = text.block("if there > 0.0:")
     emit_broadcast(text, c, "THETA")
     text("interpolate(w, phase)")

@@ -8,8 +8,8 @@ from sepmc.scene.model import Ignition, Motor
 
 
 def lights(motor: str) -> str:
-    """The slab of the time at which such a motor lights, as known when a stretch begins."""
-    return f"LIGHTS_{motor}"
+    """The field of the time at which such a motor lights, as known when a stretch begins."""
+    return f"IGNITION_TIME_{motor}"
 
 
 def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
@@ -23,7 +23,7 @@ def ignition(scope: Scope, c: Context, motor: Motor) -> Expr:
 def _comes(scope: Scope, c: Context, trigger: Ignition) -> Expr:
     """When the event or release comes, or the joint becomes free, that a motor waits for."""
     if trigger.joint is None:
-        place = f"COMES_{trigger.event or trigger.release}"
+        place = f"EVENT_TIME_{trigger.event or trigger.release}"
         c.start(place, math.inf)
         return scope.load(place)
     place = f"RELEASE_{trigger.joint}"

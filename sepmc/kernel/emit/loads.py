@@ -4,7 +4,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, height, level, lose, lost_unless, part
+from sepmc.kernel.emit.context import (
+    Context,
+    component,
+    height,
+    level,
+    reject_unless,
+    rejection_unless,
+)
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import lights
 from sepmc.kernel.emit.tables import looks_up
@@ -83,10 +90,10 @@ def _force(s: State, body: str, acting: _Loads) -> Any:
 def _rise(s: State, body: str) -> tuple[Expr, Expr]:
     """Rise, m, above the height about which air and gravity are expanded, and its share of the
     distance there from the earth's centre."""
-    rise = (s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"NEAR_{body}"))).called(
-        "rise"
-    )
-    return rise, (rise * s.scope.load(part(f"NEAR_{body}", 1))).called("share")
+    rise = (
+        s.place(body)[1] + (level(s.scope, s.time) - s.scope.load(f"AIR_CENTRE_{body}"))
+    ).called("rise")
+    return rise, (rise * s.scope.load(component(f"AIR_CENTRE_{body}", 1))).called("share")
 
 
 _BORDER = 1e-6  # m
@@ -105,28 +112,28 @@ def emit_recentre_air(out: Text, c: Context) -> None:
     text = out.function("recentre_air(w, far: float)", says)
     scope, case = c.scope(), c.case
     if not c.spec.borders:
-        c.slabs.add("AIR", 4), c.slabs.add("AIR_TOP", 1)
+        c.workspace.add("AIR", 4), c.workspace.add("AIR_TOP", 1)
     for body in bodies:
-        near = f"NEAR_{body}"
+        near = f"AIR_CENTRE_{body}"
         # height, 1 / (R0 + height), R0 / (R0 + height), weight there
-        c.slabs.add(near, 4), c.slabs.add(f"DENSITY_{body}", 9)
+        c.workspace.add(near, 4), c.workspace.add(f"DENSITY_{body}", 9)
         case.scope.store(near, -math.inf)
         last = scope.load(near)
         now = height(scope, body).called("height")
         centre = where(scalar.abs(now - last) > scope.named("far"), now, last).called("height")
         inverse = (1.0 / (scope.named("R0") + centre)).called("inverse")
         scope.store(near, centre)
-        scope.store(part(near, 1), inverse)
-        scope.store(part(near, 2), scope.named("R0") * inverse)
+        scope.store(component(near, 1), inverse)
+        scope.store(component(near, 2), scope.named("R0") * inverse)
         if c.spec.scene.environment.gravity == "inverse-square":
             scope.store(
-                part(near, 3),
+                component(near, 3),
                 case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre),
             )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
         if not c.spec.borders:
             reached = air.geopotential(centre).called("reached")
-            lose(
+            reject_unless(
                 scope,
                 (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
                 Variant.ANY_ORDER,
@@ -146,7 +153,11 @@ def emit_layers(out: Text, c: Context) -> None:
     for body in c.spec.bodies:
         if c.spec.in_layers(body):
             layer, borders, flag = c.layer(body), f"BORDERS_{body}", f"ENTERS_{body}"
-            c.slabs.add(layer, 4), c.slabs.add(borders, 2), c.slabs.add(f"NEAR_{body}", 4)
+            (
+                c.workspace.add(layer, 4),
+                c.workspace.add(borders, 2),
+                c.workspace.add(f"AIR_CENTRE_{body}", 4),
+            )
             inner = text.block(f"if w[{flag} + l] > 0.0:")
             inner(
                 f"height = w[Y + X_{body} + LANES + l] + (w[ORIGIN_HEIGHT + l] + w[ORIGIN_CLIMB + "
@@ -159,13 +170,13 @@ def emit_layers(out: Text, c: Context) -> None:
             inner(
                 "air, top = layer(height + goes_on)",
                 f"put4(w, {layer} + l, air)",
-                f"w[NEAR_{body} + l], w[{flag} + l] = -math.inf, 0.0",
+                f"w[AIR_CENTRE_{body} + l], w[{flag} + l] = -math.inf, 0.0",
             )
             inner(
                 f"w[{borders} + l], w[{borders} + LANES + l] = geometric(air[0]) - {_BORDER}, "
                 f"geometric(top) + {_BORDER}"
             )
-            inner(lost_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
+            inner(rejection_unless("0.0 <= height <= TOP", Status.OUTSIDE_ATMOSPHERE))
 
 
 def _air(s: State, body: str, acting: _Loads) -> None:
@@ -177,7 +188,7 @@ def _air(s: State, body: str, acting: _Loads) -> None:
     named = _coefficients(s, body, alpha, beta)
     if looks_up(s.spec, body):
         named = [
-            value + s.scope.load(part(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
+            value + s.scope.load(component(f"LOOKED_UP_{body}", k)) for k, value in enumerate(named)
         ]
     scale = 0.5 * case.number(at.DENSITY_FACTOR) * case.number(p + at.AREA)
     of_force = (scale * case.number(p + at.FORCE_FACTOR)).called("force_scale")
@@ -201,7 +212,7 @@ def _density(s: State, body: str) -> Expr:
     if not s.spec.in_layers(body):
         return scalar.exponential(s.scope.load(f"AIR_OF_{body}")).called("density")
     rise, share = _rise(s, body)
-    higher = air.geopotential_rise(rise, share, s.scope.load(part(f"NEAR_{body}", 2)))
+    higher = air.geopotential_rise(rise, share, s.scope.load(component(f"AIR_CENTRE_{body}", 2)))
     return air.density_near(s.scope.load(f"DENSITY_{body}", 9), higher).called("density")
 
 
@@ -306,7 +317,9 @@ def _weight(s: State, body: str) -> Any:
     if kind != "inverse-square":
         return (case.mass(body) * surface).called("weight")
     if s.spec.in_layers(body):
-        return loads.inverse_square_near(s.scope.load(part(f"NEAR_{body}", 3)), _rise(s, body)[1])
+        return loads.inverse_square_near(
+            s.scope.load(component(f"AIR_CENTRE_{body}", 3)), _rise(s, body)[1]
+        )
     return case.mass(body) * loads.inverse_square(
         surface, s.place(body)[1] + level(s.scope, s.time)
     )

@@ -89,7 +89,7 @@ def emit(spec: KernelSpec, method_name: str, history: int = NO_HISTORY) -> str:
         method_name,
         history if spec.scene.joint or history == FULL_HISTORY else NO_HISTORY,
     )
-    body = _body(context)  # first: the head names all slabs that its parts add
+    body = _body(context)  # first: the head names all workspace that its parts add
     return "\n".join(_head(context).lines + body.lines) + "\n"
 
 
@@ -121,7 +121,7 @@ def _body(c: Context) -> Text:
         emit_event_polish(body, c)
         emit_event_flags(body, c)
     emit_outcomes(body, c)
-    with c.slabs.optional():
+    with c.workspace.optional():
         _optional(body, c)
     block = Text()
     # it is entered, so it stands last; what comes before a flight is known when all else is written
@@ -145,32 +145,45 @@ def _optional(body: Text, c: Context) -> None:
 
 
 def _first_slabs(c: Context) -> None:
-    """Slabs that every module has."""
+    """Workspace that every module has."""
     # state; state of a stage, its derivative; length of the step, for every number of a state
     for name in ("Y", "S", "D", "STEP"):
-        c.slabs.add(name, c.size)
-    for name in ("T", "CLOCK", "END", "RUN_END", "DONE", "LOST", "LONGEST", *ZERO_AT_FIRST):
-        c.slabs.add(name, 1)
-    c.slabs.add("DOUBT", c.size), c.slabs.add("RESIDUAL", 4), c.slabs.add("RESIDUAL_NOW", 4)
-    with c.slabs.optional():
-        c.slabs.add("INDICATORS", len(c.indicators))
+        c.workspace.add(name, c.size)
+    for name in (
+        "T",
+        "CLOCK",
+        "END",
+        "RUN_END",
+        "DONE",
+        "REJECTED",
+        "MAX_NEXT_STEP",
+        *ZERO_AT_FIRST,
+    ):
+        c.workspace.add(name, 1)
+    (
+        c.workspace.add("EMBEDDED_ERROR", c.size),
+        c.workspace.add("RESIDUAL", 4),
+        c.workspace.add("RESIDUAL_NOW", 4),
+    )
+    with c.workspace.optional():
+        c.workspace.add("INDICATORS", len(c.indicators))
         if c.idles:
             for name in (
-                "PACE",
-                "TIMES",
-                "LEFT",
-                "FIRST",
-                "WAY",
-                "HELD_BACK",
-                "USUALLY",
+                "MAX_STEP",
+                "STEP_FACTOR",
+                "STEPS_LEFT",
+                "FIRST_STEP",
+                "PROGRESS",
+                "INACTIVE",
+                "TYPICAL_END",
                 "PIVOT_BEFORE",
             ):
-                c.slabs.add(name, 1)
-            c.slabs.add("BEFORE", c.size), c.slabs.add("ENERGY_BEFORE", 3)
+                c.workspace.add(name, 1)
+            c.workspace.add("STATE_BEFORE", c.size), c.workspace.add("ENERGY_BEFORE", 3)
         # in this order and without a gap
         most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.extends)
         for i in range(1, most + 1):
-            c.slabs.add(f"K{i}", c.size)
+            c.workspace.add(f"K{i}", c.size)
 
 
 def _head(c: Context) -> Text:
@@ -199,9 +212,11 @@ def _head(c: Context) -> Text:
     if c.extends:
         head("# Continuous extension: coefficients by powers of the share of a step.")
         head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
-    head("", "# Slabs of the workspace of a block of cases, and the places of bodies in a state.")
     head(
-        *c.slabs.lines(),
+        "", "# Workspace of the workspace of a block of cases, and the places of bodies in a state."
+    )
+    head(
+        *c.workspace.lines(),
         f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, "
         f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.sudden)}",
         f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",

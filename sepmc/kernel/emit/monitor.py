@@ -3,7 +3,7 @@ impulses; and phases that a load ends."""
 
 import math
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
 from sepmc.kernel.emit.steps import emit_attitudes_where, emit_broadcast
@@ -24,13 +24,13 @@ def emit_monitor(out: Text, c: Context) -> None:
     }
     if c.watched:
         for k in range(6 * len(c.watched)):
-            c.case.scope.store(part("PEAKS", k), _AT_FIRST[k % 3])
-        c.slabs.add("PEAKS", 6 * len(c.watched))
+            c.case.scope.store(component("PEAKS", k), _AT_FIRST[k % 3])
+        c.workspace.add("PEAKS", 6 * len(c.watched))
     start_guides(c)
     if not segments:
         return
     numbers = c.node_size
-    c.slabs.add("WRENCHES", at.PEAK_NODES * numbers), c.slabs.add("SCRATCH", _scratch(c))
+    c.workspace.add("WRENCHES", at.PEAK_NODES * numbers), c.workspace.add("SCRATCH", _scratch(c))
     for segment in segments.values():
         if not c.carried_by_rates(segment):
             _wrenches(out, c, segment)
@@ -74,9 +74,9 @@ def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
     inner("h = w[REACH + l] * w[LENGTH + l]")
     for k in range(0, 6 * len(c.watched), 3):
         places = (
-            part("WRENCHES", k),
-            part("PEAKS", k),
-            part("PEAKS", _other(k)),
+            component("WRENCHES", k),
+            component("PEAKS", k),
+            component("PEAKS", _other(k)),
             c.indicator(c.load_indicators[k // 3]),
         )
         nodes, found, other, indicator = (f"{place} + l" for place in places)
@@ -97,7 +97,7 @@ def _other(k: int) -> int:
 def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     """A function that ends the step just made where the first load is reached that a phase waits
     for: by the continuous extension."""
-    c.slabs.add("MET", c.size)
+    c.workspace.add("CUT", c.size)
     says = (
         f"End the step just made in phase {segment.name} where a load that is waited for is "
         "reached, or several are at once."
@@ -105,7 +105,7 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     text = out.function(f"stop_at_load_{segment.name}(w)", says)
     text(f"node_loads(w, {number})", "found = 0.0")
     inner = text.lanes()
-    inner("w[MET + l], w[THETA + l] = 0.0, 1.0")
+    inner("w[CUT + l], w[THETA + l] = 0.0, 1.0")
     inner = inner.block(f"if w[DONE + l] == 0.0 and w[LENGTH + l] > {at.GRAIN}:")
     inner("first, slope = 2.0, 0.0")
     sides: list[str] = []
@@ -113,7 +113,7 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
         place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
         threshold, nodes = (
             f"w[P + {load.threshold} * LANES + l]",
-            f"{part('WRENCHES', place)} + l, {c.node_size} * LANES",
+            f"{component('WRENCHES', place)} + l, {c.node_size} * LANES",
         )
         inner(f"theta_{i} = math.inf")
         waits = (
@@ -132,10 +132,10 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
         waits(f"theta_{i}, rate = peaks.{how}({asked})")
         waits.block(f"if theta_{i} < first:")(f"first, slope = theta_{i}, rate")
     met = inner.block("if first <= 1.0:")
-    met("found, w[MET + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
+    met("found, w[CUT + l], w[THETA + l], w[REACH + l] = 1.0, 1.0, first, first")
     met(
         "w[T + l] = w[BEGIN_T + l] + first * w[LENGTH + l]",
-        "w[END + l], w[WAY + l] = w[T + l], 2.0",
+        "w[END + l], w[PROGRESS + l] = w[T + l], 2.0",
     )
     met("slow = w[LENGTH + l] / slope if slope > 0.0 else math.inf")
     for i, load in enumerate(segment.loads):
@@ -148,12 +148,12 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     inner(*sides)
     inner = text.block("if found > 0.0:")
     emit_broadcast(inner, c, "THETA")
-    emit_broadcast(inner, c, "MET")
+    emit_broadcast(inner, c, "CUT")
     inner(f"interpolate(w, {number})")
     inner.block(f"for e in range({c.spec.active(segment)} * LANES):")(
-        "w[Y + e] = w[S + e] if w[MET + e] > 0.0 else w[Y + e]"
+        "w[Y + e] = w[S + e] if w[CUT + e] > 0.0 else w[Y + e]"
     )
-    emit_attitudes_where(inner, c, segment, "MET")
+    emit_attitudes_where(inner, c, segment, "CUT")
 
 
 def side_before(segment: Segment, load: Event) -> str:
@@ -176,5 +176,5 @@ def _wrenches(out: Text, c: Context, segment: Segment) -> None:
     store_wrenches(s, motion)
     for joint, first, _, _ in c.noted_of_guides:
         for k, vector in enumerate(watch_guide(s, motion, joint) if segment.sliding(joint) else []):
-            s.scope.store(part("WRENCH", first + 3 * k), vector)
+            s.scope.store(component("WRENCH", first + 3 * k), vector)
     s.scope.write(text)

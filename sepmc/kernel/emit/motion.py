@@ -4,7 +4,7 @@ joints."""
 from dataclasses import dataclass, field
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, lose, part
+from sepmc.kernel.emit.context import Context, component, reject_unless
 from sepmc.kernel.emit.full import FullSystem, Wrench, before_full
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all, body_loads
@@ -171,8 +171,8 @@ def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     text = out.function(f"correct_{segment.name}(w)", says)
     s = State(c, c.scope(), segment, "Y")
     for k in range(4):
-        s.scope.store(part("RESIDUAL_NOW", k), 0.0)
-    lose(s.scope, is_finite(s))
+        s.scope.store(component("RESIDUAL_NOW", k), 0.0)
+    reject_unless(s.scope, is_finite(s))
     rows = Rows(s)
     rows.note_residuals()
     coupling = rows.coupling()
@@ -181,7 +181,7 @@ def emit_correct(out: Text, c: Context, segment: Segment) -> None:
         dropped = Rows(s, s.segment.dropped)
         dropped.note_residuals()
         for one in dropped.rows:
-            rows.lose_independent(one, factors)
+            rows.reject_independent(one, factors)
     else:
         factors.solve([one.value for one in rows.rows])
     check_pivots(s, coupling, factors)
@@ -195,12 +195,12 @@ def _correct(s: State, rows: Rows, factors: Solver) -> None:
     shift, turn = rows.act(factors.solve([-one.value for one in rows.rows]))
     kick, swing = rows.act(factors.solve([-one.rate for one in rows.rows]))
     for body in s.spec.bodies:
-        for slab, now, change in (
+        for vector, now, change in (
             ("X", s.place(body), shift[body]),
             ("V", s.speed(body), kick[body]),
         ):
             if change is not None:
-                s.scope.store(f"Y + {slab}_{body}", vec3.add(now, change))
+                s.scope.store(f"Y + {vector}_{body}", vec3.add(now, change))
     for leader in s.segment.leaders:
         if turn[leader] is not None:
             q = s.quaternion(leader)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from sepmc.kernel.emit.context import lose, lose_if, part
+from sepmc.kernel.emit.context import component, reject_if, reject_unless
 from sepmc.kernel.emit.geometry import (
     Line,
     Own,
@@ -29,7 +29,7 @@ DEPENDENT = 1e-9
 @dataclass
 class JointRow:
     """A row: direction e of a translation, arms of its two bodies (ground axes), normals n of the
-    groups that it turns (body axes) and these times the inverse inertia, the part gamma of its
+    groups that it turns (body axes) and these times the inverse inertia, the component gamma of its
     second derivative, and how far it is off."""
 
     row: Row
@@ -182,12 +182,12 @@ class Rows:
         found = one.held * two.held * total(terms) if terms else 0.0
         return found + (1.0 - one.held) if one is two else found
 
-    def lose_independent(self, one: JointRow, factors: "Factors") -> None:
+    def reject_independent(self, one: JointRow, factors: "Factors") -> None:
         """A case is lost where a row does not follow from these."""
         side = [self._coupling(one, other) for other in self.rows]
         own = self._coupling(one, one)
         left = own - total([x * y for x, y in zip(side, factors.solve(side), strict=True)])
-        lose(self.s.scope, left <= DEPENDENT * own, Variant.LEAST_SQUARES)
+        reject_unless(self.s.scope, left <= DEPENDENT * own, Variant.LEAST_SQUARES)
 
     def without_joints(
         self, acceleration: dict[str, Any], spin_rate: dict[str, Any], moving: bool = True
@@ -260,7 +260,7 @@ class Rows:
         for one in self.rows:
             first = 1 if one.row.turns else 0
             for k, x in ((first, one.value), (first + 2, one.rate)):
-                place = part("RESIDUAL_NOW", k)
+                place = component("RESIDUAL_NOW", k)
                 scope.store(place, scalar.larger(scope.load(place), scalar.abs(x)))
 
 
@@ -276,22 +276,22 @@ class LeastSquares:
 
     def solve(self, side: list[Any]) -> list[Any]:
         """The solution for a right-hand side."""
-        scope, slabs, n = self.s.scope, self.s.c.slabs, len(side)
+        scope, workspace, n = self.s.scope, self.s.c.workspace, len(side)
         self.solved += 1
         system, found, rank = (
-            f"{slab}_{self.name}_{self.solved}" for slab in ("SYSTEM", "MULTIPLIERS", "RANK")
+            f"{field}_{self.name}_{self.solved}" for field in ("SYSTEM", "MULTIPLIERS", "RANK")
         )
-        slabs.add(system, len(self.matrix) + n), slabs.add(found, n), slabs.add(rank, 1)
-        slabs.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
+        workspace.add(system, len(self.matrix) + n), workspace.add(found, n), workspace.add(rank, 1)
+        workspace.add(f"SCRATCH_{self.name}", 3 * n**2 + 5 * n)
         for k, value in enumerate((*self.matrix, *side)):
-            scope.store(part(system, k), value)
+            scope.store(component(system, k), value)
         w, here, there, scratch = map(
             scope.named, ("w", f"{system} + l", f"{found} + l", f"SCRATCH_{self.name}")
         )
         self.rank, self.smallest = linear.share(w, here, n, scratch, there).called("solved")
         scope.store(rank, self.rank)  # what is stored is written
-        lose_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
-        return [scope.load(part(found, k)) for k in range(n)]
+        reject_if(scope, (self.rank <= 0.0) & is_finite(self.s), Status.SINGULAR_JOINT)
+        return [scope.load(component(found, k)) for k in range(n)]
 
 
 class Factors:
@@ -356,6 +356,6 @@ def check_pivots(s: State, coupling: list[list[Any]], factors: Solver) -> None:
     for row, pivot in zip(coupling, factors.diagonal, strict=True):
         if isinstance(pivot, Expr):
             share = (pivot / row[-1]).called("share")
-            lose(s.scope, share > DEPENDENT, Variant.LEAST_SQUARES)
+            reject_unless(s.scope, share > DEPENDENT, Variant.LEAST_SQUARES)
             least = where(share < least, share, least).called("least")
     s.scope.store("PIVOT", least)

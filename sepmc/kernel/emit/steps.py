@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.kernel.emit.context import Context, height, lose, lost_unless, part
+from sepmc.kernel.emit.context import Context, component, height, reject_unless, rejection_unless
 from sepmc.kernel.spec.kernel_spec import Segment
 from sepmc.kernel.spec.methods import Method, method
 from sepmc.kernel.spec.variant import Variant
@@ -16,8 +16,8 @@ from sepmc.kernel.tracer.tracer import Expr, Scope, total, where
 from sepmc.routines.layout import FULL_HISTORY, GRAIN
 
 # A step may be so many times as long as the last one; the way to an event, left to a method of low
-# order, only a small part of it: hundredths are usual, and a way much longer is that to END, of an
-# event that was foretold and does not come (a stroke just missed).
+# order, only a small component of it: hundredths are usual, and a way much longer is that to END,
+# of an event that was foretold and does not come (a stroke just missed).
 _LONGER, _SHORT = 3.0, 0.05
 # of the way to an event goes a step before the last; the last is so much of the one before at most
 _NEARLY, _LAST = 0.9, 0.2
@@ -85,12 +85,12 @@ def emit_step_length(out: Text, c: Context) -> None:
             continue
         inner = text.block(f"if phase == {number}:")
         if segment.waits_for_load:
-            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
+            inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
         if segment.events:
-            hold_back(inner, c, segment, "w[WAY + l] < 1.0")
+            hold_back(inner, c, segment, "w[PROGRESS + l] < 1.0")
             inner(f"event_step_{segment.name}(w, usual)")
         if c.paces(segment):
-            end = "min(w[END + l], w[USUALLY + l])" if segment.waits_for_load else "w[END + l]"
+            end = "min(w[END + l], w[TYPICAL_END + l])" if segment.waits_for_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
     emit_broadcast(text, c, "STEP")
@@ -102,38 +102,44 @@ def hold_back(text: Text, c: Context, segment: Segment, goes: str) -> None:
     """Lines by which nothing is noted of the conditions of a phase but for the lanes that go
     now."""
     if c.paces(segment):
-        text.lanes()(f"w[HELD_BACK + l] = 0.0 if {goes} else 1.0")
+        text.lanes()(f"w[INACTIVE + l] = 0.0 if {goes} else 1.0")
 
 
 def _keep_pace(lane: Text, end: str, given: bool) -> None:
     """Lines for the step of a lane: the way ahead, at most to an ``end``, in equal parts, of which
-    no more are LEFT than there were, nor more than TIMES what it takes for none to be longer than
-    PACE; but more where an event that was foretold does not come: so that no step is longer than is
-    ``given``, or else longer by more than half than the first one or the last.
+    no more are STEPS_LEFT than there were, nor more than STEP_FACTOR what it takes for none to be
+    longer than MAX_STEP; but more where an event that was foretold does not come: so that no step
+    is longer than is ``given``, or else longer by more than half than the first one or the last.
 
-    WAY is less than 1 on the way, and tells how many steps were made, up to two; 1 if this step is
-    the last; 2 if the last one was. Until an event has been aimed at twice, the step before the
-    last stops short of it, so that nothing is noted of what comes after.
+    PROGRESS is less than 1 on the way, and tells how many steps were made, up to two; 1 if this
+    step is the last; 2 if the last one was. Until an event has been aimed at twice, the step before
+    the last stops short of it, so that nothing is noted of what comes after.
     """
-    lane(f"h, way, ahead = w[STEP + l], w[WAY + l], {end} - w[T + l]")
-    lane("left, needed = w[LEFT + l] - 1.0, w[TIMES + l] * np.ceil(h / w[PACE + l] - 1e-9)")
+    lane(f"h, way, ahead = w[STEP + l], w[PROGRESS + l], {end} - w[T + l]")
+    lane(
+        "left, needed = w[STEPS_LEFT + l] - 1.0, "
+        "w[STEP_FACTOR + l] * np.ceil(h / w[MAX_STEP + l] - 1e-9)"
+    )
     lane(f"needed = min(needed, np.floor(h / {_SHORTEST}))")
     lane("left = larger(left if left < needed else needed, 1.0)  # 1 if a number is NaN")
     if given:
-        lane("left = larger(np.ceil(w[TIMES + l] * h / w[PACE + l] - 1e-9), left)")
-    lane("w[LEFT + l] = left")
+        lane("left = larger(np.ceil(w[STEP_FACTOR + l] * h / w[MAX_STEP + l] - 1e-9), left)")
+    lane("w[STEPS_LEFT + l] = left")
     if not given:
-        lane("w[FIRST + l] = larger(h, min(usual, ahead)) / left if way == 0.0 else w[FIRST + l]")
-        lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST + l])), {_MANY}), left)")
-        lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[LONGEST + l])), left)")
-    lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[LONGEST + l]")
+        lane(
+            "w[FIRST_STEP + l] = larger(h, min(usual, ahead)) / left if way == 0.0 "
+            "else w[FIRST_STEP + l]"
+        )
+        lane(f"left = larger(min(np.ceil(h / ({_GROWS} * w[FIRST_STEP + l])), {_MANY}), left)")
+        lane(f"left = larger(np.ceil(h / ({_GROWS / _LONGER:.3g} * w[MAX_NEXT_STEP + l])), left)")
+    lane(f"short = way == 0.0 or abs(h) > {_LAST / _LONGER:.3g} * w[MAX_NEXT_STEP + l]")
     lane(f"goes_on = left > 1.0 or (short and way > -2.0 and {GRAIN} < h < ahead)")
     lane(
         f"step = h / left if left > 1.0 or not goes_on else {_NEARLY} * h",
         "w[STEP + l] = step if way < 1.0 else 0.0",
     )
-    lane("w[WAY + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
-    lane(lost_unless(f"way >= 1.0 or h >= -{GRAIN}"))
+    lane("w[PROGRESS + l] = (max(way - 1.0, -2.0) if goes_on else 1.0) if way < 1.0 else 2.0")
+    lane(rejection_unless(f"way >= 1.0 or h >= -{GRAIN}"))
 
 
 def _emit_event_polish_step(out: Text, c: Context) -> None:
@@ -147,31 +153,29 @@ def _emit_event_polish_step(out: Text, c: Context) -> None:
         if segment.events:
             inner = text.block(f"if phase == {number}:")
             if segment.waits_for_load:
-                inner.lanes()("w[STEP + l] = min(w[STEP + l], w[USUALLY + l] - w[T + l])")
-            hold_back(inner, c, segment, "w[WAY + l] == 1.0")
+                inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
+            hold_back(inner, c, segment, "w[PROGRESS + l] == 1.0")
             inner(f"event_step_{segment.name}(w, math.inf)")
             if c.paces(segment):
-                inner.lanes()("w[STEP + l] = w[STEP + l] if w[WAY + l] == 1.0 else 0.0")
+                inner.lanes()("w[STEP + l] = w[STEP + l] if w[PROGRESS + l] == 1.0 else 0.0")
     emit_broadcast(text, c, "STEP")
 
 
-def emit_broadcast(text: Text, c: Context, slab: str) -> None:
-    """Lines that copy the first numbers of a slab, one a lane, to the places of all numbers of a
+def emit_broadcast(text: Text, c: Context, field: str) -> None:
+    """Lines that copy the first numbers of a field, one a lane, to the places of all numbers of a
     state, by doubling."""
     filled = 1
     while filled < c.size:
         more = min(filled, c.size - filled)
         text.block(f"for e in range({more} * LANES):")(
-            f"w[{slab} + {filled} * LANES + e] = w[{slab} + e]"
+            f"w[{field} + {filled} * LANES + e] = w[{field} + e]"
         )
         filled += more
 
 
 def emit_advance(out: Text, c: Context, rk: Method) -> None:
     """A function for one step by a method; if the step is extended, its beginning is kept."""
-    says = (
-        f"One of ``left`` steps of a phase by {rk.name}; ``size`` numbers of the state take part."
-    )
+    says = f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = rk.stages, np.empty((0, rk.stages))
     extends = c.extends and rk is c.extended
@@ -180,9 +184,12 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     _begin(text, c, "set_step(w, phase, left, usual)", extends)
     # an event that was foretold and then does not come leaves too long a way for the last step
     inner = text.lanes()
-    inner("h = abs(w[STEP + l])", lost_unless("h <= w[LONGEST + l]"))
-    inner(f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[LONGEST + l] else w[UNEVEN + l]")
-    inner(f"w[LONGEST + l] = {_LONGER} * h + 1e-9")
+    inner("h = abs(w[STEP + l])", rejection_unless("h <= w[MAX_NEXT_STEP + l]"))
+    inner(
+        f"w[UNEVEN + l] = 1.0 if h > {_UNEVEN / _LONGER:.3g} * w[MAX_NEXT_STEP + l] "
+        "else w[UNEVEN + l]"
+    )
+    inner(f"w[MAX_NEXT_STEP + l] = {_LONGER} * h + 1e-9")
     _emit_stages(text, rk, later, rk.doubt)
     text("note_indicators(w, phase)")
     if extends:
@@ -213,7 +220,9 @@ def emit_event_polish(out: Text, c: Context) -> None:
     )
     text = out.function("polish_event(w, phase: int, size: int)", says)
     _begin(text, c, "set_event_polish_step(w, phase)", False)
-    text.lanes()(lost_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[LONGEST + l]"))
+    text.lanes()(
+        rejection_unless(f"abs(w[STEP + l]) <= {_SHORT / _LONGER:.3g} * w[MAX_NEXT_STEP + l]")
+    )
     _emit_stages(text, rk, np.empty((0, rk.stages)))
     text("finish_step(w, phase)", "set_event_polish_step(w, phase)")
     text.block("for e in range(size):")("w[Y + e] += w[STEP + e] * w[D + e]")
@@ -221,7 +230,7 @@ def emit_event_polish(out: Text, c: Context) -> None:
     inner(
         "h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)"
     )
-    inner(lost_unless("abs(h) < 1e-6"))
+    inner(rejection_unless("abs(h) < 1e-6"))
     if c.extends:
         inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
         inner(
@@ -233,8 +242,8 @@ def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time
     it starts from."""
     if c.idles:
-        text.block("for e in range(SIZE_Y):")("w[BEFORE + e] = w[Y + e]")
-        if c.slabs.has("PIVOT"):
+        text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
+        if c.workspace.has("PIVOT"):
             text.lanes()("w[PIVOT_BEFORE + l] = w[PIVOT + l]")
     inner = text.block("for e in range(size):")
     inner("w[S + e] = w[Y + e]")
@@ -256,7 +265,7 @@ def _emit_stages(
     doubt: np.ndarray | None = None,
 ) -> None:
     """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also
-    what the step may do wrong, into DOUBT.
+    what the step may do wrong, into EMBEDDED_ERROR.
 
     later : weights of what uses the derivatives of the stages after the step, by rows: these
         derivatives are kept, the others never stored
@@ -280,7 +289,7 @@ def _emit_stages(
                 f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
                 for j in np.flatnonzero(doubt).tolist()
             ]
-            inner.wrapped("w[DOUBT + e] = w[STEP + e] * (", wrong, ")")
+            inner.wrapped("w[EMBEDDED_ERROR + e] = w[STEP + e] * (", wrong, ")")
         of_end = i == stages
         terms = [
             f"{coefficient(rk, 'B', j) if of_end else coefficient(rk, 'A', i, j)} * {value}"
@@ -311,26 +320,26 @@ def emit_finish_step(out: Text, c: Context) -> None:
     scope = c.scope()
     in_air = [body for body in spec.bodies if spec.in_layers(body)]
     if in_air:
-        c.slabs.add("FAR", 1)
-        scope.store("FAR", 0.0)
+        c.workspace.add("AIR_DISTANCE", 1)
+        scope.store("AIR_DISTANCE", 0.0)
         for body in in_air:
             _settle_height(scope, c, body)
-        lose(scope, scope.load("FAR") <= scope.named("NEAR"))
+        reject_unless(scope, scope.load("AIR_DISTANCE") <= scope.named("NEAR"))
     steps = scope.load("STEPS")
     scope.store("STEPS", _unless_idle(scope, c, steps + 1.0, steps))
     scope.write(text)
     if in_air:
         text("farthest = 0.0")
-        text.lanes()("farthest = max(farthest, w[FAR + l])")
+        text.lanes()("farthest = max(farthest, w[AIR_DISTANCE + l])")
         text.block("if farthest > 0.5 * NEAR:")("recentre_air(w, 0.5 * NEAR)")
     for number, segment in enumerate(spec.segments):
         if segment.rows:
             text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")
     if c.idles:
         text.block("for e in range(SIZE_Y):")(
-            "w[Y + e] = w[BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
+            "w[Y + e] = w[STATE_BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
         )
-        if c.slabs.has("PIVOT"):
+        if c.workspace.has("PIVOT"):
             text.lanes()(
                 "w[PIVOT + l] = w[PIVOT_BEFORE + l] if w[STEP + l] == 0.0 else w[PIVOT + l]"
             )
@@ -369,14 +378,16 @@ def emit_attitudes_where(text: Text, c: Context, segment: Segment, flag: str) ->
         inverse = (1.0 / square_root(total([q[i] * q[i] for i in range(4)]))).called("inverse")
         unit = tuple(q[i] * inverse for i in range(4))
         r = quat.matrix(unit).called("r")
-        changes: list[tuple[str, Any]] = [(part(f"Y + Q_{body}", k), unit[k]) for k in range(4)]
-        for slab, value, count in (
+        changes: list[tuple[str, Any]] = [
+            (component(f"Y + Q_{body}", k), unit[k]) for k in range(4)
+        ]
+        for field, value, count in (
             (f"HEADING_{body}", quat.heading(r), 4),
             (f"LAST_RATE_{body}", scope.load(f"Y + OMEGA_{body}", 3), 3),
         ):
-            changes += [(part(slab, k), value[k]) for k in range(count)]
+            changes += [(component(field, k), value[k]) for k in range(count)]
         for k, angle in enumerate((quat.pitch, quat.roll)):
-            last = part(f"ANGLES_{body}", k)
+            last = component(f"ANGLES_{body}", k)
             changes.append((last, scalar.nearest_turn(angle(r), scope.load(last))))
         for place, value in changes:
             scope.store(place, where(cut, value, scope.load(place)))
@@ -386,10 +397,10 @@ def emit_attitudes_where(text: Text, c: Context, segment: Segment, flag: str) ->
 def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     """A body's attitude after a step; a case is lost if it turned too far to tell how many turns it
     made."""
-    c.slabs.add(f"ANGLES_{body}", 2)
+    c.workspace.add(f"ANGLES_{body}", 2)
     q, last = (
         scope.load(f"Y + Q_{body}", 4).called("q"),
-        (f"ANGLES_{body}", part(f"ANGLES_{body}", 1)),
+        (f"ANGLES_{body}", component(f"ANGLES_{body}", 1)),
     )
     length = square_root(total([q[i] * q[i] for i in range(4)])).called("length")
     inverse = (1.0 / length).called("inverse")
@@ -410,7 +421,7 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
     _note_winding(scope, c, body, r, omega)
     unclear = (scalar.abs(r[6]) > scope.named("SINE_SINGULAR")) | (change > 0.5 * math.pi)
     scope.store("TURNED_FAR", where(unclear, 1.0, scope.load("TURNED_FAR")))
-    lose(scope, turned <= _MOST_TURNED)
+    reject_unless(scope, turned <= _MOST_TURNED)
     for angle, place in zip(now, last, strict=True):
         scope.store(place, _unless_idle(scope, c, angle, scope.load(place)))
 
@@ -418,11 +429,11 @@ def _settle_attitude(scope: Scope, c: Context, body: str) -> None:
 def _note_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> None:
     """Whether pitch or roll may have gone on by a turn more or less in the step
     (`quat.turns_unclear`)."""
-    c.slabs.add(f"HEADING_{body}", 4), c.slabs.add(f"LAST_RATE_{body}", 3)
+    c.workspace.add(f"HEADING_{body}", 4), c.workspace.add(f"LAST_RATE_{body}", 3)
     heading, rate = scope.load(f"HEADING_{body}", 4), scope.load(f"LAST_RATE_{body}", 3)
     now = quat.heading(r).called("heading")
     unclear = quat.turns_unclear(heading, now, rate, omega, scalar.abs(scope.load("STEP")))
-    scope.store("UNCLEAR", where(unclear, 1.0, scope.load("UNCLEAR")))
+    scope.store("WINDING_UNCLEAR", where(unclear, 1.0, scope.load("WINDING_UNCLEAR")))
     scope.store(f"HEADING_{body}", _unless_idle(scope, c, now, heading))
     scope.store(f"LAST_RATE_{body}", _unless_idle(scope, c, omega, rate))
 
@@ -438,13 +449,16 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     falling or back, within."""
     now = height(scope, body).called("height")
     scope.store(
-        "FAR", scalar.larger(scope.load("FAR"), scalar.abs(now - scope.load(f"NEAR_{body}")))
+        "AIR_DISTANCE",
+        scalar.larger(
+            scope.load("AIR_DISTANCE"), scalar.abs(now - scope.load(f"AIR_CENTRE_{body}"))
+        ),
     )
     if c.spec.borders:
         return
-    c.slabs.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
+    c.workspace.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")
-    before, rate = scope.load(f"CLIMB_{body}"), scope.load(part(f"CLIMB_{body}", 1))
+    before, rate = scope.load(f"CLIMB_{body}"), scope.load(component(f"CLIMB_{body}", 1))
     turns = (rate * climb < 0.0).called("turns")
     further = (
         _BEYOND
@@ -455,12 +469,12 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
     )
     top = where(turns, before + further, now).called("top")
     scope.store(f"CLIMB_{body}", _unless_idle(scope, c, now, before))
-    scope.store(part(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
+    scope.store(component(f"CLIMB_{body}", 1), _unless_idle(scope, c, climb, rate))
     for reached in (
         air.geopotential(now).called("reached"),
         air.geopotential(top).called("reached"),
     ):
-        lose(
+        reject_unless(
             scope,
             (reached >= scope.load("AIR")) & (reached <= scope.load("AIR_TOP")),
             Variant.ANY_ORDER,
@@ -492,5 +506,7 @@ def _largest(scope: Scope, c: Context, what: str, body: str) -> None:
     )
     scope.store(
         indicator,
-        scalar.larger(scope.load(indicator), largest(scope.load(f"DOUBT + {what}_{body}", count))),
+        scalar.larger(
+            scope.load(indicator), largest(scope.load(f"EMBEDDED_ERROR + {what}_{body}", count))
+        ),
     )

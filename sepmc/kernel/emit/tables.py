@@ -9,7 +9,7 @@ side by side.
 import math
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, level, lost_unless, part
+from sepmc.kernel.emit.context import Context, component, level, rejection_unless
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.spec.kernel_spec import KernelSpec, Segment
 from sepmc.kernel.tracer.formulas import air, loads, square_root, vec3
@@ -63,7 +63,7 @@ def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
         _of_bodies(out, text, c, segment, bodies)
     out.function(
         f"look_up_{segment.name}(w)",
-        f"What tables give at the state S in phase {segment.name}, into slabs of lanes.",
+        f"What tables give at the state S in phase {segment.name}, into workspace of lanes.",
     ).lines.extend(text.lines)
 
 
@@ -77,7 +77,7 @@ def _of_bodies(out: Text, text: Text, c: Context, segment: Segment, bodies: list
         _put_place(s, f"DISTANCE_{i}", (s.separation(entry.joint).length, 0.0, 0.0))
     s.scope.write(text)
     for body in bodies:
-        c.slabs.add(f"LOOKED_UP_{body}", COEFFICIENTS)
+        c.workspace.add(f"LOOKED_UP_{body}", COEFFICIENTS)
         if (start := _table(c, body)) >= 0:
             _sum_cells(out, text, c, start, f"CELL_{body}", f"FLOW_{body}", f"LOOKED_UP_{body}")
         else:
@@ -87,9 +87,9 @@ def _of_bodies(out: Text, text: Text, c: Context, segment: Segment, bodies: list
             int(c.spec.layout.model.table[int(c.model.proximity_i) + i]),
             int(c.model.proximity_p) + i,
         )
-        c.slabs.add(f"INCREMENTS_{i}", COEFFICIENTS)
+        c.workspace.add(f"INCREMENTS_{i}", COEFFICIENTS)
         _within_ends(text, c, start, f"DISTANCE_{i}")
-        _sum_cells(out, text, c, start, f"CELL_OF_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
+        _sum_cells(out, text, c, start, f"INCREMENT_CELL_{i}", f"DISTANCE_{i}", f"INCREMENTS_{i}")
         inner = text.block(f"for k in range({COEFFICIENTS}):").lanes()
         inner(
             f"w[LOOKED_UP_{entry.body} + k * LANES + l] += w[P + {factor} * LANES + l] * "
@@ -110,7 +110,7 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
             _put_place(s, f"{name}_{body}", (s.place(body)[1] + level(s.scope, s.time), 0.0, 0.0))
     s.scope.write(text)
     for body in in_air:
-        c.slabs.add(f"AIR_OF_{body}", 2)
+        c.workspace.add(f"AIR_OF_{body}", 2)
         _sum_cells(
             out,
             text,
@@ -122,7 +122,7 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
             Status.OUTSIDE_ATMOSPHERE,
         )
     for body in windy:
-        c.slabs.add(f"WIND_{body}", 2)
+        c.workspace.add(f"WIND_{body}", 2)
         _within_ends(text, c, int(c.model.wind_x), f"WIND_HEIGHT_{body}")
         _sum_cells(
             out,
@@ -135,11 +135,11 @@ def _over_height(out: Text, text: Text, c: Context, segment: Segment) -> None:
         )
 
 
-def _put_place(s: State, slab: str, place: tuple[Any, Any, Any]) -> None:
+def _put_place(s: State, field: str, place: tuple[Any, Any, Any]) -> None:
     """Record where in a table a lane is."""
-    s.c.slabs.add(slab, 3)
+    s.c.workspace.add(field, 3)
     for k, value in enumerate(place):
-        s.scope.store(part(slab, k), value)
+        s.scope.store(component(field, k), value)
 
 
 def _within_ends(text: Text, c: Context, start: int, place: str) -> None:
@@ -164,19 +164,19 @@ def _sum_cells(
     time, a function that sums it; ``start`` is that of the pack among the numbers that cases share,
     ``cell`` where lanes hold theirs; who ``leaves`` it is lost so."""
     functions, counts = int(c.spec.layout.model.numbers[start]), _counts(c, start)
-    if c.slabs.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
+    if c.workspace.add(cell, at.CELL_COEFFICIENTS + functions * math.prod(counts)):
         for n in range(3):  # holds no place
-            c.case.scope.store(part(cell, at.CELL_ENDS + 3 * n), math.inf)
+            c.case.scope.store(component(cell, at.CELL_ENDS + 3 * n), math.inf)
         says = "What a table gives at the places of lanes, from the cells that they hold."
         inner = out.function(f"sum_{cell}(w)", says).lanes()
         for line in sum_of_cell(cell, place, found, functions, counts):
             inner.broken(line)
     inner = text.lanes()
-    inner("x, y, z = " + ", ".join(f"w[{part(place, k)} + l]" for k in range(3)))
+    inner("x, y, z = " + ", ".join(f"w[{component(place, k)} + l]" for k in range(3)))
     inner = inner.block(f"if not is_held(w, {cell} + l, x, y, z):")
     inner(
         f"inside = hold_cell(w, {cell} + l, SHARED + {start}, x, y, z)",
-        lost_unless("inside", leaves),
+        rejection_unless("inside", leaves),
     )
     text(f"sum_{cell}(w)")
 
@@ -186,13 +186,13 @@ def sum_of_cell(cell: str, place: str, found: str, functions: int, counts: list[
     so many functions are with these; all places are constants, so that lanes are vectorised."""
 
     def held(k: int) -> str:
-        return f"w[{part(cell, k)} + l]"
+        return f"w[{component(cell, k)} + l]"
 
     lines, products = [], [""]
     for n, (axis, count) in enumerate(zip("uvz", counts, strict=True)):
         if count == 1:  # an axis of one point: its function is 1
             continue
-        lines.append(f"s = w[{part(place, n)} + l] - {held(at.CELL_ENDS + 3 * n + 2)}")
+        lines.append(f"s = w[{component(place, n)} + l] - {held(at.CELL_ENDS + 3 * n + 2)}")
         for i in range(count):
             a, b, c, d = (held(at.CELL_BASIS + 16 * n + 4 * i + q) for q in range(4))
             lines.append(f"{axis}{i} = {a} + s * ({b} + s * ({c} + s * {d}))")
@@ -210,7 +210,7 @@ def sum_of_cell(cell: str, place: str, found: str, functions: int, counts: list[
             f"{weight} * {held(at.CELL_COEFFICIENTS + functions * k + f)}"
             for k, weight in enumerate(weights)
         )
-        lines.append(f"w[{part(found, f)} + l] = {' + '.join(terms)}")
+        lines.append(f"w[{component(found, f)} + l] = {' + '.join(terms)}")
     return lines
 
 
@@ -251,7 +251,7 @@ def _flow(s: State, body: str) -> tuple[Expr, Expr, Expr]:
     alpha, beta = loads.flow_angles(flow).called("angles")
     if not s.spec.in_layers(body):
         return (
-            square_root(vec3.dot(flow, flow)) / s.scope.load(part(f"AIR_OF_{body}", 1)),
+            square_root(vec3.dot(flow, flow)) / s.scope.load(component(f"AIR_OF_{body}", 1)),
             alpha,
             beta,
         )

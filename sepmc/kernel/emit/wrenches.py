@@ -4,7 +4,7 @@ point."""
 from dataclasses import replace
 from typing import Any
 
-from sepmc.kernel.emit.context import Context, part
+from sepmc.kernel.emit.context import Context, component
 from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.loads import add_all, body_loads
 from sepmc.kernel.emit.motion import Motion, before_motion, make_motion, spin_rate_of
@@ -24,7 +24,9 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
         f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
         "all that would do the multipliers of least"
     )
-    text = out.function(f"min_norm_{segment.name}(w)", says + " sum of squares, into SHARES.")
+    text = out.function(
+        f"min_norm_{segment.name}(w)", says + " sum of squares, into MIN_NORM_MULTIPLIERS."
+    )
     s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
     rows, count = Rows(s, segment.every_row, apart=True), len(segment.every_row)
@@ -39,14 +41,14 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
         acceleration, spin_rate
     )
     (
-        c.slabs.add("SYSTEM", len(system)),
-        c.slabs.add("SHARES", count),
-        c.slabs.add("SYSTEM_SCRATCH", 3 * count**2 + 5 * count),
+        c.workspace.add("SYSTEM", len(system)),
+        c.workspace.add("MIN_NORM_MULTIPLIERS", count),
+        c.workspace.add("SYSTEM_SCRATCH", 3 * count**2 + 5 * count),
     )
     for k, value in enumerate(system):
-        s.scope.store(part("SYSTEM", k), value)
+        s.scope.store(component("SYSTEM", k), value)
     s.scope.write(text)
-    text.lanes()(f"linear.share(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, SHARES + l)")
+    text.lanes()(f"linear.share(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l)")
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
@@ -64,7 +66,9 @@ def make_wrenches(s: State) -> Motion:
     rows = Rows(s, s.segment.every_row, apart=True)
     return replace(
         motion,
-        multipliers=[s.scope.load(part("SHARES", k)) for k in range(len(rows.rows))],
+        multipliers=[
+            s.scope.load(component("MIN_NORM_MULTIPLIERS", k)) for k in range(len(rows.rows))
+        ],
         system=rows,
         shared=True,
     )
@@ -72,13 +76,14 @@ def make_wrenches(s: State) -> Motion:
 
 def store_wrenches(s: State, motion: Motion) -> None:
     """Force and moment of every joint that is followed, in axes of its first body, into WRENCH."""
-    with s.c.slabs.optional():
-        s.c.slabs.add("WRENCH", s.c.node_size)
+    with s.c.workspace.optional():
+        s.c.workspace.add("WRENCH", s.c.node_size)
     for i, joint in enumerate(s.c.followed):
         r = s.attitude(s.spec.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(
-                part("WRENCH", 6 * i + 3 * k), ZERO if vector is ZERO else vec3.unrotate(r, vector)
+                component("WRENCH", 6 * i + 3 * k),
+                ZERO if vector is ZERO else vec3.unrotate(r, vector),
             )
 
 

@@ -84,7 +84,7 @@ APART = "apart"  # in place of a phase, of a condition that releases a joint in 
 
 def met(segment: str, number: int) -> str:
     """Where it is noted that one of several conditions is met."""
-    return f"MET_{segment}_{number}"
+    return f"FLAG_{segment}_{number}"
 
 
 def numbers_of(clauses: list[tuple[int, ...]]) -> list[int]:

@@ -36,9 +36,9 @@ def fold(function: ast.FunctionDef, numbers: dict[str, int]) -> None:
 def _targets(node: ast.Assign) -> list[str]:
     names = node.targets[0]
     return [
-        part.id
-        for part in (names.elts if isinstance(names, ast.Tuple) else [names])
-        if isinstance(part, ast.Name)
+        target.id
+        for target in (names.elts if isinstance(names, ast.Tuple) else [names])
+        if isinstance(target, ast.Name)
     ]
 
 

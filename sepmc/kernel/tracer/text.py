@@ -1,4 +1,4 @@
-"""Lines of a module that is being written, and the slabs of its workspace."""
+"""Lines of a module that is being written, and the workspace of its workspace."""
 
 import contextlib
 import re
@@ -68,14 +68,14 @@ class Text:
             self(
                 first,
                 *(
-                    "    " + part
-                    for part in textwrap.wrap(" ".join(rest), width, break_long_words=False)
+                    "    " + wrapped
+                    for wrapped in textwrap.wrap(" ".join(rest), width, break_long_words=False)
                 ),
             )
             return
         self(
             f"{name} = (",
-            *("    " + part for part in textwrap.wrap(code, width, break_long_words=False)),
+            *("    " + wrapped for wrapped in textwrap.wrap(code, width, break_long_words=False)),
             ")",
         )
 
@@ -97,8 +97,8 @@ class Text:
         self.lines += [line, lead + end]
 
 
-class Slabs:
-    """Names of slabs and how many quantities stand in each; their places follow from the order.
+class Workspace:
+    """Names of workspace and how many quantities stand in each; their places follow from the order.
 
     What depends on outputs, histories or a given step stands behind all else: so that the text of
     functions that have nothing to do with these is the same with and without them, and is compiled
@@ -111,7 +111,7 @@ class Slabs:
         self._optional = False
 
     def add(self, name: str, count: int, optional: bool = False) -> bool:
-        """Add a slab if it is new, one that not all flights of a scene have if ``optional``.
+        """Add a field if it is new, one that not all flights of a scene have if ``optional``.
         Returns whether it is new."""
         if name in self.counts:
             return False
@@ -122,7 +122,7 @@ class Slabs:
 
     @contextlib.contextmanager
     def optional(self) -> Iterator[None]:
-        """All slabs that are added meanwhile are optional."""
+        """All workspace that are added meanwhile are optional."""
         self._optional = True
         try:
             yield
@@ -130,11 +130,12 @@ class Slabs:
             self._optional = False
 
     def has(self, name: str) -> bool:
-        """Whether a slab of that name was added before."""
+        """Whether a field of that name was added before."""
         return name in self.counts
 
     def lines(self) -> list[str]:
-        """Places of all slabs as named constants, and the sizes of a state and of the workspace."""
+        """Places of all workspace as named constants, and the sizes of a state and of the
+        workspace."""
         lines, start = [], 0
         for name in [*(name for name in self.counts if name not in self._last), *self._last]:
             count = self.counts[name]

@@ -4,7 +4,7 @@ lines for one lane.
 The wiring of a kernel is ordinary Python: ``flow = vec3.unrotate(attitude, vec3.add(velocity,
 stream))`` on expressions records two calls. The same call is recorded once, a value that nothing
 asks for is not written, and a value that depends on the parameters of a case alone is computed
-before the flight and kept in a slab.
+before the flight and kept in a field.
 """
 
 import math
@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from sepmc.kernel.tracer.text import Slabs, Text
+from sepmc.kernel.tracer.text import Text, Workspace
 
 # Parts of a value: one number, a condition, so many numbers, a symmetric matrix (nine numbers kept
 # as six), or a tuple of values.
@@ -198,14 +198,14 @@ class Scope:
     """Lines of one loop over lanes. ``case`` is the scope of what depends on the parameters of a
     case alone; it has none itself."""
 
-    def __init__(self, slabs: Slabs, case: "Scope | None" = None):
-        self.slabs, self.case = slabs, case
+    def __init__(self, workspace: Workspace, case: "Scope | None" = None):
+        self.workspace, self.case = workspace, case
         self.nodes: list[tuple[str, tuple[Any, ...], Shape]] = []
         self.names: dict[int, str] = {}
         self._known: dict[Any, int] = {}
         # what places hold, and after how many nodes that was stored
         self.stores: dict[str, tuple[int, Expr]] = {}
-        # of the case: slabs that its values are kept in, for other scopes
+        # of the case: workspace that its values are kept in, for other scopes
         self._kept: dict[int, str] = {}
         self.comments: list[tuple[int, str]] = []  # and after how many nodes each stands
 
@@ -267,8 +267,8 @@ class Scope:
         )
 
     def _adopt(self, value: Expr) -> Expr:
-        """A value as this scope sees it: one of the case is kept in a slab; numbers of the file are
-        read where they stand."""
+        """A value as this scope sees it: one of the case is kept in a field; numbers of the file
+        are read where they stand."""
         if value.scope is self:
             return value
         assert value.scope is self.case, "a value of another function"
@@ -278,12 +278,12 @@ class Scope:
         return self.add("load", (value.scope.keep(value),), shape)
 
     def keep(self, value: Expr) -> str:
-        """The slab in which a value of the case is kept for the flight."""
+        """The field in which a value of the case is kept for the flight."""
         if value.node not in self._kept:
             name = self.names.get(value.node, self.nodes[value.node][0].rpartition(".")[2])
             name = (name if name.isidentifier() else "value").upper()
             number = 1
-            while not self.slabs.add(f"{name}_{number}", _size(value.shape)):
+            while not self.workspace.add(f"{name}_{number}", _size(value.shape)):
                 number += 1
             place = self._kept[value.node] = f"{name}_{number}"
             self.stores[place] = value.node + 1, value  # as soon as it is known
@@ -299,34 +299,34 @@ class Scope:
         """Write a loop over lanes, and before it what is the same for all lanes: a loop that reads
         it is not vectorised. Of the case, loops of at most so many lines: the time to compile one
         grows with the square of its reads and writes. Values that a later loop needs are kept in
-        slabs."""
+        workspace."""
         writer = _Writer(self, text.names)
         lines = writer.lines()
         text(*writer.shared)
-        parts: list[list[tuple[int, str]]] = [[]]
+        groups: list[list[tuple[int, str]]] = [[]]
         for node, _, line in lines:
-            if len(parts[-1]) >= most and parts[-1][-1][0] < node:
-                parts.append([])
-            parts[-1].append((node, line))
+            if len(groups[-1]) >= most and groups[-1][-1][0] < node:
+                groups.append([])
+            groups[-1].append((node, line))
         known: dict[str, int] = {}  # names of the loops before, and their nodes
         again: list[dict[str, int]] = []
-        for part in parts:
-            words = set(_WORD.findall(" ".join(line for _, line in part))) if known else set()
+        for group in groups:
+            words = set(_WORD.findall(" ".join(line for _, line in group))) if known else set()
             again.append({name: node for name, node in known.items() if name in words})
-            last = max((node for node, _ in part), default=-1)
+            last = max((node for node, _ in group), default=-1)
             known |= {name: node for node, name in writer.named.items() if node <= last}
         crossing = {node: name for needed in again for name, node in needed.items()}
         read = {node for node in crossing if self.nodes[node][0] == "parameter"}
         fresh = crossing.keys() - self._kept.keys() - read
         values = {node: Expr(self, node, self.nodes[node][2]) for node in crossing}
         places = {node: self.keep(values[node]) for node in sorted(crossing.keys() - read)}
-        for part, needed in zip(parts, again, strict=True):
+        for group, needed in zip(groups, again, strict=True):
             loop = []
             for name, node in needed.items():
                 op, args, shape = self.nodes[node]
                 code = _READINGS[op](args[0], shape) if node in read else _load(places[node], shape)
                 loop.append(f"{name} = {code[0]}")
-            for node, line in part:
+            for node, line in group:
                 loop.append(line)
                 if node in fresh and line.startswith(f"{crossing[node]} = "):
                     loop += writer.store(places[node], values[node])
@@ -364,7 +364,7 @@ class _Writer:
                     op, parts, _ = self.scope.nodes[a.node]
                     left += parts
                     if op == "where":
-                        self.alone |= {part.node for part in parts[1:] if isinstance(part, Expr)}
+                        self.alone |= {item.node for item in parts[1:] if isinstance(item, Expr)}
 
     def lines(self) -> list[tuple[int, int, str]]:
         """The lines of a lane, each with the number of its value and its order there; what stands
@@ -439,7 +439,7 @@ class _Writer:
         """How a value, number or tuple is written, in parentheses if it binds more loosely than
         ``least``."""
         if isinstance(a, tuple):
-            return f"({', '.join(self._spell(part) for part in a)}{',' if len(a) == 1 else ''})"
+            return f"({', '.join(self._spell(item) for item in a)}{',' if len(a) == 1 else ''})"
         if not isinstance(a, Expr):
             return _number(a)
         code, precedence = self.spelled[a.node]
@@ -506,7 +506,7 @@ def _key(a: Any) -> Any:
     if isinstance(a, Expr):
         return ("value", a.node)
     if isinstance(a, tuple):
-        return tuple(_key(part) for part in a)
+        return tuple(_key(item) for item in a)
     return (type(a).__name__, repr(a))
 
 
