@@ -70,7 +70,7 @@ def count(campaign: Campaign, flight: Flight) -> Flops | None:
     called = shape.names.of["phase"]
     solver = flight.one_method
     context = Context(shape, solver or campaign.scene.solver.method, NO_HISTORY)
-    flown = {s.phase: context.flown_as(s) or s.name for s in shape.segments if not s.late}
+    flown = {s.phase: context.alias_of(s) or s.name for s in shape.segments if not s.late}
     found = _each(kernel_text(campaign, solver), flown)
     if set(found) != set(called.values()):
         return None
@@ -86,7 +86,7 @@ def count(campaign: Campaign, flight: Flight) -> Flops | None:
             rows = (*rk.a[1 : rk.stages, : rk.stages], rk.b)
             of_a_step = sum(2 * int(np.count_nonzero(row)) + 1 for row in rows)
             steps_made = taken[shape.names.back[segment.phase]] / rk.stages
-            sums += steps_made * of_a_step * shape.active(segment)
+            sums += steps_made * of_a_step * shape.active_size(segment)
     return Flops({name: taken[name] for name in names}, each, rates, float(sums))
 
 

@@ -19,7 +19,11 @@ from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.engine.dispatch import whole
-from sepmc.kernel.spec.parameter_layout import ParameterLayout, apart, make_parameter_layout
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -321,7 +325,7 @@ class Definition:
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
         joints = {
-            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            name: msgspec.structs.replace(joint, apart=separation_sign(self.scene, name))
             for name, joint in self.scene.joint.items()
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})

@@ -329,7 +329,7 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
     assert (
         max(
-            segment.stops
+            segment.max_intervals
             for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
         )
         > 1

@@ -288,8 +288,8 @@ class _SingleFlight:
 
     def _springs(self, changes: np.ndarray) -> dict[str, float]:
         """When strokes end of springs, by their names, from the times (n,) of ``_moments``, of
-        which theirs come last (`sepmc.kernel.emit.context.Context.sudden`)."""
-        back, spent = Names(self.plan.scene).back, self.shape.spent
+        which theirs come last (`sepmc.kernel.emit.context.Context.change_times`)."""
+        back, spent = Names(self.plan.scene).back, self.shape.stroke_springs
         times = changes[len(changes) - len(spent) :].tolist()
         return {back[name]: time for name, time in zip(spent, times, strict=True)}
 

@@ -14,7 +14,7 @@ from sepmc.kernel.emit.outcomes import emit_results, kept, kept_angle, tip_off, 
 from sepmc.kernel.emit.steps import advance
 from sepmc.kernel.emit.tables import has_tables
 from sepmc.kernel.spec.kernel_spec import (
-    APART,
+    ANY_PHASE,
     Change,
     Due,
     Release,
@@ -62,8 +62,8 @@ def emit_block(out: Text, c: Context) -> None:
     for number, segment in enumerate(c.spec.segments):
         text(f"# {segment.name}", f"enter_{segment.name}(w)")
         _enter(parts, c, number, segment)
-        if segment.stops > 1:
-            _stretch(text.block(f"for _ in range({segment.stops}):"), c, number, segment)
+        if segment.max_intervals > 1:
+            _stretch(text.block(f"for _ in range({segment.max_intervals}):"), c, number, segment)
         else:
             _stretch(text, c, number, segment)
         text(f"leave_{segment.name}(w)")
@@ -103,11 +103,11 @@ def _begin(out: Text, c: Context) -> None:
     if c.history == at.FULL_HISTORY:
         c.workspace.add("WANTS_ROWS", 1, optional=True)
         text.lanes()("w[WANTS_ROWS + l] = 1.0 if table(a, 5).shape[0] > 0 else 0.0")
-    if c.spec.borders:
+    if c.spec.layer_borders:
         text("enter_layers(w)")
-    if c.spec.borders or c.workspace.has("AIR"):
+    if c.spec.layer_borders or c.workspace.has("AIR"):
         text("recentre_air(w, 0.0)")
-    if c.spec.switches:
+    if c.spec.load_switches:
         text.lanes().block("for k in range(nominal.shape[0]):")(
             f"w[CASES + {int(c.model.size_w)} * l + k] = w[P + k * LANES + l]"
         )
@@ -127,13 +127,13 @@ def _enter(out: Text, c: Context, number: int, segment: Segment) -> None:
     if segment.late:
         _begin_late(text, c, segment)
     _forget_sides(text, c, segment)
-    if segment.awaited:
+    if segment.pending_event:
         text(f"pending_event_{segment.name}(w, 1.0)")
     if segment.releases:
         _note_told(text, c, segment)
-    if segment.masked:
+    if segment.variable_joints:
         _let_go(text, c, segment)
-    if segment.stops > 1:
+    if segment.max_intervals > 1:
         text.lanes()("w[DONE + l] = 0.0")
         if segment.clauses:
             _begin_clauses(text, c, segment)
@@ -158,15 +158,15 @@ def _leave(out: Text, c: Context, number: int, segment: Segment) -> None:
     scope.write(text)
     if number + 1 < len(c.spec.segments):
         _hand_over(text, c, segment, c.spec.segments[number + 1])
-    elif c.spec.masked:
+    elif c.spec.initial_kinds:
         _note_unreleased(text, c)
 
 
 def _note_unreleased(text: Text, c: Context) -> None:
     """Whether a joint still holds at the end that was told to let go, or should have been."""
     scope = c.scope()
-    for joint in c.spec.masked:
-        for change in c.spec.told(joint):
+    for joint in c.spec.initial_kinds:
+        for change in c.spec.changes_of(joint):
             holds = _kind(scope, c, joint) < float(change.to)
             if change.optional:
                 holds = holds & (_comes(scope, c, change) < math.inf)
@@ -176,7 +176,7 @@ def _note_unreleased(text: Text, c: Context) -> None:
 
 def _kind(scope: Scope, c: Context, joint: str) -> Expr:
     """As which of its kinds a joint holds, by number."""
-    c.start(f"KIND_{joint}", float(c.spec.masked[joint]))
+    c.start(f"KIND_{joint}", float(c.spec.initial_kinds[joint]))
     return scope.load(f"KIND_{joint}")
 
 
@@ -190,17 +190,17 @@ def _due(scope: Scope, c: Context, segment: Segment, joint: str) -> Iterator[tup
     """Changes that a joint may make in a segment, and when each is due."""
     slots = c.spec.layout.slots
     delay = c.case.number(slots[f"joint.{joint}.delay"])
-    if joint in c.spec.failing:  # it never lets go
+    if joint in c.spec.failing_joints:  # it never lets go
         delay = where(c.case.number(slots[f"joint.{joint}.fails"]) >= 0.5, math.inf, delay)
-    for change in c.spec.told(joint):
-        if change.to in segment.may[joint] and change.to > min(segment.may[joint]):
+    for change in c.spec.changes_of(joint):
+        if change.to in segment.joint_kinds[joint] and change.to > min(segment.joint_kinds[joint]):
             yield change, _comes(scope, c, change) + delay
 
 
 def _forget_sides(text: Text, c: Context, segment: Segment) -> None:
     """On which side of its threshold a load is, is new to a phase that waits for it to cross it."""
     for load in segment.loads:
-        if load.direction and not load.apart:
+        if load.direction and not load.any_phase:
             text.lanes()(f"w[{side_before(segment, load)} + l] = 0.0")
 
 
@@ -260,7 +260,7 @@ def _comes_now(scope: Scope, c: Context, told: Segment | Release) -> Iterator[tu
 def _time(scope: Scope, c: Context, due: Due) -> Expr:
     """When something is due."""
     terms = [c.case.number(place) for place in due.places]
-    for motor in c.spec.triggered:
+    for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
             terms.insert(0, ignition(scope, c, motor))
     return total(terms)
@@ -272,10 +272,10 @@ def _note_told(text: Text, c: Context, segment: Segment) -> None:
     scope = c.scope()
     for release in segment.releases:
         for number in numbers_of(release.clauses):
-            c.start(met(APART, number), 0.0)
+            c.start(met(ANY_PHASE, number), 0.0)
         place = f"EVENT_TIME_{release.name}"
         c.start(place, math.inf)
-        told = _holds(scope, c, APART, release) & scope.load(place).equals(math.inf)
+        told = _holds(scope, c, ANY_PHASE, release) & scope.load(place).equals(math.inf)
         scope.store(place, where(told, scope.load("T"), scope.load(place)))
         if not release.joint:
             c.workspace.add(f"OCCURS_NOW_{release.name}", 1)
@@ -377,17 +377,17 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     end = (
         scalar.larger(scope.load(f"UNTIL_{segment.name}"), now) if segment.ends_by_time else run_end
     )
-    if segment.stops > 1:
+    if segment.max_intervals > 1:
         end = where(scope.load("DONE") > 0.0, now, end)
     else:
         scope.store("DONE", 0.0)
-    for joint in segment.masked:
+    for joint in segment.variable_joints:
         for change, due in _due(scope, c, segment, joint):
             waits = _kind(scope, c, joint) < float(change.to)
             end = where(waits & (due < end), scalar.larger(due, now), end)
     times = [(met(segment.name, number), due) for number, due in segment.times.items()]
     times += [
-        (met(APART, number), due)
+        (met(ANY_PHASE, number), due)
         for release in segment.releases
         for number, due in release.times.items()
     ]
@@ -402,19 +402,19 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
     for event in segment.events:
         scope.store(f"PREVIOUS_{segment.name}_{event.name}", math.inf)
     scope.write(text)
-    if c.spec.switches:
+    if c.spec.load_switches:
         text("next_load_switch(w, a)")
-    if segment.stops > 1:
+    if segment.max_intervals > 1:
         text("going = False")
         text.lanes()("going = going or w[T + l] < w[END + l]")
         text.block("if not going:")("break")
-    if c.paces(segment):
+    if c.has_lane_steps(segment):
         _at_a_pace(text, c, number, segment)
     else:
         _in_steps(text, c, number, segment)
     if segment.events:
         text(f"set_event_flags(w, {number})")
-    elif segment.waits_for_load:
+    elif segment.may_end_by_load:
         text.lanes()(f"w[T + l] = w[END + l] if w[END + l] - w[T + l] <= {at.GRAIN} else w[T + l]")
     else:
         text.lanes()("w[T + l] = w[END + l]")
@@ -422,13 +422,17 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
         _note_clauses(text, c, segment)
     if segment.releases:
         _note_told(text, c, segment)
-    if segment.masked:
+    if segment.variable_joints:
         _let_go(text, c, segment)
 
 
 def _in_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
     """As many steps for all lanes."""
-    size, awaited, noted = f"{c.spec.active(segment)} * LANES", _awaited(segment), _noted(c, number)
+    size, awaited, noted = (
+        f"{c.spec.active_size(segment)} * LANES",
+        _awaited(segment),
+        _noted(c, number),
+    )
     inner = text.block(f"for left in range(steps[{number}], 0, -1):")
     _advance(inner, c, number, segment, "left")
     inner(*awaited)
@@ -448,14 +452,14 @@ def _in_steps(text: Text, c: Context, number: int, segment: Segment) -> None:
 def _at_a_pace(text: Text, c: Context, number: int, segment: Segment) -> None:
     """Each lane in as many steps as it needs for none to be longer than its pace, so many times,
     but in no more than the phase has."""
-    size, awaited = f"{c.spec.active(segment)} * LANES", _awaited(segment)
+    size, awaited = f"{c.spec.active_size(segment)} * LANES", _awaited(segment)
     inner = text.lanes()
     inner(f"w[MAX_STEP + l] = pace[{number}] if pace[{number}] > 0.0 else {at.GRAIN}")
     inner(
         "w[STEP_FACTOR + l], w[STEPS_LEFT + l], w[PROGRESS + l] = "
         f"float(times[0]), 1.0 + steps[{number}], 0.0"
     )
-    if segment.waits_for_load:
+    if segment.may_end_by_load:
         inner(
             f"w[TYPICAL_END + l] = w[T + l] + max(usual[{number}], "
             f"{_LEAST_SHARE} * (w[END + l] - w[T + l]))"
@@ -482,7 +486,7 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
         inner = text
         if len(methods) > 1:
             inner = text.block(f"{'elif' if k else 'if'} methods[{number}] == {k}:")
-        size = f"{c.spec.active(segment)} * LANES"
+        size = f"{c.spec.active_size(segment)} * LANES"
         inner(f"{advance(rk)}(w, {number}, {size}, {left}, usual[{number}])")
         if c.history == at.SEPARATION_HISTORY:
             inner(f"{fit_curves(rk)}(w, {number})")
@@ -490,14 +494,14 @@ def _advance(text: Text, c: Context, number: int, segment: Segment, left: str) -
 
 def _awaited(segment: Segment) -> list[str]:
     """What looks for the condition that ends the next phase, if it is waited for meanwhile."""
-    return [f"pending_event_{segment.name}(w, 0.0)"] if segment.awaited else []
+    return [f"pending_event_{segment.name}(w, 0.0)"] if segment.pending_event else []
 
 
 def _let_go(text: Text, c: Context, segment: Segment) -> None:
     """Joints change that are due to, and what is noted of that."""
     scope = c.scope()
     now = scope.load("T")
-    for joint in segment.masked:
+    for joint in segment.variable_joints:
         before = kind = _kind(scope, c, joint)
         for change, due in _due(scope, c, segment, joint):
             kind = where(
@@ -505,14 +509,14 @@ def _let_go(text: Text, c: Context, segment: Segment) -> None:
             )
         scope.store(f"KIND_{joint}", kind)
         _note_change(scope, c, joint, before, kind)
-        for free in segment.free(joint):
+        for free in segment.free_kinds(joint):
             _note_release(scope, c, segment, joint, (before < float(free)) & (kind >= float(free)))
     scope.write(text)
 
 
 def _note_change(scope: Scope, c: Context, joint: str, before: Expr, kind: Expr) -> None:
     """For rows of a history on both sides of it: when a joint takes another of its kinds."""
-    for changing, number in c.spec.changing if c.sudden else []:
+    for changing, number in c.spec.kind_changes if c.change_times else []:
         if changing == joint:
             place = went(joint, number)
             c.start(place, math.nan)
@@ -552,14 +556,16 @@ def _noted(c: Context, number: int) -> list[str]:
     """What is written or followed of a step of a phase."""
     segment = c.spec.segments[number]
     found = [f"write_history(w, {number}, first, a)"] if c.history else []
-    found += [f"monitor_loads(w, {number})"] if c.watches(segment) else []
-    return found + ([f"search_clearances_{segment.name}(w)"] if c.counted(segment) else [])
+    found += [f"monitor_loads(w, {number})"] if c.monitors_outputs(segment) else []
+    return found + (
+        [f"search_clearances_{segment.name}(w)"] if c.active_clearances(segment) else []
+    )
 
 
 def emit_load_switch(out: Text, c: Context) -> None:
     """A function that ends a stretch at the next switch of a load, and notes what acts until
     then."""
-    if not c.spec.switches:
+    if not c.spec.load_switches:
         return
     says = "Stop at the next switch of a load, and note what acts until then."
     c.workspace.add("CASES", int(c.model.size_w))  # as `sepmc.routines.load_intervals` reads them
@@ -608,15 +614,15 @@ def _hand_over(text: Text, c: Context, segment: Segment, after: Segment) -> None
                         scope.load(component(f"{field}_{old}", k)),
                     )
     for told in c.spec.changes:
-        if told.event == segment.phase and not segment.late and told.joint in c.spec.masked:
+        if told.event == segment.phase and not segment.late and told.joint in c.spec.initial_kinds:
             scope.store(f"EVENT_TIME_{told.event}", where(ended, now, _comes(scope, c, told)))
-    for joint, kinds in after.may.items():
-        masked, to = joint in c.spec.masked, min(kinds)
-        if segment.holds(joint) and not kinds[to]:
+    for joint, kinds in after.joint_kinds.items():
+        masked, to = joint in c.spec.initial_kinds, min(kinds)
+        if segment.constrains(joint) and not kinds[to]:
             _note_release(
                 scope, c, segment, joint, _kind(scope, c, joint) < float(to) if masked else None
             )
-        if masked and to > min(segment.may[joint]):
+        if masked and to > min(segment.joint_kinds[joint]):
             kind = _kind(scope, c, joint)
             changed = where(ended & (kind < float(to)), float(to), kind)
             scope.store(f"KIND_{joint}", changed)

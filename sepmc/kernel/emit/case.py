@@ -146,6 +146,6 @@ class Case:
             return up if k == 1 else vec3.cross(ahead, up).called("axis")
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 3 * k, 3)
 
-    def apart(self, name: str) -> Expr:
+    def separation_sign(self, name: str) -> Expr:
         """What makes a joint's separation positive: 1 or -1."""
         return self.scope.shared(10 * list(self.spec.scene.joint).index(name) + 9)

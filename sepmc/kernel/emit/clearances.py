@@ -33,7 +33,7 @@ def emit_clearances(out: Text, c: Context) -> None:
     )
     out.function("search_lane(w, job: int)", says)("search_clearance(w, job)")
     for segment in c.spec.segments:
-        if which := c.counted(segment):
+        if which := c.active_clearances(segment):
             text = out.function(
                 f"search_clearances_{segment.name}(w)",
                 f"Search the step just made in phase {segment.name} for the least clearances.",
@@ -80,9 +80,9 @@ def counts_in(c: Context, segment: Segment, i: int) -> str:
     """The condition, for a lane, that a clearance counts in a phase: from the start, or once its
     joint is free."""
     after = c.spec.scene.clearance[i].after
-    if i not in c.counted(segment):
+    if i not in c.active_clearances(segment):
         return "False"
-    return among(after, segment.free(after)) if after in segment.masked else "True"
+    return among(after, segment.free_kinds(after)) if after in segment.variable_joints else "True"
 
 
 def _ask(text: Text, c: Context, i: int, powers: int, *more: tuple[str, int, int, int]) -> None:
@@ -134,7 +134,7 @@ def clearance_now(text: Text, s: State, i: int, counts: str, place: str) -> None
 def counts_from_start(c: Context, i: int) -> bool:
     """Whether a clearance counts from the start of a flight, whatever is let go."""
     after, first = c.spec.scene.clearance[i].after, c.spec.segments[0]
-    return after is None or min(first.may[after]) in first.free(after)
+    return after is None or min(first.joint_kinds[after]) in first.free_kinds(after)
 
 
 def _place(s: State, body: str, q: int) -> Any:

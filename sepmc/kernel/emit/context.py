@@ -32,7 +32,7 @@ class Context:
 
     def methods(self, segment: Segment) -> tuple[Method, ...]:
         """Methods by which a segment may be flown, the most exact first."""
-        return methods_of(self.solver, self.notes(segment), self.extends)
+        return methods_of(self.solver, self.uses_extension(segment), self.has_extension)
 
     @property
     def used(self) -> dict[str, Method]:
@@ -47,23 +47,23 @@ class Context:
         return found[0]
 
     @property
-    def sudden(self) -> list[str]:
+    def change_times(self) -> list[str]:
         """Workspace of the times within segments on both sides of which a full history has rows:
         joints take another of their kinds, springs end their strokes."""
         if self.history != FULL_HISTORY:
             return []
-        return [went(*change) for change in self.spec.changing] + [
-            spent(spring) for spring in self.spec.spent
+        return [went(*change) for change in self.spec.kind_changes] + [
+            spent(spring) for spring in self.spec.stroke_springs
         ]
 
     @property
-    def followed(self) -> tuple[str, ...]:
+    def monitored_joints(self) -> tuple[str, ...]:
         """Joints whose loads are computed between the ends of steps: those that are watched, then
         those that break."""
         return tuple(
             dict.fromkeys(
                 [
-                    *self.watched,
+                    *self.output_joints,
                     *(load.which for segment in self.spec.segments for load in segment.loads),
                 ]
             )
@@ -72,31 +72,31 @@ class Context:
     def layer(self, body: str) -> str:
         """The field of the layer of air in which a body flies: that of all, if none can leave
         it."""
-        return f"LAYER_{body}" if self.spec.borders else "AIR"
+        return f"LAYER_{body}" if self.spec.layer_borders else "AIR"
 
     @property
-    def idles(self) -> bool:
+    def may_idle(self) -> bool:
         """Whether lanes may be through with a segment before others: steps of no length then leave
         a case as it is, to the last bit."""
-        return any(self.paces(segment) for segment in self.spec.segments)
+        return any(self.has_lane_steps(segment) for segment in self.spec.segments)
 
-    def paces(self, segment: Segment) -> bool:
+    def has_lane_steps(self, segment: Segment) -> bool:
         """Whether lanes go through a phase each in steps of its own, and not all in as many: where
         events and switches divide it, or steps are to be no longer than so many seconds."""
-        return segment.stops > 1 or self.spec.scene.solver.step is not None
+        return segment.max_intervals > 1 or self.spec.scene.solver.step is not None
 
     @property
-    def watched(self) -> tuple[str, ...]:
+    def output_joints(self) -> tuple[str, ...]:
         """Joints whose loads are followed over the flight."""
         return self.spec.scene.output.loads
 
     @property
-    def guides(self) -> tuple[str, ...]:
+    def output_guides(self) -> tuple[str, ...]:
         """Joints whose pins are followed over the flight."""
         return self.spec.scene.output.guide
 
     @property
-    def guided(self) -> list[str]:
+    def guide_joints(self) -> list[str]:
         """Joints whose pins a full history tells of."""
         return [name for name, joint in self.spec.scene.joint.items() if joint.guide is not None]
 
@@ -110,53 +110,59 @@ class Context:
     def node_size(self) -> int:
         """Numbers that are followed: force and moment of joints; of guides what drives them, and
         the forces of each pin at both ends, if friction held the guide and as they are."""
-        return 6 * len(self.followed) + 3 * sum(1 + 4 * self.pins(joint) for joint in self.guides)
+        return 6 * len(self.monitored_joints) + 3 * sum(
+            1 + 4 * self.pins(joint) for joint in self.output_guides
+        )
 
     @property
-    def noted_of_guides(self) -> Iterator[tuple[str, int, int, list[int]]]:
+    def guide_fields(self) -> Iterator[tuple[str, int, int, list[int]]]:
         """Of every guide that is followed: where its numbers start among those at a node; in
         GUIDES, where the time stands for which it slid, with the least friction that jams behind
         it, and the peaks of both ends of each pin."""
-        first, place = 6 * len(self.followed), 0
-        for joint in self.guides:
+        first, place = 6 * len(self.monitored_joints), 0
+        for joint in self.output_guides:
             ends = 2 * self.pins(joint)
             yield joint, first, place, [place + 2 + 3 * k for k in range(ends)]
             first, place = first + 3 * (1 + 2 * ends), place + 2 + 3 * ends
 
-    def watches(self, segment: Segment) -> bool:
+    def monitors_outputs(self, segment: Segment) -> bool:
         """Whether a joint whose loads are asked for holds something in a phase, or pins may slide
         that are."""
-        return any(map(segment.holds, self.watched)) or any(map(segment.sliding, self.guides))
+        return any(map(segment.constrains, self.output_joints)) or any(
+            map(segment.sliding_kinds, self.output_guides)
+        )
 
-    def carries(self, segment: Segment) -> bool:
+    def needs_wrenches(self, segment: Segment) -> bool:
         """Whether what joints carry in a phase is asked for."""
-        return self.follows_loads(segment) or self.history == FULL_HISTORY
+        return self.monitors_loads(segment) or self.history == FULL_HISTORY
 
-    def follows_loads(self, segment: Segment) -> bool:
+    def monitors_loads(self, segment: Segment) -> bool:
         """Whether loads are followed over the steps of a phase: asked for, or waited for."""
-        return self.watches(segment) or bool(segment.loads)
+        return self.monitors_outputs(segment) or bool(segment.loads)
 
-    def carried_by_rates(self, segment: Segment) -> bool:
+    def wrenches_from_rates(self, segment: Segment) -> bool:
         """Whether the derivative in a phase gives what is followed of joints too: all but pins, and
         redundant rows' least sum of squares."""
-        plain = not segment.shares and not any(map(segment.sliding, self.guides))
-        return self.follows_loads(segment) and plain
+        plain = not segment.needs_min_norm and not any(
+            map(segment.sliding_kinds, self.output_guides)
+        )
+        return self.monitors_loads(segment) and plain
 
-    def flown_as(self, segment: Segment) -> str:
+    def alias_of(self, segment: Segment) -> str:
         """The name of the segment whose derivative and correction fly this one too, if one does."""
-        after = next((one for one in self.spec.segments if one.name == segment.flown_as), None)
+        after = next((one for one in self.spec.segments if one.name == segment.alias_of), None)
         if after is None:
             return ""
-        alike = (self.carried_by_rates(segment), self.spec.rubbing(segment)) == (
-            self.carried_by_rates(after),
-            self.spec.rubbing(after),
+        alike = (self.wrenches_from_rates(segment), self.spec.friction_joints(segment)) == (
+            self.wrenches_from_rates(after),
+            self.spec.friction_joints(after),
         )
         return after.name if alike else ""
 
-    def hands_on(self, out: Text, segment: Segment, what: str) -> bool:
+    def emit_alias(self, out: Text, segment: Segment, what: str) -> bool:
         """Write a function of a segment that only calls that of the segment by which it is flown.
         Returns whether there is such a segment."""
-        after = self.flown_as(segment)
+        after = self.alias_of(segment)
         if after:
             text = out.function(
                 f"{what}_{segment.name}(w)", f"Phase {segment.name}: as in {after}."
@@ -164,23 +170,23 @@ class Context:
             text(f"{what}_{after}(w)")
         return bool(after)
 
-    def counted(self, segment: Segment) -> list[int]:
+    def active_clearances(self, segment: Segment) -> list[int]:
         """Clearances that count in a phase: from the start, or once their joint is free."""
         entries = enumerate(self.spec.scene.clearance)
-        return [i for i, one in entries if one.after is None or segment.free(one.after)]
+        return [i for i, one in entries if one.after is None or segment.free_kinds(one.after)]
 
-    def follows(self, segment: Segment) -> bool:
+    def needs_interpolation(self, segment: Segment) -> bool:
         """Whether outcomes or the end of a phase depend on states between the ends of its steps."""
-        return self.follows_loads(segment) or bool(self.counted(segment))
+        return self.monitors_loads(segment) or bool(self.active_clearances(segment))
 
-    def notes(self, segment: Segment) -> bool:
+    def uses_extension(self, segment: Segment) -> bool:
         """Whether such states are needed in a phase, be it for a full history only."""
-        return self.history == FULL_HISTORY or self.follows(segment)
+        return self.history == FULL_HISTORY or self.needs_interpolation(segment)
 
     @property
-    def extends(self) -> bool:
+    def has_extension(self) -> bool:
         """Whether they are needed in any."""
-        return any(self.notes(segment) for segment in self.spec.segments)
+        return any(self.uses_extension(segment) for segment in self.spec.segments)
 
     @property
     def size(self) -> int:
@@ -208,7 +214,9 @@ class Context:
     def load_indicators(self) -> list[str]:
         """Of every joint that is watched, how sharply its force and its moment turn within a step
         (`peaks.note_size`)."""
-        return [f"load_{what}_{joint}" for joint in self.watched for what in ("force", "moment")]
+        return [
+            f"load_{what}_{joint}" for joint in self.output_joints for what in ("force", "moment")
+        ]
 
     def indicator(self, name: str) -> str:
         """The place of a indicator."""

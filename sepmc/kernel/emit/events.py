@@ -69,7 +69,7 @@ def _wait(s: State, event: Event) -> Any:
         scope.store(
             place,
             where(scope.load("INACTIVE") > 0.0, scope.load(place), now)
-            if s.c.paces(s.segment)
+            if s.c.has_lane_steps(s.segment)
             else now,
         )
     # 0: met before it was waited for
@@ -135,7 +135,7 @@ def _wait_to_cross(s: State, event: Event) -> Any:
         (f"STARTED_AT_THRESHOLD_{name}", where(first, where(stands, time, -math.inf), stood)),
     )
     for place, now in noted:
-        held = scope.load("INACTIVE") > 0.0 if s.c.paces(s.segment) else None
+        held = scope.load("INACTIVE") > 0.0 if s.c.has_lane_steps(s.segment) else None
         scope.store(place, now if held is None else where(held, scope.load(place), now))
     wait = scalar.time_left(value, slope, side * acceleration, side * jerk).called("wait")
     wait = where(_counts(event, side), where(first & stands, math.inf, wait), math.inf)
@@ -189,7 +189,7 @@ def _may_rise(past: Expr, slope: Expr, value: Expr, rate: Any, length: Expr) -> 
 def emit_pending_event(out: Text, c: Context, segment: Segment) -> None:
     """A function by which a case is lost if the condition that ends the next phase may be met while
     joints are late."""
-    event = segment.awaited
+    event = segment.pending_event
     assert event is not None
     says = (
         "Note the condition that ends the next phase; a case is lost if it may have been met "
@@ -257,7 +257,7 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     return (
         line.length - threshold,
         line.rate,
-        s.case.apart(event.which) * s.lengthening_by("K1", bodies, line),
+        s.case.separation_sign(event.which) * s.lengthening_by("K1", bodies, line),
     )
 
 
@@ -338,7 +338,7 @@ def emit_event_flags(out: Text, c: Context) -> None:
             for event in segment.events:
                 _note_met(scope, c, segment, event)
             scope.write(inner)
-    if c.spec.borders:
+    if c.spec.layer_borders:
         text("enter_layers(w)", "recentre_air(w, 0.5 * NEAR)")
 
 
@@ -361,7 +361,7 @@ def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     indicator = c.indicator(name)
     scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
-    if event.what == at.AT_SPRING_STROKE and c.sudden:
+    if event.what == at.AT_SPRING_STROKE and c.change_times:
         place = spent(event.which)
         c.start(place, math.nan)
         scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))

@@ -129,7 +129,7 @@ class State:
     def axis(self, joint: str, k: int, second: bool = False) -> Any:
         """Axis k of a joint as its first (or second) body carries it, ground axes."""
         r = self.attitude(self.spec.scene.joint[joint].bodies[int(second)])
-        if self.spec.plain_axes(joint):
+        if self.spec.has_body_axes(joint):
             return (r[k], r[k + 3], r[k + 6])
         return vec3.rotate(r, self.case.joint_axis(joint, k)).called("e")
 
@@ -164,7 +164,7 @@ class State:
         slide = self.slide(self.spec.scene.joint[joint].bodies)
         if slide is None:
             return None
-        plain = self.spec.plain_axes(joint)
+        plain = self.spec.has_body_axes(joint)
         e: Any = UNIT[k] if plain else self.case.joint_axis(joint, k)
         end_a, end_b, _ = self.case.joint_ends(joint)
         r = slide.r
@@ -191,7 +191,7 @@ class State:
 
     def separation(self, joint: str) -> Line:
         """Along the x axis of a joint; its length is the separation distance."""
-        apart = self.case.apart(joint)
+        apart = self.case.separation_sign(joint)
         start = vec3.dot(self.case.joint_ends(joint)[2], self.case.joint_axis(joint, 0))
         line = self.sliding_line(joint, 0)
         if line is not None:
@@ -207,11 +207,11 @@ class State:
     def sliding(self, joint: str) -> Any:
         """1 while the pins of a joint may slide, 0 before or after, in a phase in which they
         may."""
-        return self.while_held(joint, self.segment.sliding(joint))
+        return self.while_held(joint, self.segment.sliding_kinds(joint))
 
     def while_held(self, joint: str, kinds: tuple[int, ...]) -> Any:
         """1 while a joint holds one of some kinds, 0 before or after."""
-        if len(kinds) == len(self.segment.may[joint]):
+        if len(kinds) == len(self.segment.joint_kinds[joint]):
             return 1.0
         kind, found = self.scope.load(f"KIND_{joint}"), None
         for number in kinds:
@@ -224,7 +224,7 @@ class State:
     def friction(self, joint: str) -> Any:
         """Friction on the second body of a joint, N, in the direction of separation; None if there
         is none."""
-        rubbing = self.spec.rubbing(self.segment)
+        rubbing = self.spec.friction_joints(self.segment)
         return (
             self.scope.load(component("FRICTION", rubbing.index(joint)))
             if joint in rubbing

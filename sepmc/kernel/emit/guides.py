@@ -26,7 +26,7 @@ Ends = list[tuple[Any, Any]]
 def emit_friction(out: Text, c: Context, segment: Segment) -> None:
     """A function for the friction of a phase's guides; the other functions of the phase take it as
     a load that is known."""
-    joints = c.spec.rubbing(segment)
+    joints = c.spec.friction_joints(segment)
     if not joints:
         return
     says = (
@@ -76,7 +76,9 @@ def pin_forces(s: State, motion: Motion, joint: str) -> Ends:
     engaged = scalar.larger(closed - s.separation(joint).length, at.LEAST_ENGAGED * closed).called(
         "engaged"
     )
-    mouth, tip = guides.bearing_forces(force, moment, engaged, c.apart(joint)).called("bearing")
+    mouth, tip = guides.bearing_forces(force, moment, engaged, c.separation_sign(joint)).called(
+        "bearing"
+    )
     found = []
     for pin in range(count):
         around = guides.around_circle(
@@ -96,7 +98,7 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
     if s.segment.least_squares:
         return _watch_held(s, motion, joint)
     line, per_newton = s.separation(joint), make_drive(s, motion, joint)
-    pair, apart = s.spec.scene.joint[joint].bodies, s.case.apart(joint)
+    pair, apart = s.spec.scene.joint[joint].bodies, s.case.separation_sign(joint)
     faster = apart * s.lengthening(pair, line, motion.acceleration, motion.spin_rate)
     mobility = apart * s.lengthening(
         pair, line, per_newton.acceleration, per_newton.spin_rate, moving=False
@@ -121,15 +123,15 @@ def watch_guide(s: State, motion: Motion, joint: str) -> list[Any]:
 def _watch_held(s: State, motion: Motion, joint: str) -> list[Any]:
     """The same where all rows are solved for by least sum of squares: with one more, which holds
     the guide along x, and perhaps shares what drives it with others that do."""
-    sliding = s.segment.sliding(joint)
-    along = Row(joint, 0, sliding if len(sliding) < len(s.segment.may[joint]) else ())
+    sliding = s.segment.sliding_kinds(joint)
+    along = Row(joint, 0, sliding if len(sliding) < len(s.segment.joint_kinds[joint]) else ())
     rows = Rows(s, [*s.segment.rows, along])
     acceleration, spin_rate = without_joints(s, motion.force, motion.moment)
     multipliers = LeastSquares(s, rows.coupling(), joint).solve(
         rows.without_joints(acceleration, spin_rate)
     )
     holding = replace(motion, multipliers=multipliers, system=rows)
-    left = -s.case.apart(joint) * multipliers[-1]
+    left = -s.case.separation_sign(joint) * multipliers[-1]
     return _numbers_of_guide(
         s, joint, left, pin_forces(s, holding, joint), pin_forces(s, motion, joint)
     )
@@ -143,22 +145,22 @@ def _numbers_of_guide(s: State, joint: str, left: Any, held: Ends, forces: Ends)
 
 def start_guides(c: Context) -> None:
     """Nothing is noted of guides at first."""
-    for _, _, time, peaks in c.noted_of_guides:
+    for _, _, time, peaks in c.guide_fields:
         for place, value in ((time, 0.0), (time + 1, math.inf), *((peak, 0.0) for peak in peaks)):
             c.case.scope.store(component("GUIDES", place), value)
-    if c.guides:
-        c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.guides))
+    if c.output_guides:
+        c.workspace.add("GUIDES", sum(2 + 6 * c.pins(joint) for joint in c.output_guides))
 
 
 def note_guides(text: Text, c: Context, segment: Segment) -> None:
     """Lines for one lane that follow the guides of a phase over the step just made, of length h."""
-    for joint, first, time, peaks in c.noted_of_guides:
-        sliding = segment.sliding(joint)
+    for joint, first, time, peaks in c.guide_fields:
+        sliding = segment.sliding_kinds(joint)
         if not sliding:
             continue
         inner = (
             text
-            if len(sliding) == len(segment.may[joint])
+            if len(sliding) == len(segment.joint_kinds[joint])
             else text.block(f"if {among(joint, sliding)}:")
         )
         nodes = [
@@ -181,7 +183,7 @@ def guide_outcomes(s: State) -> list[Any]:
     """Of every guide that is watched: time for which its pins slid, greatest load of each, least
     friction that would jam them."""
     found: list[Any] = []
-    for _, _, place, peaks in s.c.noted_of_guides:
+    for _, _, place, peaks in s.c.guide_fields:
         time, jams = (
             s.scope.load(component("GUIDES", place)),
             s.scope.load(component("GUIDES", place + 1)),

@@ -67,7 +67,7 @@ def _separation(out: Text, c: Context, segment: Segment) -> None:
     s = State(c, c.scope(), segment, "S")
     for j, joint in enumerate(c.spec.scene.joint):
         line, bodies = s.separation(joint), c.spec.scene.joint[joint].bodies
-        acceleration = s.case.apart(joint) * s.lengthening_by("D", bodies, line)
+        acceleration = s.case.separation_sign(joint) * s.lengthening_by("D", bodies, line)
         for k, value in enumerate((line.length, line.rate, acceleration)):
             s.scope.store(component("POINT", at.AT_POINT * j + k), value)
     s.scope.write(text)
@@ -153,7 +153,7 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
                 if vector is ZERO
                 else vec3.unrotate(s.attitude(held.bodies[0]), vec3.scale(sign, vector))
             )
-    row += [load for joint in c.guided for load in _pin_loads(s, motion, joint)]
+    row += [load for joint in c.guide_joints for load in _pin_loads(s, motion, joint)]
     clearances = c.spec.scene.clearance
     c.workspace.add("ROW", len(row) + len(clearances))
     for k, value in enumerate(row):
@@ -165,7 +165,7 @@ def _everything(out: Text, c: Context, segment: Segment) -> None:
 
 def _pin_loads(s: State, motion: Motion, joint: str) -> list[Any]:
     """Lateral load of every pin of a joint at the mouth and at the tip, while they may slide."""
-    if not s.segment.sliding(joint):
+    if not s.segment.sliding_kinds(joint):
         return [math.nan] * 2 * s.c.pins(joint)
     sliding = s.sliding(joint)
     loads = [square_root(y * y + z * z).called("load") for y, z in pin_forces(s, motion, joint)]

@@ -34,6 +34,6 @@ def _comes(scope: Scope, c: Context, trigger: Ignition) -> Expr:
 
 def note_ignitions(scope: Scope, c: Context) -> None:
     """Note when all such motors light, for the loads of the stretch that begins."""
-    for motor in c.spec.triggered:
+    for motor in c.spec.triggered_motors:
         c.start(lights(motor.name), math.inf)
         scope.store(lights(motor.name), ignition(scope, c, motor))

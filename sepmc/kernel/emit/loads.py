@@ -56,9 +56,9 @@ def body_loads(s: State, rubs: bool = True) -> tuple[dict[str, Any], dict[str, A
     for i, spring in enumerate(scene.spring):
         s.scope.comment(f"spring {spring.name}")
         _spring(s, spring, i, found)
-    for joint in s.spec.rubbing(s.segment) if rubs else []:
+    for joint in s.spec.friction_joints(s.segment) if rubs else []:
         s.scope.comment(f"friction of {joint}")
-        push = (s.case.apart(joint) * s.friction(joint)).called("rub")
+        push = (s.case.separation_sign(joint) * s.friction(joint)).called("rub")
         _push_apart(s, scene.joint[joint].bodies, s.separation(joint), push, found)
     s.scope.comment("sums of loads")
     force = {body: _force(s, body, acting) for body, acting in found.items()}
@@ -111,7 +111,7 @@ def emit_recentre_air(out: Text, c: Context) -> None:
     )
     text = out.function("recentre_air(w, far: float)", says)
     scope, case = c.scope(), c.case
-    if not c.spec.borders:
+    if not c.spec.layer_borders:
         c.workspace.add("AIR", 4), c.workspace.add("AIR_TOP", 1)
     for body in bodies:
         near = f"AIR_CENTRE_{body}"
@@ -131,7 +131,7 @@ def emit_recentre_air(out: Text, c: Context) -> None:
                 case.mass(body) * loads.inverse_square(case.number(at.SURFACE_GRAVITY), centre),
             )
         scope.store(f"DENSITY_{body}", air.density_series(centre, scope.load(c.layer(body), 4)))
-        if not c.spec.borders:
+        if not c.spec.layer_borders:
             reached = air.geopotential(centre).called("reached")
             reject_unless(
                 scope,
@@ -255,7 +255,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
 
     def level(since: Expr) -> Expr:
         """Thrust some time after ignition, apart from the profile."""
-        if not s.spec.may(f"motor.{name}.build_up", motor.build_up > 0.0):
+        if not s.spec.may_occur(f"motor.{name}.build_up", motor.build_up > 0.0):
             return full
         built = loads.building_up(full, rate, since)
         return (
@@ -264,7 +264,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
             else built
         )
 
-    if not s.spec.switches:
+    if not s.spec.load_switches:
         thrust = level(s.time).called("thrust")
     else:
         burning, share, slope = scope.load(f"BURNING_{name}", 3)
@@ -277,7 +277,7 @@ def _motor(s: State, motor: Motor, i: int, acting: _Loads) -> None:
             )
         since = scalar.larger(s.time - ignition, 0.0).called("since")
         thrust = where(burning.equals(1.0), level(since) * (share + slope * since), 0.0)
-        if s.spec.may(f"motor.{name}.tail_off", motor.tail_off > 0.0):
+        if s.spec.may_occur(f"motor.{name}.tail_off", motor.tail_off > 0.0):
             burn, tail = case.number(p + at.BURN), case.number(p + at.TAIL_OFF)
             left = level(burn) * share * loads.tail_off(scalar.larger(since - burn, 0.0), tail)
             thrust = where(burning.equals(2.0), left, thrust)
@@ -291,7 +291,7 @@ def _load(s: State, i: int, acting: _Loads) -> None:
     load, p = s.spec.scene.load[i], int(s.c.model.loads_p) + at.LOAD_SIZE * i
     push: Any = s.case.vector(p + at.LOAD_FORCE)
     turn: Any = s.case.vector(p + at.LOAD_MOMENT)
-    if s.spec.switches:
+    if s.spec.load_switches:
         acts = s.scope.load(f"ACTS_{load.name}")
         push, turn = vec3.scale(acts, push), vec3.scale(acts, turn)
     if load.frame == "ground":
@@ -333,9 +333,9 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     push = getattr(loads, "springs.spring_force")(
         *strengths, line.length - s.spring_start(spring), line.rate
     )
-    if s.spec.may(f"spring.{spring.name}.factor", spring.factor != 1.0):
+    if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
         push = s.case.number(p + at.SPRING_FACTOR) * push
-    if s.spec.may(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
+    if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
         s.c.start(ended(spring.name), 0.0)
         push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)
     push = push.called("push")

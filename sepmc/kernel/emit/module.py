@@ -106,9 +106,9 @@ def _body(c: Context) -> Text:
             emit_correct(body, c, segment)
         if segment.events:
             emit_event_step(body, c, segment)
-        if segment.awaited:
+        if segment.pending_event:
             emit_pending_event(body, c, segment)
-    if c.spec.borders:
+    if c.spec.layer_borders:
         emit_layers(body, c)
     emit_load_switch(body, c)
     emit_recentre_air(body, c)
@@ -133,9 +133,9 @@ def _body(c: Context) -> Text:
 
 def _optional(body: Text, c: Context) -> None:
     """Functions for what happens between the ends of steps."""
-    if c.extends:
+    if c.has_extension:
         emit_extension(body, c)
-        for segment in filter(c.carries, c.spec.segments):
+        for segment in filter(c.needs_wrenches, c.spec.segments):
             emit_min_norm(body, c, segment)
     emit_monitor(body, c)
     if c.spec.scene.clearance:
@@ -167,7 +167,7 @@ def _first_slabs(c: Context) -> None:
     )
     with c.workspace.optional():
         c.workspace.add("INDICATORS", len(c.indicators))
-        if c.idles:
+        if c.may_idle:
             for name in (
                 "MAX_STEP",
                 "STEP_FACTOR",
@@ -181,7 +181,7 @@ def _first_slabs(c: Context) -> None:
                 c.workspace.add(name, 1)
             c.workspace.add("STATE_BEFORE", c.size), c.workspace.add("ENERGY_BEFORE", 3)
         # in this order and without a gap
-        most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.extends)
+        most = max([rk.stages for rk in c.used.values()] + [len(c.extended.a)] * c.has_extension)
         for i in range(1, most + 1):
             c.workspace.add(f"K{i}", c.size)
 
@@ -197,7 +197,7 @@ def _head(c: Context) -> Text:
         head(
             "",
             f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights, doubt, nodes.",
-            *coefficients(rk, c.extends and rk is c.extended),
+            *coefficients(rk, c.has_extension and rk is c.extended),
         )
     if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:
         head("", "# rk4, for the last of the way to an event", *coefficients(method("rk4"), False))
@@ -209,7 +209,7 @@ def _head(c: Context) -> Text:
                 for name in c.used
             )
         )
-    if c.extends:
+    if c.has_extension:
         head("# Continuous extension: coefficients by powers of the share of a step.")
         head(f"DENSE = np.ascontiguousarray(method({c.extended.name!r}).dense.T)")
     head(
@@ -218,7 +218,7 @@ def _head(c: Context) -> Text:
     head(
         *c.workspace.lines(),
         f"SIZE_SHARED, N_INDICATORS, N_SEGMENTS, N_CHANGES = {shared_size(c)}, "
-        f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.sudden)}",
+        f"{len(c.indicators)}, {len(c.spec.segments)}, {len(c.change_times)}",
         f"METHODS = {tuple(tuple(rk.name for rk in c.methods(one)) for one in c.spec.segments)!r}",
         *_places(c.spec),
     )
@@ -233,7 +233,7 @@ def _places(spec: KernelSpec) -> list[str]:
     ]
     lines.append(f"WORK = {6 * len(spec.bodies)} * LANES")
     start = 6 * len(spec.bodies) + 1
-    for i, body in enumerate(spec.turning):
+    for i, body in enumerate(spec.attitude_order):
         lines.append(
             f"Q_{body}, OMEGA_{body} = {start + 7 * i} * LANES, {start + 7 * i + 4} * LANES"
         )
@@ -252,7 +252,7 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "motors": bool(scene.motor),
         "springs": bool(scene.spring),
         "constant loads": bool(scene.load),
-        "loads that switch on or off": spec.switches,
+        "loads that switch on or off": spec.load_switches,
         "constraint rows": any(segment.rows for segment in spec.segments),
         "events on the state": any(segment.events for segment in spec.segments),
         "rates at release": bool(scene.output.tip_off),
@@ -260,7 +260,7 @@ def features(spec: KernelSpec) -> tuple[list[str], list[str]]:
         "events that are told of": bool(scene.event),
         "aerodynamic tables": any(looks_up(spec, body) for body in spec.bodies),
         "wind or air over height": has_tables_over_height(spec),
-        "friction of pins": any(spec.rubbing(segment) for segment in spec.segments),
+        "friction of pins": any(spec.friction_joints(segment) for segment in spec.segments),
         "joint loads": bool(scene.output.loads),
         "pin loads": bool(scene.output.guide),
         "clearances": bool(scene.clearance),

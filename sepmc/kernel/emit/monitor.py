@@ -8,7 +8,7 @@ from sepmc.kernel.emit.geometry import State
 from sepmc.kernel.emit.guides import note_guides, start_guides, watch_guide
 from sepmc.kernel.emit.steps import emit_attitudes_where, emit_broadcast
 from sepmc.kernel.emit.wrenches import before_wrenches, make_wrenches, store_wrenches
-from sepmc.kernel.spec.kernel_spec import APART, Event, Segment
+from sepmc.kernel.spec.kernel_spec import ANY_PHASE, Event, Segment
 from sepmc.kernel.tracer.text import Text
 from sepmc.routines import layout as at
 
@@ -20,19 +20,19 @@ def emit_monitor(out: Text, c: Context) -> None:
     segments = {
         number: segment
         for number, segment in enumerate(c.spec.segments)
-        if c.follows_loads(segment)
+        if c.monitors_loads(segment)
     }
-    if c.watched:
-        for k in range(6 * len(c.watched)):
+    if c.output_joints:
+        for k in range(6 * len(c.output_joints)):
             c.case.scope.store(component("PEAKS", k), _AT_FIRST[k % 3])
-        c.workspace.add("PEAKS", 6 * len(c.watched))
+        c.workspace.add("PEAKS", 6 * len(c.output_joints))
     start_guides(c)
     if not segments:
         return
     numbers = c.node_size
     c.workspace.add("WRENCHES", at.PEAK_NODES * numbers), c.workspace.add("SCRATCH", _scratch(c))
     for segment in segments.values():
-        if not c.carried_by_rates(segment):
+        if not c.wrenches_from_rates(segment):
             _wrenches(out, c, segment)
     text = out.function(
         "node_loads(w, phase: int)",
@@ -43,7 +43,7 @@ def emit_monitor(out: Text, c: Context) -> None:
     emit_broadcast(inner, c, "THETA")
     inner("interpolate(w, phase)")
     for place, (number, segment) in enumerate(segments.items()):
-        what = "rates" if c.carried_by_rates(segment) else "wrenches"
+        what = "rates" if c.wrenches_from_rates(segment) else "wrenches"
         inner.block(f"{'elif' if place else 'if'} phase == {number}:")(f"{what}_{segment.name}(w)")
     inner.block(f"for e in range({numbers} * LANES):")(
         f"w[WRENCHES + i * {numbers} * LANES + e] = w[WRENCH + e]"
@@ -51,13 +51,15 @@ def emit_monitor(out: Text, c: Context) -> None:
     for number, segment in segments.items():
         if segment.loads:
             _break(out, c, number, segment)
-    if c.watched or c.guides:
+    if c.output_joints or c.output_guides:
         _watch(out, c, segments)
 
 
 def _scratch(c: Context) -> int:
     """Numbers, so many to a lane, that following loads works in."""
-    return max([at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.guides)])
+    return max(
+        [at.PEAK_SCRATCH, *(at.PEAK_NODES * (4 + 6 * c.pins(joint)) for joint in c.output_guides)]
+    )
 
 
 def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
@@ -72,7 +74,7 @@ def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
         f"if w[REACH + l] * w[LENGTH + l] > {at.GRAIN}:  # shorter, and it is no time at all"
     )
     inner("h = w[REACH + l] * w[LENGTH + l]")
-    for k in range(0, 6 * len(c.watched), 3):
+    for k in range(0, 6 * len(c.output_joints), 3):
         places = (
             component("WRENCHES", k),
             component("PEAKS", k),
@@ -85,7 +87,7 @@ def _watch(out: Text, c: Context, segments: dict[int, Segment]) -> None:
             f"{indicator}, w[BEGIN_T + l], h)"
         )
     for number, segment in segments.items():
-        if any(map(segment.sliding, c.guides)):
+        if any(map(segment.sliding_kinds, c.output_guides)):
             note_guides(inner.block(f"if phase == {number}:"), c, segment)
 
 
@@ -110,7 +112,7 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     inner("first, slope = 2.0, 0.0")
     sides: list[str] = []
     for i, load in enumerate(segment.loads):
-        place = 6 * c.followed.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
+        place = 6 * c.monitored_joints.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
         threshold, nodes = (
             f"w[P + {load.threshold} * LANES + l]",
             f"{component('WRENCHES', place)} + l, {c.node_size} * LANES",
@@ -150,7 +152,7 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     emit_broadcast(inner, c, "THETA")
     emit_broadcast(inner, c, "CUT")
     inner(f"interpolate(w, {number})")
-    inner.block(f"for e in range({c.spec.active(segment)} * LANES):")(
+    inner.block(f"for e in range({c.spec.active_size(segment)} * LANES):")(
         "w[Y + e] = w[S + e] if w[CUT + e] > 0.0 else w[Y + e]"
     )
     emit_attitudes_where(inner, c, segment, "CUT")
@@ -158,7 +160,9 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
 
 def side_before(segment: Segment, load: Event) -> str:
     """Where it is noted on which side of its threshold a load was at the end of the last step."""
-    return f"SIDE_{APART}_{load.number}" if load.apart else f"SIDE_{segment.name}_{load.name}"
+    return (
+        f"SIDE_{ANY_PHASE}_{load.number}" if load.any_phase else f"SIDE_{segment.name}_{load.name}"
+    )
 
 
 def _wrenches(out: Text, c: Context, segment: Segment) -> None:
@@ -168,13 +172,15 @@ def _wrenches(out: Text, c: Context, segment: Segment) -> None:
         "Force and moment of every joint that is followed at the state S and the times CLOCK, "
         "in axes of its first body, into WRENCH"
     )
-    says += "; and what is followed of guides." if c.guides else "."
+    says += "; and what is followed of guides." if c.output_guides else "."
     text = out.function(f"wrenches_{segment.name}(w)", says)
     before_wrenches(text, c, segment)
     s = State(c, c.scope(), segment, "S")
     motion = make_wrenches(s)
     store_wrenches(s, motion)
-    for joint, first, _, _ in c.noted_of_guides:
-        for k, vector in enumerate(watch_guide(s, motion, joint) if segment.sliding(joint) else []):
+    for joint, first, _, _ in c.guide_fields:
+        for k, vector in enumerate(
+            watch_guide(s, motion, joint) if segment.sliding_kinds(joint) else []
+        ):
             s.scope.store(component("WRENCH", first + 3 * k), vector)
     s.scope.write(text)

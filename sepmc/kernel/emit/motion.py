@@ -29,7 +29,7 @@ def before_motion(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before its motion: what tables give, and
     friction."""
     call_look_up(text, c, segment)
-    if c.spec.rubbing(segment):
+    if c.spec.friction_joints(segment):
         text(f"friction_{segment.name}(w)")
     if segment.full:
         before_full(text, segment, c.spec.bodies)
@@ -114,7 +114,7 @@ def make_drive(s: State, motion: Motion, joint: str) -> Motion:
     assert motion.system is not None
     assert motion.factors is not None
     acceleration, moment = dict.fromkeys(s.spec.bodies, ZERO), dict.fromkeys(s.spec.bodies, ZERO)
-    line, apart = s.separation(joint), s.case.apart(joint)
+    line, apart = s.separation(joint), s.case.separation_sign(joint)
     for body, sign, arm in zip(
         s.spec.scene.joint[joint].bodies, (-1.0, 1.0), (line.arm_a, line.arm_b), strict=True
     ):
@@ -159,7 +159,7 @@ def _plus(vectors: dict[str, Any], others: dict[str, Any]) -> dict[str, Any]:
 def emit_correct(out: Text, c: Context, segment: Segment) -> None:
     """A function that notes how far a phase's rows are off, and brings the state back if the scene
     asks for it."""
-    if c.hands_on(out, segment, "correct"):
+    if c.emit_alias(out, segment, "correct"):
         return
     corrects = c.spec.scene.solver.drift == "projection"
     says = "Note how far the state Y is off the constraints"

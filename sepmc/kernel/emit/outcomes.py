@@ -38,9 +38,9 @@ def emit_outcomes(out: Text, c: Context) -> None:
         text.block("for e in range(SIZE_Y):")("w[S + e] = w[Y + e]")
         text.lanes()("w[CLOCK + l] = w[T + l]")
         call_look_up(text, c, segment)
-    if c.guides:
+    if c.output_guides:
         c.workspace.add(
-            "GUIDE_OUTCOMES", sum(2 + c.pins(joint) for joint in c.guides), optional=True
+            "GUIDE_OUTCOMES", sum(2 + c.pins(joint) for joint in c.output_guides), optional=True
         )
     s = State(c, c.scope(), segment, "Y")
     o = 0
@@ -89,14 +89,14 @@ def _at_event(end: State, event: str, o: int) -> None:
     c.start(f"EVENT_TIME_{event}", math.inf)
     s = State(c, scope, end.segment, kept(event), f"EVENT_TIME_{event}")
 
-    def followed(s: State, leader: str) -> tuple[Any, Any]:
+    def angles_at_event(s: State, leader: str) -> tuple[Any, Any]:
         pitch, roll = (scope.load(kept_angle(c, event, leader, k)) for k in range(2))
         return pitch, roll
 
     came = s.time < math.inf
     found = [where(came, s.time, math.nan)]
     for body in spec.bodies:
-        found += of_body(s, body, followed)[-AT_EVENT:]
+        found += of_body(s, body, angles_at_event)[-AT_EVENT:]
     for joint in spec.scene.joint:
         line = s.separation(joint)
         found += [line.rate, line.length]
@@ -107,7 +107,7 @@ def _at_event(end: State, event: str, o: int) -> None:
 def _ignitions(end: State) -> None:
     """When motors lit that waited for an instant of the flight, into IGNITIONS; NaN if they did
     not."""
-    c, motors = end.c, end.spec.triggered
+    c, motors = end.c, end.spec.triggered_motors
     if motors:
         c.workspace.add("IGNITIONS", len(motors), optional=True)
     for k, motor in enumerate(motors):
@@ -180,7 +180,9 @@ def emit_results(text: Text, c: Context) -> None:
     text(f"put_columns(outcomes, {o}, w, AUDIT, {len(audits)}, first)")
     o += len(audits) + 1  # the estimate of the error is not known here
     text(f"put_columns(outcomes, {o}, w, INDICATORS, N_INDICATORS, first)")
-    for number, place in enumerate([*(f"ENDED_{one.name}" for one in spec.segments), *c.sudden]):
+    for number, place in enumerate(
+        [*(f"ENDED_{one.name}" for one in spec.segments), *c.change_times]
+    ):
         text(f"put_columns(ends, {number}, w, {place}, 1, first)")
     inner = text.block("for i in range(first, min(first + LANES, draws.shape[1])):")
     inner("status[i] = int(w[STATUS + i - first])")

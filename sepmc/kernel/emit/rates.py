@@ -15,7 +15,7 @@ def emit_rates(out: Text, c: Context) -> None:
     """Functions for the derivative in every phase, and one that calls that of the phase."""
     for segment in c.spec.segments:
         emit_look_up(out, c, segment)
-        if not c.hands_on(out, segment, "rates"):
+        if not c.emit_alias(out, segment, "rates"):
             _rates(out, c, segment)
     text = out.function("rates(w, phase: int)", "Derivative D of the state S at the times CLOCK.")
     for number, segment in enumerate(c.spec.segments):
@@ -40,6 +40,6 @@ def _rates(out: Text, c: Context, segment: Segment) -> None:
         s.scope.store(f"D + OMEGA_{leader}", motion.spin_rate[leader])
     s.scope.comment("power of the loads")
     s.scope.store("D + WORK", power(s, motion.force, motion.moment))
-    if c.carried_by_rates(segment):
+    if c.wrenches_from_rates(segment):
         store_wrenches(s, motion)
     s.scope.write(text)

@@ -48,11 +48,11 @@ class Rows:
     """The rows of a phase at a state: those that it is flown by, or others; of groups that turn as
     one, or of bodies ``apart``."""
 
-    def __init__(self, s: State, rows: list[Row] | None = None, apart: bool = False):
+    def __init__(self, s: State, rows: list[Row] | None = None, per_body: bool = False):
         self.s, self.bodies = s, {name: joint.bodies for name, joint in s.spec.scene.joint.items()}
-        self.apart, groups = (
-            apart,
-            [(body,) for body in s.spec.bodies] if apart else s.segment.groups,
+        self.per_body, groups = (
+            per_body,
+            [(body,) for body in s.spec.bodies] if per_body else s.segment.groups,
         )
         self.inverse = {
             group[0]: s.case.inverse_inertia(group) for group in groups if GROUND not in group
@@ -66,7 +66,7 @@ class Rows:
     def _row(self, row: Row) -> JointRow:
         s, pair = self.s, self.s.joint(row.joint)
         line = None
-        if not (row.turns or row.code == at.ROD or self.apart):
+        if not (row.turns or row.code == at.ROD or self.per_body):
             line = s.sliding_line(row.joint, row.code)
         if line is not None:
             return self._sliding(row, line)
@@ -75,7 +75,7 @@ class Rows:
         )
         arms: dict[str, Any] = {}
         for body, arm in zip(self.bodies[row.joint], (arm_a, arm_b), strict=True):
-            leader = body if self.apart else s.segment.leader(body)
+            leader = body if self.per_body else s.segment.leader(body)
             if leader != GROUND:
                 arms[leader] = vec3.add(arms[leader], arm) if leader in arms else arm
         gamma = self._pulled_back(gamma, value, rate)

@@ -62,7 +62,7 @@ def emit_prepare(out: Text, c: Context) -> None:
                 f"UNTIL_{segment.name}",
                 total([case.number(place) for place in (*segment.end_time, *_some(segment.delay))]),
             )
-    for joint in [] if spec.any_order else spec.failing:
+    for joint in [] if spec.any_order else spec.failing_joints:
         reject_unless(
             scope, case.number(spec.layout.slots[f"joint.{joint}.fails"]) < 0.5, Variant.ANY_ORDER
         )

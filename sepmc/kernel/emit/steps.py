@@ -81,16 +81,16 @@ def emit_step_length(out: Text, c: Context) -> None:
     )
     text.lanes()("w[STEP + l] = w[END + l] - w[T + l]")
     for number, segment in enumerate(c.spec.segments):
-        if not (segment.events or c.paces(segment)):
+        if not (segment.events or c.has_lane_steps(segment)):
             continue
         inner = text.block(f"if phase == {number}:")
-        if segment.waits_for_load:
+        if segment.may_end_by_load:
             inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
         if segment.events:
             hold_back(inner, c, segment, "w[PROGRESS + l] < 1.0")
             inner(f"event_step_{segment.name}(w, usual)")
-        if c.paces(segment):
-            end = "min(w[END + l], w[TYPICAL_END + l])" if segment.waits_for_load else "w[END + l]"
+        if c.has_lane_steps(segment):
+            end = "min(w[END + l], w[TYPICAL_END + l])" if segment.may_end_by_load else "w[END + l]"
             _keep_pace(inner.lanes(), end, c.spec.scene.solver.step is not None)
     text.lanes()(f"w[STEP + l] /= parts if abs(w[STEP + l]) > {_SHORTEST} * parts else 1.0")
     emit_broadcast(text, c, "STEP")
@@ -101,7 +101,7 @@ def emit_step_length(out: Text, c: Context) -> None:
 def hold_back(text: Text, c: Context, segment: Segment, goes: str) -> None:
     """Lines by which nothing is noted of the conditions of a phase but for the lanes that go
     now."""
-    if c.paces(segment):
+    if c.has_lane_steps(segment):
         text.lanes()(f"w[INACTIVE + l] = 0.0 if {goes} else 1.0")
 
 
@@ -152,11 +152,11 @@ def _emit_event_polish_step(out: Text, c: Context) -> None:
     for number, segment in enumerate(c.spec.segments):
         if segment.events:
             inner = text.block(f"if phase == {number}:")
-            if segment.waits_for_load:
+            if segment.may_end_by_load:
                 inner.lanes()("w[STEP + l] = min(w[STEP + l], w[TYPICAL_END + l] - w[T + l])")
             hold_back(inner, c, segment, "w[PROGRESS + l] == 1.0")
             inner(f"event_step_{segment.name}(w, math.inf)")
-            if c.paces(segment):
+            if c.has_lane_steps(segment):
                 inner.lanes()("w[STEP + l] = w[STEP + l] if w[PROGRESS + l] == 1.0 else 0.0")
     emit_broadcast(text, c, "STEP")
 
@@ -178,7 +178,7 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
     says = f"One of ``left`` steps of a phase by {rk.name}, of ``size`` components of the state."
     text = out.function(f"{advance(rk)}(w, phase: int, size: int, left: int, usual: float)", says)
     stages, later = rk.stages, np.empty((0, rk.stages))
-    extends = c.extends and rk is c.extended
+    extends = c.has_extension and rk is c.extended
     if extends:
         later = np.vstack([rk.a[stages:, :stages], rk.dense[:stages].T])
     _begin(text, c, "set_step(w, phase, left, usual)", extends)
@@ -200,7 +200,11 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
 def _extends(text: Text, c: Context) -> None:
     """Lines that extend the step just made where states within it are needed. Rows of a full
     history are asked for in few of the flights of a case."""
-    where = [f"phase == {number}" for number, one in enumerate(c.spec.segments) if c.follows(one)]
+    where = [
+        f"phase == {number}"
+        for number, one in enumerate(c.spec.segments)
+        if c.needs_interpolation(one)
+    ]
     if len(where) == len(c.spec.segments):
         text("make_extension(w, phase)")
         return
@@ -231,7 +235,7 @@ def emit_event_polish(out: Text, c: Context) -> None:
         "h = w[STEP + l]", "w[T + l] += h", "w[EVENT_ERROR + l] = larger(w[EVENT_ERROR + l], h * h)"
     )
     inner(rejection_unless("abs(h) < 1e-6"))
-    if c.extends:
+    if c.has_extension:
         inner("reach = (w[T + l] - w[BEGIN_T + l]) / w[LENGTH + l] if w[LENGTH + l] > 0.0 else 0.0")
         inner(
             "w[REACH + l] = reach if w[T + l] != w[BEGIN_T + l] + w[LENGTH + l] else w[REACH + l]"
@@ -241,7 +245,7 @@ def emit_event_polish(out: Text, c: Context) -> None:
 def _begin(text: Text, c: Context, set_length: str, keeps: bool) -> None:
     """Derivative K1 at the start of a step, and the step's length; ``keeps`` the state and the time
     it starts from."""
-    if c.idles:
+    if c.may_idle:
         text.block("for e in range(SIZE_Y):")("w[STATE_BEFORE + e] = w[Y + e]")
         if c.workspace.has("PIVOT"):
             text.lanes()("w[PIVOT_BEFORE + l] = w[PIVOT + l]")
@@ -335,7 +339,7 @@ def emit_finish_step(out: Text, c: Context) -> None:
     for number, segment in enumerate(spec.segments):
         if segment.rows:
             text.block(f"if phase == {number}:")(f"correct_{segment.name}(w)")
-    if c.idles:
+    if c.may_idle:
         text.block("for e in range(SIZE_Y):")(
             "w[Y + e] = w[STATE_BEFORE + e] if w[STEP + e] == 0.0 else w[Y + e]"
         )
@@ -347,7 +351,7 @@ def emit_finish_step(out: Text, c: Context) -> None:
         text.block("for e in range(3 * LANES):")("w[ENERGY_BEFORE + e] = w[ENERGY + e]")
     for number, segment in enumerate(spec.segments):
         text.block(f"if phase == {number}:")(f"energy_{segment.name}(w, 0.0)")
-    if c.idles:
+    if c.may_idle:
         text.block("for e in range(3 * LANES):")(
             "w[ENERGY + e] = w[ENERGY_BEFORE + e] if w[STEP + e] == 0.0 else w[ENERGY + e]"
         )
@@ -356,7 +360,7 @@ def emit_finish_step(out: Text, c: Context) -> None:
 def turning_from(c: Context) -> list[tuple[int, list[str]]]:
     """Phases and the bodies whose attitudes are integrated from then on."""
     found: dict[int, list[str]] = {}
-    for body in c.spec.turning:
+    for body in c.spec.attitude_order:
         first = next(
             (n for n, segment in enumerate(c.spec.segments) if body in segment.leaders), None
         )
@@ -370,7 +374,7 @@ def emit_attitudes_where(text: Text, c: Context, segment: Segment, flag: str) ->
 
     A step that was cut short leaves pitch, roll and heading as they were at its full length.
     """
-    for body in c.spec.turning:
+    for body in c.spec.attitude_order:
         if body not in segment.leaders:
             continue
         scope = c.scope()
@@ -440,7 +444,7 @@ def _note_winding(scope: Scope, c: Context, body: str, r: Expr, omega: Expr) -> 
 
 def _unless_idle(scope: Scope, c: Context, now: Expr, before: Any) -> Expr:
     """What holds after a step, if it had any length, and before."""
-    return where(scope.load("STEP").equals(0.0), before, now) if c.idles else now
+    return where(scope.load("STEP").equals(0.0), before, now) if c.may_idle else now
 
 
 def _settle_height(scope: Scope, c: Context, body: str) -> None:
@@ -454,7 +458,7 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
             scope.load("AIR_DISTANCE"), scalar.abs(now - scope.load(f"AIR_CENTRE_{body}"))
         ),
     )
-    if c.spec.borders:
+    if c.spec.layer_borders:
         return
     c.workspace.add(f"CLIMB_{body}", 2)  # height and its rate at the last end of a step
     climb = (scope.load(f"Y + V_{body}", 3)[1] + scope.load("ORIGIN_CLIMB")).called("climb")

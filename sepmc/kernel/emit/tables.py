@@ -54,7 +54,7 @@ def _has_air(spec: KernelSpec, body: str) -> bool:
 
 def emit_look_up(out: Text, c: Context, segment: Segment) -> None:
     """A function for what tables give at a state of a phase."""
-    if not has_tables(c.spec) or c.hands_on(out, segment, "look_up"):
+    if not has_tables(c.spec) or c.emit_alias(out, segment, "look_up"):
         return
     text = Text(out.indent + 1)  # that of each table comes before it
     _over_height(out, text, c, segment)

@@ -18,7 +18,7 @@ from sepmc.scene.model import GROUND
 def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     """A function for what joints carry in a phase in which rows are redundant: that of least sum of
     squares."""
-    if not segment.shares:
+    if not segment.needs_min_norm:
         return
     says = (
         f"What the joints of phase {segment.name} carry at the state S and the times CLOCK: of "
@@ -29,7 +29,7 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     )
     s = State(c, c.scope(), segment, "S")
     force, moment = body_loads(s)
-    rows, count = Rows(s, segment.every_row, apart=True), len(segment.every_row)
+    rows, count = Rows(s, segment.all_rows, per_body=True), len(segment.all_rows)
     acceleration = {
         body: vec3.scale(s.case.inverse_mass(body), force[body]).called("a")
         for body in c.spec.bodies
@@ -54,16 +54,16 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
     """Lines for what has to be known of a state S before what joints carry."""
     before_motion(text, c, segment)
-    if segment.shares:
+    if segment.needs_min_norm:
         text(f"min_norm_{segment.name}(w)")
 
 
 def make_wrenches(s: State) -> Motion:
     """The motion at a state, with multipliers that tell what joints carry."""
     motion = make_motion(s)
-    if not s.segment.shares:
+    if not s.segment.needs_min_norm:
         return motion
-    rows = Rows(s, s.segment.every_row, apart=True)
+    rows = Rows(s, s.segment.all_rows, per_body=True)
     return replace(
         motion,
         multipliers=[
@@ -78,7 +78,7 @@ def store_wrenches(s: State, motion: Motion) -> None:
     """Force and moment of every joint that is followed, in axes of its first body, into WRENCH."""
     with s.c.workspace.optional():
         s.c.workspace.add("WRENCH", s.c.node_size)
-    for i, joint in enumerate(s.c.followed):
+    for i, joint in enumerate(s.c.monitored_joints):
         r = s.attitude(s.spec.scene.joint[joint].bodies[0])
         for k, vector in enumerate((force_of(motion, joint), moment_of(s, motion, joint))):
             s.scope.store(

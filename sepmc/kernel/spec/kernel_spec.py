@@ -45,7 +45,7 @@ class Event:
     threshold: int
     ends_phase: bool
     number: int = -1
-    apart: bool = False
+    any_phase: bool = False
     direction: str = ""
 
     @property
@@ -70,7 +70,7 @@ class Event:
         return (
             ended(self.which)
             if self.number < 0
-            else met(APART if self.apart else segment, self.number)
+            else met(ANY_PHASE if self.any_phase else segment, self.number)
         )
 
 
@@ -79,7 +79,7 @@ def ended(spring: str) -> str:
     return f"SPENT_{spring}"
 
 
-APART = "apart"  # in place of a phase, of a condition that releases a joint in any
+ANY_PHASE = "apart"  # in place of a phase, of a condition that releases a joint in any
 
 
 def met(segment: str, number: int) -> str:
@@ -135,7 +135,9 @@ class Segment:
 
     name: str
     phase: str
-    may: dict[str, Kinds]  # what joints may hold in it: codes of rows, by the number of the kind
+    joint_kinds: dict[
+        str, Kinds
+    ]  # what joints may hold in it: codes of rows, by the number of the kind
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     # joints that let nothing turn, whose bodies turn as one
@@ -158,33 +160,33 @@ class Segment:
     after_late: bool = False
     # the segment after it in which joints are late, if that holds what this does until they let go:
     # one derivative and one correction fly both, which a kernel then compiles once
-    flown_as: str = ""
+    alias_of: str = ""
     # the condition that ends the phase after it and is waited for while joints are late
-    awaited: Event | None = None
+    pending_event: Event | None = None
     # of several conditions: any of these ends it, each all of its numbers
     clauses: list[tuple[int, ...]] = field(default_factory=list)
     times: dict[int, Due] = field(default_factory=dict)  # which of them are times
     springs: dict[int, str] = field(default_factory=dict)  # which are ends of springs
     # apart from phases, that may change what joints hold in it
     releases: list[Release] = field(default_factory=list)
-    stops: int = 1
+    max_intervals: int = 1
 
     @property
-    def shares(self) -> bool:
+    def needs_min_norm(self) -> bool:
         """Whether what joints carry is not what moves its groups of bodies, and has to be shared
         out."""
         return self.redundant > 0 and not self.least_squares
 
     @property
-    def every_row(self) -> list[Row]:
+    def all_rows(self) -> list[Row]:
         """What all joints hold, each body turning by itself."""
-        return [row for joint in self.may for row in self._rows(joint)]
+        return [row for joint in self.joint_kinds for row in self._rows(joint)]
 
     def _rows(self, joint: str) -> list[Row]:
         """Rows that a joint may have in it."""
         kinds, codes = (
-            self.may[joint],
-            dict.fromkeys(code for codes in self.may[joint].values() for code in codes),
+            self.joint_kinds[joint],
+            dict.fromkeys(code for codes in self.joint_kinds[joint].values() for code in codes),
         )
         having = {code: tuple(k for k, held in kinds.items() if code in held) for code in codes}
         return [
@@ -196,22 +198,22 @@ class Segment:
         """The body whose attitude is that of a body, or the ground."""
         return next(group[0] for group in self.groups if body in group)
 
-    def holds(self, joint: str) -> bool:
+    def constrains(self, joint: str) -> bool:
         """Whether a joint may hold something."""
-        return any(self.may[joint].values())
+        return any(self.joint_kinds[joint].values())
 
-    def free(self, joint: str) -> tuple[int, ...]:
+    def free_kinds(self, joint: str) -> tuple[int, ...]:
         """The kinds, if any, as which a joint holds nothing."""
-        return tuple(k for k, codes in self.may[joint].items() if not codes)
+        return tuple(k for k, codes in self.joint_kinds[joint].items() if not codes)
 
-    def sliding(self, joint: str) -> tuple[int, ...]:
+    def sliding_kinds(self, joint: str) -> tuple[int, ...]:
         """The kinds, if any, as which the pins of a joint are engaged and may slide."""
-        return tuple(k for k, codes in self.may[joint].items() if slides(codes))
+        return tuple(k for k, codes in self.joint_kinds[joint].items() if slides(codes))
 
     @property
-    def masked(self) -> list[str]:
+    def variable_joints(self) -> list[str]:
         """Joints that let go within it: what they hold differs from case to case."""
-        return [joint for joint, kinds in self.may.items() if len(kinds) > 1]
+        return [joint for joint, kinds in self.joint_kinds.items() if len(kinds) > 1]
 
     @property
     def ends_by_time(self) -> bool:
@@ -229,9 +231,9 @@ class Segment:
         return bool(self.clauses) or any(event.ends_phase for event in (*self.events, *self.loads))
 
     @property
-    def waits_for_load(self) -> bool:
+    def may_end_by_load(self) -> bool:
         """Whether what a joint carries may end it: when that will be is not foretold."""
-        return any(not load.apart for load in self.loads)
+        return any(not load.any_phase for load in self.loads)
 
 
 @dataclass
@@ -244,12 +246,14 @@ class KernelSpec:
     names: Names
     segments: list[Segment]
     # bodies in the order their attitudes stand in the state: leaders of the first phase first
-    turning: list[str]
+    attitude_order: list[str]
     changes: list[Change]  # what events tell joints
     variant: Variant
-    failing: list[str]  # joints that may fail to let go
-    switches: bool  # whether loads switch on or off within a flight
-    borders: bool  # whether bodies may pass from one layer of the standard atmosphere to another
+    failing_joints: list[str]  # joints that may fail to let go
+    load_switches: bool  # whether loads switch on or off within a flight
+    layer_borders: (
+        bool  # whether bodies may pass from one layer of the standard atmosphere to another
+    )
 
     @property
     def scene(self) -> Scene:
@@ -257,7 +261,7 @@ class KernelSpec:
         return self.layout.scene
 
     @property
-    def triggered(self) -> list[Motor]:
+    def triggered_motors(self) -> list[Motor]:
         """Motors that light at an instant that the flight itself tells."""
         return [motor for motor in self.scene.motor if motor.trigger is not None]
 
@@ -266,7 +270,7 @@ class KernelSpec:
         """Names of the bodies, in the order of the layout."""
         return self.layout.bodies
 
-    def may(self, path: str, nominally: bool) -> bool:
+    def may_occur(self, path: str, nominally: bool) -> bool:
         """Whether some case may have what the nominal one has if ``nominally``, since a parameter
         says so that may be dispersed."""
         return nominally or path in self.dispersed
@@ -283,12 +287,12 @@ class KernelSpec:
         about its height."""
         return self.scene.environment.atmosphere == "us1976" and self.feels_air(body)
 
-    def active(self, segment: Segment) -> int:
+    def active_size(self, segment: Segment) -> int:
         """Numbers of the state that are integrated in a phase."""
         return (
             6 * len(self.bodies)
             + 1
-            + 7 * (1 + max((self.turning.index(b) for b in segment.leaders), default=-1))
+            + 7 * (1 + max((self.attitude_order.index(b) for b in segment.leaders), default=-1))
         )
 
     @property
@@ -304,10 +308,12 @@ class KernelSpec:
         foreseen, or an event comes much later than it is foretold; in which rows cease to follow
         from others, or come to."""
         lost = any(segment.late or segment.delay is not None for segment in self.segments) or bool(
-            self.failing
+            self.failing_joints
         )
-        lost = lost or any(segment.events and segment.stops == 1 for segment in self.segments)
-        lost = lost or (not self.borders and any(map(self.in_layers, self.bodies)))
+        lost = lost or any(
+            segment.events and segment.max_intervals == 1 for segment in self.segments
+        )
+        lost = lost or (not self.layer_borders and any(map(self.in_layers, self.bodies)))
         found = [Variant.ANY_ORDER] if lost and not self.any_order else []
         return found + (
             [Variant.LEAST_SQUARES]
@@ -317,25 +323,25 @@ class KernelSpec:
         )
 
     @cached_property
-    def masked(self) -> dict[str, int]:
+    def initial_kinds(self) -> dict[str, int]:
         """Joints that let go within a segment, and the numbers of the kinds as which they hold at
         the start."""
-        names = dict.fromkeys(name for segment in self.segments for name in segment.masked)
-        return {name: min(self.segments[0].may[name]) for name in names}
+        names = dict.fromkeys(name for segment in self.segments for name in segment.variable_joints)
+        return {name: min(self.segments[0].joint_kinds[name]) for name in names}
 
     @property
-    def changing(self) -> list[tuple[str, int]]:
+    def kind_changes(self) -> list[tuple[str, int]]:
         """Joints that let go within a segment, and the numbers of the kinds that they take."""
         found = {
             (name, number)
             for segment in self.segments
-            for name in segment.masked
-            for number in segment.may[name]
+            for name in segment.variable_joints
+            for number in segment.joint_kinds[name]
         }
-        return sorted((name, number) for name, number in found if number > self.masked[name])
+        return sorted((name, number) for name, number in found if number > self.initial_kinds[name])
 
     @property
-    def spent(self) -> list[str]:
+    def stroke_springs(self) -> list[str]:
         """Springs whose strokes may end."""
         return list(
             dict.fromkeys(
@@ -346,24 +352,24 @@ class KernelSpec:
             )
         )
 
-    def told(self, joint: str) -> list[Change]:
+    def changes_of(self, joint: str) -> list[Change]:
         """What events tell a joint."""
         return [change for change in self.changes if change.joint == joint]
 
-    def rubbing(self, segment: Segment) -> list[str]:
+    def friction_joints(self, segment: Segment) -> list[str]:
         """Joints whose pins may slide in a phase, with friction."""
         guides = {
             name: joint.guide
             for name, joint in self.scene.joint.items()
-            if joint.guide is not None and segment.sliding(name)
+            if joint.guide is not None and segment.sliding_kinds(name)
         }
         return [
             name
             for name, guide in guides.items()
-            if self.may(f"joint.{name}.guide.friction", guide.friction > 0.0)
+            if self.may_occur(f"joint.{name}.guide.friction", guide.friction > 0.0)
         ]
 
-    def plain_axes(self, joint: str) -> bool:
+    def has_body_axes(self, joint: str) -> bool:
         """Whether a joint's axes are those of its first body."""
         j = self.scene.joint[joint]
         if f"joint.{joint}.x_axis.x" in self.layout.slots:

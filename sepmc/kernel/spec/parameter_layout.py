@@ -303,7 +303,10 @@ def _model(
         [
             x
             for j in joints
-            for x in (*joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis), apart(scene, j))
+            for x in (
+                *joint_axes(scene.joint[j].x_axis, scene.joint[j].y_axis),
+                separation_sign(scene, j),
+            )
         ]
     )
     springs_x = pool.add([x for spring in scene.spring for x in packing.direction(spring.axis)])
@@ -360,7 +363,7 @@ def _pivot_joint(scene: Scene) -> int:
     return -1
 
 
-def apart(scene: Scene, name: str) -> int:
+def separation_sign(scene: Scene, name: str) -> int:
     """Sign that makes the separation positive when the second body moves away from the first along
     the joint's x axis. Mass centres that are level with each other but for round-off (of units)
     count as level: then it is 1."""

@@ -35,7 +35,7 @@ def _needs_any_order(spec: KernelSpec) -> bool:
     nominally or let go in part twice, or rows are redundant while joints let go."""
     scene, segments = spec.scene, spec.segments
     if any(
-        segment.after_late and (segment.waits_for_load or segment.clauses) for segment in segments
+        segment.after_late and (segment.may_end_by_load or segment.clauses) for segment in segments
     ) or any(j.fails for j in scene.joint.values()):
         return True
     if any(
@@ -45,7 +45,7 @@ def _needs_any_order(spec: KernelSpec) -> bool:
         return True
     guides = [name for name, joint in scene.joint.items() if joint.guide is not None]
     return any(
-        segment.redundant and (segment.masked or any(map(segment.sliding, guides)))
+        segment.redundant and (segment.variable_joints or any(map(segment.sliding_kinds, guides)))
         for segment in segments
     )
 
@@ -122,23 +122,25 @@ def _make(layout: ParameterLayout, dispersed: frozenset[str], variant: Variant) 
         )
         times = len(segment.times) + sum(len(release.times) for release in segment.releases)
         others = sum(not event.ends_phase for event in (*segment.events, *segment.loads))
-        told = sum(change.joint in segment.masked for change in _changes(scene))
-        segment.stops = (
-            1 + others + times + switches + told + (_UNTOLD if segment.waits_for_load else 0)
+        told = sum(change.joint in segment.variable_joints for change in _changes(scene))
+        segment.max_intervals = (
+            1 + others + times + switches + told + (_UNTOLD if segment.may_end_by_load else 0)
         )
         # lanes then go each at their own pace: an event may come much later than it is foretold
-        segment.stops = max(segment.stops, 2) if any_order and segment.events else segment.stops
-    turning: list[str] = []
+        segment.max_intervals = (
+            max(segment.max_intervals, 2) if any_order and segment.events else segment.max_intervals
+        )
+    attitude_order: list[str] = []
     for segment in segments:
-        turning += [b for b in segment.leaders if b not in turning]
-    turning += [b for b in layout.bodies if b not in turning]
+        attitude_order += [b for b in segment.leaders if b not in attitude_order]
+    attitude_order += [b for b in layout.bodies if b not in attitude_order]
     failing = [name for name, joint in scene.joint.items() if _may_fail(scene, name, dispersed)]
     return KernelSpec(
         layout,
         dispersed,
         names,
         segments,
-        turning,
+        attitude_order,
         _changes(scene),
         variant,
         failing,
@@ -153,9 +155,11 @@ def _make_segments(
     """The segments of a flight, with what ends each by itself."""
     scene, segments, any_order = layout.scene, list[Segment](), variant <= Variant.ANY_ORDER
     for number, phase in enumerate(scene.phase):
-        may = {name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint}
+        joint_kinds = {
+            name: _may_hold(scene, name, number, dispersed, any_order) for name in scene.joint
+        }
         segment = _make_segment(
-            scene, phase.name, phase.name, may, layout.bodies, releases, variant
+            scene, phase.name, phase.name, joint_kinds, layout.bodies, releases, variant
         )
         if phase.until is not None and _is_manifold(scene, phase.until):
             _add_clauses(segment, number, layout, dispersed)
@@ -250,25 +254,33 @@ def _add_late(
         next((event for event in segment.events if event.ends_phase), None),
     )
     if len(changed) == 1 and segments[-1].end_time:
-        segments[-1].delay, segments[-1].awaited = late[changed[0]], awaited
+        segments[-1].delay, segments[-1].pending_event = late[changed[0]], awaited
         return
-    may = dict(segment.may)
+    joint_kinds = dict(segment.joint_kinds)
     for joint in late:
         before = _may_hold(scene, joint, number - 1, dispersed, False)
-        may[joint] = before | segment.may[joint] if len(late) > 1 else before
+        joint_kinds[joint] = before | segment.joint_kinds[joint] if len(late) > 1 else before
     between = _make_segment(
-        scene, f"{phase.name}_late", phase.name, may, layout.bodies, releases, Variant.STANDARD
+        scene,
+        f"{phase.name}_late",
+        phase.name,
+        joint_kinds,
+        layout.bodies,
+        releases,
+        Variant.STANDARD,
     )
-    between.late, between.awaited = late, awaited
+    between.late, between.pending_event = late, awaited
     if _holds_alike(segments[-1], between):
-        segments[-1].flown_as = between.name
+        segments[-1].alias_of = between.name
     segments.append(between)
 
 
 def _holds_alike(segment: Segment, late: Segment) -> bool:
     """Whether a segment, in which nothing lets go, has the rows that the next has before its late
     joints let go."""
-    return not (segment.masked or segment.dropped or segment.redundant or late.redundant) and (
+    return not (
+        segment.variable_joints or segment.dropped or segment.redundant or late.redundant
+    ) and (
         (segment.groups, segment.full, [(row.joint, row.code) for row in segment.rows])
         == (late.groups, late.full, [(row.joint, row.code) for row in late.rows])
     )
@@ -412,7 +424,7 @@ def _make_segment(
     scene: Scene,
     name: str,
     phase: str,
-    may: dict[str, Kinds],
+    joint_kinds: dict[str, Kinds],
     bodies: list[str],
     releases: list[Release],
     variant: Variant,
@@ -425,41 +437,43 @@ def _make_segment(
     told = [
         r
         for r in releases
-        if not r.joint or r.name in lighting or numbers[r.name] > min(may[r.joint])
+        if not r.joint or r.name in lighting or numbers[r.name] > min(joint_kinds[r.joint])
     ]
-    made = Segment(name, phase, may, releases=told)
+    made = Segment(name, phase, joint_kinds, releases=told)
     ground = [GROUND] if is_ground_named(scene) else []
     alone: list[tuple[str, ...]] = [(body,) for body in [*bodies, *ground]]
     largest = [
         (row.joint, row.code)
-        for row in made.every_row
-        if min(may[row.joint]) in (row.kinds or may[row.joint])
+        for row in made.all_rows
+        if min(joint_kinds[row.joint]) in (row.kinds or joint_kinds[row.joint])
     ]
     made.redundant = len(dependent_rows(scene, largest, []))
     made.groups = alone
-    made.least_squares = bool(made.every_row) and (
+    made.least_squares = bool(made.all_rows) and (
         variant == Variant.LEAST_SQUARES or (variant == Variant.ANY_ORDER and made.redundant > 0)
     )
     made.full = (
         scene.solver.formulation == "full"
-        and bool(made.every_row)
+        and bool(made.all_rows)
         and not (made.redundant or made.least_squares)
     )
     if made.least_squares or made.full:
-        made.rows = made.every_row
+        made.rows = made.all_rows
         return made
     made.welds = [
-        joint for joint, kinds in may.items() if all(_turns(codes) == 3 for codes in kinds.values())
+        joint
+        for joint, kinds in joint_kinds.items()
+        if all(_turns(codes) == 3 for codes in kinds.values())
     ]
     made.groups = _groups(scene, made.welds, [*bodies, GROUND])
     rows = [
         row
-        for row in made.every_row
+        for row in made.all_rows
         if not (row.turns and len({made.leader(b) for b in scene.joint[row.joint].bodies}) == 1)
     ]
     held = [(row.joint, row.code) for row in rows]
     # of one kind or the other, rows of a joint that lets go are not all held at once
-    redundant = made.redundant > 0 and not made.masked
+    redundant = made.redundant > 0 and not made.variable_joints
     dependent = (
         dependent_rows(scene, held, [group for group in made.groups if group != (GROUND,)])
         if redundant
