@@ -19,9 +19,9 @@ from sepmc.kernel.spec.kernel_spec import (
     Due,
     Release,
     Segment,
-    ended,
-    met,
-    numbers_of,
+    condition_flag,
+    condition_numbers,
+    stroke_flag,
 )
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, scalar, vec3
@@ -207,9 +207,9 @@ def _forget_sides(text: Text, c: Context, segment: Segment) -> None:
 def _begin_clauses(text: Text, c: Context, segment: Segment) -> None:
     """None of several conditions is met, but for times that are past."""
     scope = c.scope()
-    for number in numbers_of(segment.clauses):
-        c.workspace.add(met(segment.name, number), 1)
-        scope.store(met(segment.name, number), 0.0)
+    for number in condition_numbers(segment.clauses):
+        c.workspace.add(condition_flag(segment.name, number), 1)
+        scope.store(condition_flag(segment.name, number), 0.0)
     scope.write(text)
     _note_clauses(text, c, segment)
 
@@ -231,11 +231,11 @@ def _holds(
     """Whether any of the clauses of what is told is met, each all of conditions; of these, times
     that have come and ends of springs are noted."""
     flags = {}
-    for number in numbers_of(told.clauses):
-        flags[number] = scope.load(met(segment, number)) > 0.0
+    for number in condition_numbers(told.clauses):
+        flags[number] = scope.load(condition_flag(segment, number)) > 0.0
     for number, comes in _comes_now(scope, c, told):
         flags[number] = flags[number] | comes
-        scope.store(met(segment, number), where(flags[number], 1.0, 0.0))
+        scope.store(condition_flag(segment, number), where(flags[number], 1.0, 0.0))
     found = None
     for clause in told.clauses:
         together = flags[clause[0]]
@@ -253,13 +253,13 @@ def _comes_now(scope: Scope, c: Context, told: Segment | Release) -> Iterator[tu
     for number, due in told.times.items():
         yield number, now >= _time(scope, c, due) - _SAME_TIME
     for number, spring in told.springs.items():
-        c.start(ended(spring), 0.0)
-        yield number, scope.load(ended(spring)) > 0.0
+        c.start(stroke_flag(spring), 0.0)
+        yield number, scope.load(stroke_flag(spring)) > 0.0
 
 
 def _time(scope: Scope, c: Context, due: Due) -> Expr:
     """When something is due."""
-    terms = [c.case.number(place) for place in due.places]
+    terms = [c.case.number(place) for place in due.slots]
     for motor in c.spec.triggered_motors:
         if motor.name == due.motor:
             terms.insert(0, ignition(scope, c, motor))
@@ -271,8 +271,8 @@ def _note_told(text: Text, c: Context, segment: Segment) -> None:
     then."""
     scope = c.scope()
     for release in segment.releases:
-        for number in numbers_of(release.clauses):
-            c.start(met(ANY_PHASE, number), 0.0)
+        for number in condition_numbers(release.clauses):
+            c.start(condition_flag(ANY_PHASE, number), 0.0)
         place = f"EVENT_TIME_{release.name}"
         c.start(place, math.inf)
         told = _holds(scope, c, ANY_PHASE, release) & scope.load(place).equals(math.inf)
@@ -385,9 +385,9 @@ def _stretch(text: Text, c: Context, number: int, segment: Segment) -> None:
         for change, due in _due(scope, c, segment, joint):
             waits = _kind(scope, c, joint) < float(change.to)
             end = where(waits & (due < end), scalar.larger(due, now), end)
-    times = [(met(segment.name, number), due) for number, due in segment.times.items()]
+    times = [(condition_flag(segment.name, number), due) for number, due in segment.times.items()]
     times += [
-        (met(ANY_PHASE, number), due)
+        (condition_flag(ANY_PHASE, number), due)
         for release in segment.releases
         for number, due in release.times.items()
     ]

@@ -64,7 +64,7 @@ class Context:
             dict.fromkeys(
                 [
                     *self.output_joints,
-                    *(load.which for segment in self.spec.segments for load in segment.loads),
+                    *(load.item for segment in self.spec.segments for load in segment.loads),
                 ]
             )
         )

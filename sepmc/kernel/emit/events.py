@@ -46,7 +46,7 @@ def _wait(s: State, event: Event) -> Any:
     scope, name = s.scope, f"{s.segment.name}_{event.name}"
     for field, count in (("VALUE", 1), ("RATE", 1), ("PREVIOUS", 2), ("MET_AT_START", 1)):
         s.c.workspace.add(f"{field}_{name}", count)
-    scope.comment(f"{event.which}")
+    scope.comment(f"{event.item}")
     value, rate, acceleration = (  # rates are numbers, zero, of bodies that are held to the ground
         called(x, name)
         for x, name in zip(_condition(s, event), ("value", "rate", "acceleration"), strict=True)
@@ -101,7 +101,7 @@ def _wait_to_cross(s: State, event: Event) -> Any:
         ("STARTED_AT_THRESHOLD", 1),
     ):
         s.c.workspace.add(f"{field}_{name}", count)
-    scope.comment(f"{event.which}, {event.direction}")
+    scope.comment(f"{event.item}, {event.direction}")
     time, usual = s.time, scope.named("usual")
     earlier, before = scope.load(f"PREVIOUS_{name}"), scope.load(component(f"PREVIOUS_{name}", 1))
     first = earlier.equals(math.inf)
@@ -110,7 +110,7 @@ def _wait_to_cross(s: State, event: Event) -> Any:
         for x, name in zip(_condition(s, event), ("excess", "rate", "acceleration"), strict=True)
     )
     since = where(time > earlier, time - earlier, math.inf)
-    if event.what == at.AT_VERTICAL_SPEED:  # how its rate changes is not known from the state
+    if event.quantity == at.AT_VERTICAL_SPEED:  # how its rate changes is not known from the state
         acceleration = ((rate - scope.load(f"RATE_{name}")) / since).called("acceleration")
     jerk = (acceleration - before) / since
     touch = _touch(s.c, event)
@@ -228,24 +228,24 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
     if event.is_border:
         return _border(s, event)
     scene, threshold = s.spec.scene, s.case.number(event.threshold)
-    if event.what == at.AT_SPRING_STROKE:
-        spring = next(one for one in scene.spring if one.name == event.which)
+    if event.quantity == at.AT_SPRING_STROKE:
+        spring = next(one for one in scene.spring if one.name == event.item)
         line = s.spring(spring)
         value, rate = line.length - s.spring_start(spring) - threshold, line.rate
         return value, rate, s.lengthening_by("K1", spring.bodies, line)
-    if event.what in (at.AT_ALTITUDE, at.AT_VERTICAL_SPEED):
-        acceleration = s.scope.load(f"K1 + V_{event.which}", 3)[1]
-        excess, rate = _climb(s, event.which, threshold)
+    if event.quantity in (at.AT_ALTITUDE, at.AT_VERTICAL_SPEED):
+        acceleration = s.scope.load(f"K1 + V_{event.item}", 3)[1]
+        excess, rate = _climb(s, event.item, threshold)
         return (
             (excess, rate, acceleration)
-            if event.what == at.AT_ALTITUDE
-            else (_climb_rate(s, event.which) - threshold, acceleration, 0.0)
+            if event.quantity == at.AT_ALTITUDE
+            else (_climb_rate(s, event.item) - threshold, acceleration, 0.0)
         )
-    bodies = scene.joint[event.which].bodies
-    if event.what == at.AT_ANGLE:
-        return _angle(s, event.which, threshold)
-    if event.what == at.AT_DISTANCE:
-        line = s.rod(s.joint(event.which))
+    bodies = scene.joint[event.item].bodies
+    if event.quantity == at.AT_ANGLE:
+        return _angle(s, event.item, threshold)
+    if event.quantity == at.AT_DISTANCE:
+        line = s.rod(s.joint(event.item))
         together = line.length > 0.0  # a direction there is not where the points are one
         acceleration = s.lengthening_by("K1", bodies, line)
         return (
@@ -253,19 +253,19 @@ def _condition(s: State, event: Event) -> tuple[Any, Any, Any]:
             where(together, line.rate, 0.0),
             where(together, acceleration, 0.0),
         )
-    line = s.separation(event.which)  # its distance counts positive apart
+    line = s.separation(event.item)  # its distance counts positive apart
     return (
         line.length - threshold,
         line.rate,
-        s.case.separation_sign(event.which) * s.lengthening_by("K1", bodies, line),
+        s.case.separation_sign(event.item) * s.lengthening_by("K1", bodies, line),
     )
 
 
 def _border(s: State, event: Event) -> tuple[Any, Any, Any]:
     """How far a body is above the top of its layer of air, or below its base."""
-    up = event.what == at.AT_LAYER_TOP
-    value, rate = _climb(s, event.which, s.scope.load(component(f"BORDERS_{event.which}", int(up))))
-    acceleration = s.scope.load(f"K1 + V_{event.which}", 3)[1]
+    up = event.quantity == at.AT_LAYER_TOP
+    value, rate = _climb(s, event.item, s.scope.load(component(f"BORDERS_{event.item}", int(up))))
+    acceleration = s.scope.load(f"K1 + V_{event.item}", 3)[1]
     return (value, rate, acceleration) if up else (-value, -rate, -acceleration)
 
 
@@ -361,8 +361,8 @@ def _note_met(scope: Scope, c: Context, segment: Segment, event: Event) -> None:
     indicator = c.indicator(name)
     scope.store(indicator, scalar.larger(scope.load(indicator), where(waited_for, slow, 0.0)))
     scope.store(flag, where(met, 1.0, before))
-    if event.what == at.AT_SPRING_STROKE and c.change_times:
-        place = spent(event.which)
+    if event.quantity == at.AT_SPRING_STROKE and c.change_times:
+        place = spent(event.item)
         c.start(place, math.nan)
         scope.store(place, where(met & before.equals(0.0), scope.load("T"), scope.load(place)))
 

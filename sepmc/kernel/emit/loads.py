@@ -15,7 +15,7 @@ from sepmc.kernel.emit.context import (
 from sepmc.kernel.emit.geometry import Line, State
 from sepmc.kernel.emit.ignition import lights
 from sepmc.kernel.emit.tables import looks_up
-from sepmc.kernel.spec.kernel_spec import ended
+from sepmc.kernel.spec.kernel_spec import stroke_flag
 from sepmc.kernel.spec.packing import aero_terms
 from sepmc.kernel.spec.variant import Variant
 from sepmc.kernel.tracer.formulas import ZERO, air, loads, scalar, vec3, vehicle
@@ -336,8 +336,8 @@ def _spring(s: State, spring: Spring, i: int, found: dict[str, _Loads]) -> None:
     if s.spec.may_occur(f"spring.{spring.name}.factor", spring.factor != 1.0):
         push = s.case.number(p + at.SPRING_FACTOR) * push
     if s.spec.may_occur(f"spring.{spring.name}.stroke", math.isfinite(spring.stroke)):
-        s.c.start(ended(spring.name), 0.0)
-        push = where(s.scope.load(ended(spring.name)) > 0.0, 0.0, push)
+        s.c.start(stroke_flag(spring.name), 0.0)
+        push = where(s.scope.load(stroke_flag(spring.name)) > 0.0, 0.0, push)
     push = push.called("push")
     _push_apart(s, spring.bodies, line, push, found)
 

@@ -112,7 +112,9 @@ def _break(out: Text, c: Context, number: int, segment: Segment) -> None:
     inner("first, slope = 2.0, 0.0")
     sides: list[str] = []
     for i, load in enumerate(segment.loads):
-        place = 6 * c.monitored_joints.index(load.which) + (3 if load.what == at.AT_MOMENT else 0)
+        place = 6 * c.monitored_joints.index(load.item) + (
+            3 if load.quantity == at.AT_MOMENT else 0
+        )
         threshold, nodes = (
             f"w[P + {load.threshold} * LANES + l]",
             f"{component('WRENCHES', place)} + l, {c.node_size} * LANES",

@@ -297,11 +297,11 @@ def _add_end(
     if until.time is not None:
         segment.end_time = (leaves[f"{path}.time"][1],)
     elif until.burn_out is not None:
-        segment.end_time = _burn_out(layout, until.burn_out).places
+        segment.end_time = _burn_out(layout, until.burn_out).slots
     else:
         key = next(key for key in (*_ON_LOAD, *_ON_STATE) if getattr(until, key) is not None)
         leaf, place = leaves[f"{path}.{key}"]
-        event = Event(leaf.what, leaf.which, place, True, direction=leaf.direction)
+        event = Event(leaf.quantity, leaf.item, place, True, direction=leaf.direction)
         (segment.loads if key in _ON_LOAD else segment.events).append(event)
 
 
@@ -345,16 +345,16 @@ def _clauses(
     for k, leaf in enumerate(conditions.leaves):
         if leaf.event != number:
             continue
-        if leaf.what == at.AT_TIME:
+        if leaf.quantity == at.AT_TIME:
             times[k] = Due((first + k,))
-        elif leaf.what == at.AT_BURN_OUT:
-            times[k] = _burn_out(layout, leaf.which)
-        elif leaf.what == at.AT_SPRING_STROKE:
-            springs[k] = leaf.which
+        elif leaf.quantity == at.AT_BURN_OUT:
+            times[k] = _burn_out(layout, leaf.item)
+        elif leaf.quantity == at.AT_SPRING_STROKE:
+            springs[k] = leaf.item
         else:
             apart = number >= len(layout.scene.phase)
-            event = Event(leaf.what, leaf.which, first + k, False, k, apart, leaf.direction)
-            (on_load if leaf.what in _ON_LOAD.values() else on_state).append(event)
+            event = Event(leaf.quantity, leaf.item, first + k, False, k, apart, leaf.direction)
+            (on_load if leaf.quantity in _ON_LOAD.values() else on_state).append(event)
     return clauses, times, springs, on_state, on_load
 
 
