@@ -146,9 +146,7 @@ class Segment:
 
     name: str
     phase: str
-    joint_kinds: dict[
-        str, Kinds
-    ]  # what joints may hold in it: codes of rows, by the number of the kind
+    joint_kinds: dict[str, Kinds]  # possible kinds of each joint
     groups: list[tuple[str, ...]] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     # joints without relative rotation: their bodies rotate as one rigid group
