@@ -198,14 +198,14 @@ class Context:
         """Numbers that tell how hard a case is to integrate. Of every body, what a step may do
         wrong to its velocity V, attitude Q and rate OMEGA; of every event, how long its condition
         takes for a metre or a radian: the error of its time."""
-        doubts = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
+        of_bodies = [f"{what}_{body}" for body in self.spec.bodies for what in ("V", "Q", "OMEGA")]
         events = [
             (segment, event)
             for segment in self.spec.segments
             for event in (*segment.events, *segment.loads)
         ]
         return [
-            *doubts,
+            *of_bodies,
             *(f"{segment.name}_{event.name}" for segment, event in events),
             *self.load_indicators,
         ]

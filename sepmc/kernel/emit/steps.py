@@ -37,7 +37,7 @@ _BEYOND = 0.55
 
 def coefficient(rk: Method, kind: str, *numbers: int) -> str:
     """The name of a coefficient of a method: A of the stage matrix, B of the weights, C of the
-    nodes, E of the doubt, counted from 1."""
+    nodes, E of the error_weights, counted from 1."""
     return f"{rk.name.upper()}_{kind}{'_'.join(str(number + 1) for number in numbers)}"
 
 
@@ -46,7 +46,7 @@ def coefficients(rk: Method, extends: bool) -> list[str]:
     rows = len(rk.a) if extends else rk.stages
     found = {coefficient(rk, "A", i, j): rk.a[i, j] for i in range(1, rows) for j in range(i)}
     found |= {coefficient(rk, "B", j): rk.b[j] for j in range(rk.stages)}
-    found |= {coefficient(rk, "E", j): rk.doubt[j] for j in range(rk.stages)}
+    found |= {coefficient(rk, "E", j): rk.error_weights[j] for j in range(rk.stages)}
     found |= {coefficient(rk, "C", i): rk.c[i] for i in range(1, rows)}
     return [f"{name} = {float(value)!r}" for name, value in found.items() if value]
 
@@ -190,7 +190,7 @@ def emit_advance(out: Text, c: Context, rk: Method) -> None:
         "else w[UNEVEN + l]"
     )
     inner(f"w[MAX_NEXT_STEP + l] = {_LONGER} * h + 1e-9")
-    _emit_stages(text, rk, later, rk.doubt)
+    _emit_stages(text, rk, later, rk.error_weights)
     text("note_indicators(w, phase)")
     if extends:
         _extends(text, c)
@@ -266,17 +266,17 @@ def _emit_stages(
     text: Text,
     rk: Method,
     later: np.ndarray,
-    doubt: np.ndarray | None = None,
+    error_weights: np.ndarray | None = None,
 ) -> None:
-    """From K1 to the state Y and the time T at the end of a step; with weights of a ``doubt``, also
-    what the step may do wrong, into EMBEDDED_ERROR.
+    """From K1 to the state Y and the time T at the end of a step; with weights of a
+    ``error_weights``, also what the step may do wrong, into EMBEDDED_ERROR.
 
     later : weights of what uses the derivatives of the stages after the step, by rows: these
         derivatives are kept, the others never stored
     """
     stages = len(rk.b)
     weights = [*rk.a[:stages, :stages], rk.b, *later]
-    ends = rk.b if doubt is None else np.abs(rk.b) + np.abs(doubt)
+    ends = rk.b if error_weights is None else np.abs(rk.b) + np.abs(error_weights)
     for i in range(1, stages + 1):
         used = [j for j in range(i) if weights[i][j] != 0.0]
         kept = any(row[i - 1] != 0.0 for row in weights[i + 1 :]) or (
@@ -288,10 +288,10 @@ def _emit_stages(
             if kept:
                 inner(f"w[K{i} + e] = k{i}")
         values = [f"k{i}" if j == i - 1 and i > 1 else f"w[K{j + 1} + e]" for j in used]
-        if i == stages and doubt is not None:
+        if i == stages and error_weights is not None:
             wrong = [
                 f"{coefficient(rk, 'E', j)} * {f'k{i}' if j == i - 1 else f'w[K{j + 1} + e]'}"
-                for j in np.flatnonzero(doubt).tolist()
+                for j in np.flatnonzero(error_weights).tolist()
             ]
             inner.wrapped("w[EMBEDDED_ERROR + e] = w[STEP + e] * (", wrong, ")")
         of_end = i == stages
@@ -486,7 +486,7 @@ def _settle_height(scope: Scope, c: Context, body: str) -> None:
 
 
 def emit_note_indicators(out: Text, c: Context) -> None:
-    """A function that keeps the largest doubt there was of any step."""
+    """A function that keeps the largest error_weights there was of any step."""
     text = out.function(
         "note_indicators(w, phase: int)",
         "The largest that steps may have done wrong, for every body, into INDICATORS.",
