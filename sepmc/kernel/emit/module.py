@@ -196,7 +196,7 @@ def _head(c: Context) -> Text:
     for rk in c.used.values():
         head(
             "",
-            f"# {rk.name}, order {rk.order}: row i of the stage matrix, weights (B), error weights (E), nodes.",
+            f"# {rk.name}, order {rk.order}: stage matrix A, weights B, error weights E, nodes C.",
             *coefficients(rk, c.has_extension and rk is c.extended),
         )
     if any(segment.events for segment in c.spec.segments) and "rk4" not in c.used:

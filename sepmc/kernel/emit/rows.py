@@ -98,7 +98,7 @@ class Rows:
         own = line.own
         assert own is not None
         held = self.s.while_held(row.joint, row.kinds) if row.kinds else 1.0
-        inverse = self.s.scope.here(self.inverse[own.leader])
+        inverse = self.s.scope.localize(self.inverse[own.leader])
         turned = tuple(
             called(product(own.lever, tuple(inverse[3 * i + k] for k in range(3))), "turned")
             for i in range(3)
