@@ -27,7 +27,7 @@ from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.engine import interpreted, kernel_cache
 from sepmc.engine.dispatch import fly_cases
 from sepmc.jit import BARE
-from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.compile_units import ENTRY, split
 from sepmc.kernel.emit.context import Context
 from sepmc.kernel.spec.methods import method
 from sepmc.kernel.spec.structure import make_kernel_spec
@@ -110,7 +110,7 @@ def _each(text: str, flown: dict[str, str]) -> dict[str, float]:
 def flops_here(piece: str) -> float | None:
     """Flops of an evaluation by a piece of a kernel, which is compiled here."""
     module = kernel_cache.module(kernel_cache.write([piece])[0])
-    return in_code(getattr(module, ALIKE)._library.get_llvm_str(), ALIKE)
+    return in_code(getattr(module, ENTRY)._library.get_llvm_str(), ENTRY)
 
 
 def in_code(code: str, name: str) -> float | None:

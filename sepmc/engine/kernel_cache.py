@@ -17,7 +17,7 @@ from sepmc.engine.compile_units import table
 from sepmc.engine.compile_workers import Progress, compile_all
 from sepmc.engine.written_kernel import Kernel
 from sepmc.jit import CACHE_FOLDER, machine_code, one_at_a_time
-from sepmc.kernel.emit.compile_units import ALIKE, split, told
+from sepmc.kernel.emit.compile_units import ENTRY, kernel_properties, split
 
 # What is left to the collector before it looks: looking took a fifth of the time to compile.
 _GARBAGE = 1_000_000
@@ -27,7 +27,8 @@ _LONG = ("sepmc.routines.clearances", "sepmc.routines.splines", "sepmc.routines.
 
 class Pieces(msgspec.Struct, frozen=True):
     """The pieces of a kernel: names of their modules in the cache folder, in the order of their
-    table, and what the kernel says of itself (`sepmc.kernel.emit.compile_units.told`)."""
+    table, and what the kernel says of itself
+    (`sepmc.kernel.emit.compile_units.kernel_properties`)."""
 
     names: tuple[str, ...]
     size: int
@@ -46,7 +47,7 @@ def pieces_of(text: str) -> Pieces:
         found = msgspec.json.decode(kept, type=Pieces)
         if all(cache_files.is_kept(name) or _is_written(name) for name in found.names):
             return found
-    found = Pieces(tuple(write([piece.text for piece in split(text)])), **told(text))
+    found = Pieces(tuple(write([piece.text for piece in split(text)])), **kernel_properties(text))
     cache_files.put_sealed(known, msgspec.json.encode(found))
     return found
 
@@ -94,7 +95,7 @@ def _compile(name: str) -> None:
     if name == blocks.NAME:
         blocks.compile_blocks()
     else:
-        cache_files.keep(name, *machine_code(getattr(module(name), ALIKE)))
+        cache_files.keep(name, *machine_code(getattr(module(name), ENTRY)))
 
 
 def load(pieces: Pieces) -> Kernel:

@@ -758,7 +758,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign import pilot
-from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.compile_units import ENTRY, split
 from sepmc.engine import cache
 import sepmc
 text = pilot.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
@@ -766,13 +766,13 @@ code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
         module = cache.module(cache.write([piece.text])[0])
-        lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
+        lines = getattr(module, ENTRY)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:  # a cfunc only calls it
-        function = name if ALIKE in label[1] and not label[1].startswith("cfunc") else None
+        function = name if ENTRY in label[1] and not label[1].startswith("cfunc") else None
     if ".cfi_endproc" in line:
         function = None
     if function:
