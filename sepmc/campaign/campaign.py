@@ -37,7 +37,7 @@ from sepmc.engine.dispatch import (
     thread_notes,
     using_threads,
 )
-from sepmc.kernel.spec.parameter_layout import make_plan
+from sepmc.kernel.spec.parameter_layout import make_parameter_layout
 from sepmc.paths import as_path
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
@@ -136,7 +136,7 @@ class Campaign(Definition):
         """
         check_history_step(step_s, self.scene)
         if isinstance(case, Case):
-            if make_plan(case.scene).contents != self.plan.contents:
+            if make_parameter_layout(case.scene).contents != self.plan.contents:
                 said = "must be a case of this campaign: it has other columns"
                 raise InputError(f"case = {case!r}: {said}")
         elif case is not None:

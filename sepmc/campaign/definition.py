@@ -19,7 +19,11 @@ from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.case_selection import read as read_numbers
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.engine.dispatch import check_int
-from sepmc.kernel.spec.parameter_layout import Plan, apart, make_plan
+from sepmc.kernel.spec.parameter_layout import (
+    ParameterLayout,
+    make_parameter_layout,
+    separation_sign,
+)
 from sepmc.scene import parameters
 from sepmc.scene.checks import breaks_triangle, tensor
 from sepmc.scene.limits import CASES, SEED
@@ -88,10 +92,10 @@ class Definition:
         return self.file.scene
 
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ParameterLayout:
         """What the scene needs of a kernel. Raises SceneError if two columns of the case table
         would have one name."""
-        plan = make_plan(self.scene, dispersed=self.dispersed)
+        plan = make_parameter_layout(self.scene, dispersed=self.dispersed)
         plan = replace(plan, extremes=cases.extremes(self.scene, self.file.dispersions))
         names = Counter(
             column.name for column in [*self.input_columns, *schema.result_columns(plan.contents)]
@@ -321,7 +325,7 @@ class Definition:
         if initial.path_reference is None:
             initial = msgspec.structs.replace(initial, path_reference=initial.pitch - initial.alpha)
         joints = {
-            name: msgspec.structs.replace(joint, apart=apart(self.scene, name))
+            name: msgspec.structs.replace(joint, apart=separation_sign(self.scene, name))
             for name, joint in self.scene.joint.items()
         }
         return Case(-1, msgspec.structs.replace(self.scene, initial=initial, joint=joints), {})

@@ -25,7 +25,7 @@ from sepmc.engine.dispatch import integrate_cases, interpreted, load_kernel
 from sepmc.engine.threads import max_threads
 from sepmc.kernel.emit.compile_units import split
 from sepmc.kernel.spec.methods import METHODS, method
-from sepmc.kernel.spec.structure import make_shape
+from sepmc.kernel.spec.structure import make_kernel_spec
 from sepmc.routines.lanes import LANES
 from sepmc.scene import parameters
 from sepmc.scene.read import parse_campaign
@@ -329,7 +329,13 @@ def test_same_bits_where_lanes_are_through_at_different_times():
     shuffled."""
     campaign = with_all_loads(scene(COMPILED))
     flight, drawn = step_selection.plan_flight(campaign), draws(campaign, 5 * LANES)
-    assert max(stage.stops for stage in make_shape(campaign.plan, campaign.dispersed).stages) > 1
+    assert (
+        max(
+            segment.max_intervals
+            for segment in make_kernel_spec(campaign.plan, campaign.dispersed).segments
+        )
+        > 1
+    )
     base = special(campaign, flight, drawn)
     for order in (np.arange(len(drawn))[::-1], np.random.default_rng(5).permutation(len(drawn))):
         found = special(campaign, flight, drawn[order])
@@ -688,28 +694,28 @@ def test_every_structure_has_a_kernel_of_its_own(quiet):
 @pytest.mark.parametrize(
     ("settings", "history", "apart"),
     [
-        ({}, True, {"begin", "fly_block"}),
+        ({}, True, {"load_cases", "integrate_block"}),
         (
             {"solver.step_s": 0.05},
             False,
             {
                 "advance_sharp9",
                 "advance_tp7",
-                "aim_phase2",
-                "approach",
-                "fly_block",
-                "meet",
-                "set_rest",
+                "event_step_phase2",
+                "polish_event",
+                "integrate_block",
+                "set_event_flags",
+                "set_event_polish_step",
                 "set_step",
-                "settle",
+                "finish_step",
             },
         ),
         (
             {"solver.method": "rk4"},
             False,
-            {"advance_sharp9", "advance_tp7", "begin", "finish", "fly_block"},
+            {"advance_sharp9", "advance_tp7", "load_cases", "write_results", "integrate_block"},
         ),
-        ({"output.tip_off": ["pins"]}, False, {"begin", "finish", "leave_phase2"}),
+        ({"output.tip_off": ["pins"]}, False, {"load_cases", "write_results", "leave_phase2"}),
     ],
     ids=["histories", "a given step", "another method", "rates at release"],
 )
@@ -756,7 +762,7 @@ def test_a_text_is_a_module_that_says_what_it_does(name):
 ASSEMBLY = """
 import json, re
 from sepmc.campaign.execution import step_selection
-from sepmc.kernel.emit.compile_units import ALIKE, split
+from sepmc.kernel.emit.compile_units import ENTRY, split
 from sepmc.engine import kernel_cache
 import sepmc
 text = step_selection.kernel_text(sepmc.load("table2.toml", {"run.history_step_s": 0.0}))
@@ -764,13 +770,13 @@ code = []
 for piece in split(text):
     if piece.name.startswith("rates_"):
         module = kernel_cache.load_module(kernel_cache.write_modules([piece.text])[0])
-        lines = getattr(module, ALIKE)._library.get_asm_str().splitlines()
+        lines = getattr(module, ENTRY)._library.get_asm_str().splitlines()
         code += [(piece.name, line) for line in lines]
 found, function = {}, None
 for name, line in code:
     label = re.match(r"([A-Za-z_][^\\s:]*):", line)
     if label:  # a cfunc only calls it
-        function = name if ALIKE in label[1] and not label[1].startswith("cfunc") else None
+        function = name if ENTRY in label[1] and not label[1].startswith("cfunc") else None
     if ".cfi_endproc" in line:
         function = None
     if function:

@@ -28,13 +28,11 @@ from sepmc.campaign.execution.step_refinement import (
 from sepmc.engine.dispatch import Block, RefinementSummary, integrate_cases, status_in
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec.methods import method
+from sepmc.kernel.spec.variant import Variant
 from sepmc.routines.layout import (
-    ANY_ORDER,
     BODY_OUTCOMES,
     FINER_STEPS,
     FLOW_ANGLES,
-    LEAST_SQUARES,
-    STANDARD,
 )
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
@@ -52,8 +50,8 @@ Say = Callable[[str], None]
 @dataclass(frozen=True)
 class Spare:
     """A kernel for cases that the one of a flight does not vouch for, because it takes more
-    ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
-    numbers of the phases that the stages of the flight belong to."""
+    ``care``: a `Variant` of the kernel. ``phases``
+    (stages,) are the numbers of the phases that the stages of the flight belong to."""
 
     care: int
     make: Callable[["Say | None"], Kernel]
@@ -93,7 +91,7 @@ class Flight:
     notes: list[str] = field(default_factory=list)
     spares: tuple[Spare, ...] = ()
     methods: np.ndarray | None = None
-    care: int = STANDARD
+    care: int = Variant.STANDARD
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy holds, in another process too: `packed`."""
@@ -128,7 +126,7 @@ class Flight:
     def has_pacing_spare(self) -> bool:
         """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
         in which an event comes late than ever finer steps."""
-        return any(spare.care == ANY_ORDER for spare in self.spares)
+        return any(spare.care == Variant.ANY_ORDER for spare in self.spares)
 
     def by(self, spare: Spare, announce: Say | None) -> "Flight":
         """The same by a spare kernel, whose stages are the phases."""
@@ -200,13 +198,15 @@ def helped(status: np.ndarray, care: int, finite: np.ndarray) -> np.ndarray:
     """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
     steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
     finer = (status == FINER_STEPS) & finite
-    return (status < 0) & (status >= care) & ~(finer & (care == LEAST_SQUARES))
+    return (status < 0) & (status >= care) & ~(finer & (care == Variant.LEAST_SQUARES))
 
 
 def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
     """How cases (n,) end that no kernel vouches for, given what the last one said of them, and
     whether their outcomes are numbers."""
-    told = np.where(lost == LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED))
+    told = np.where(
+        lost == Variant.LEAST_SQUARES, int(Status.SINGULAR_JOINT), int(Status.UNRESOLVED)
+    )
     return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
 
 

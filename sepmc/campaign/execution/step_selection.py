@@ -50,7 +50,7 @@ from sepmc.engine.kernel_texts import written
 from sepmc.engine.written_kernel import Kernel
 from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
-from sepmc.routines.layout import STANDARD
+from sepmc.kernel.spec.variant import Variant
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
@@ -77,37 +77,42 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, care: int = STANDARD
+    campaign: Definition,
+    solver: str | None = None,
+    history: bool = False,
+    care: int = Variant.STANDARD,
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_kernel_spec(campaign.plan, campaign.dispersed, care),
         solver or campaign.scene.solver.method,
         history,
     )
 
 
-def stage_names(campaign: Definition, care: int = STANDARD) -> list[str]:
-    """What the stages of a campaign's kernel are, in the words of its file."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+def stage_names(campaign: Definition, care: int = Variant.STANDARD) -> list[str]:
+    """What the segments of a campaign's kernel are, in the words of its file."""
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     return [
-        found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
-        for stage in found.stages
+        found.names.back[segment.phase] + (" (late joints)" if segment.late else "")
+        for segment in found.segments
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = STANDARD) -> tuple[Spare, ...]:
+def spares(
+    campaign: Definition, history: bool = False, care: int = Variant.STANDARD
+) -> tuple[Spare, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_kernel_spec(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
-    numbers = np.array([phases.index(stage.phase) for stage in found.stages])
+    numbers = np.array([phases.index(segment.phase) for segment in found.segments])
 
     @cache
     def make(care: int, announce: Say | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(Spare(more, partial(make, more), numbers) for more in found.fallbacks)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -183,7 +188,7 @@ def _is_wide(law: Dispersion) -> bool:
 
 def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = STANDARD
+    care: int = Variant.STANDARD
     while True:
         kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
         _tell_trials(announce)
