@@ -11,7 +11,7 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis.stopping import Until, read_until
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
@@ -195,7 +195,7 @@ class Campaign(Definition):
 
     def run(
         self,
-        cases: int | str | Numbers | Iterable[int] | None = None,
+        cases: int | str | CaseSelection | Iterable[int] | None = None,
         seed: int | None = None,
         threads: int | None = None,
         out: str | Path | None = None,
@@ -437,7 +437,7 @@ class Campaign(Definition):
         _warn(found.notes, announce)
         return found
 
-    def until(self, asked: str, numbers: Numbers) -> Until:
+    def until(self, asked: str, numbers: CaseSelection) -> Until:
         """When to stop. Raises InputError if that cannot be told of these cases."""
         text("until", asked, "separation_speed_m_s:0.01")
         found = read_until(asked, [column.name for column in self.outcome_columns])

@@ -39,7 +39,7 @@ from sepmc.cli.render import (
 from sepmc.paths import EXTRA
 
 if TYPE_CHECKING:
-    from sepmc.campaign.case_selection import Numbers
+    from sepmc.campaign.case_selection import CaseSelection
     from sepmc.cluster import DaskCrew
 
 
@@ -110,7 +110,7 @@ if TYPE_CHECKING:
 @QUIET
 def campaign(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     plan: Path | None,
@@ -262,7 +262,7 @@ def _crew(
 @click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
 def sample(
     file: str,
-    cases: "int | Numbers | None",
+    cases: "int | CaseSelection | None",
     seed: int | None,
     sampler: str | None,
     settings: tuple[str, ...],

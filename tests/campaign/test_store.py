@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sepmc
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.execution.replay import check_row, flown_before
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.untrusted_files import StoreError
@@ -255,7 +255,7 @@ def test_numbers_left(cases, done, chunk):
     """Every case not done once, in order, in ranges no longer than a chunk, split only where they
     must be."""
     held = np.array(sorted({i for i in done if i < cases}), dtype=np.int64)
-    ranges = list(Numbers.first(cases).without(held).pieces(chunk))
+    ranges = list(CaseSelection.first(cases).without(held).pieces(chunk))
     assert [i for first, end in ranges for i in range(first, end)] == [
         i for i in range(cases) if i not in done
     ]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
 from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
@@ -18,7 +18,7 @@ class Draws:
     """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
 
     seed: int
-    numbers: Numbers
+    numbers: CaseSelection
     total: int
 
     @property

@@ -21,7 +21,7 @@ from sepmc.analysis.quantile_sketch import ROOM
 from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
 from sepmc.analysis.stopping import Until
 from sepmc.analysis.streaming import GRAIN
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import Achieved, with_errors
 from sepmc.campaign.execution.batch import Draws, Piece, fly_piece
@@ -189,7 +189,7 @@ class Chunks:
             self.orders.announce,
         )
 
-    def fly_by(self, crew: Crew, numbers: Numbers, tell: Callable[[], None]) -> None:
+    def fly_by(self, crew: Crew, numbers: CaseSelection, tell: Callable[[], None]) -> None:
         """Let others fly cases, and ``tell`` after each range that is done. Of statistics alone the
         first ones are flown here: they lay out the grids that all are counted in."""
         assert self.folder is not None
@@ -203,7 +203,7 @@ class Chunks:
             if self.too_many_failed:
                 return
         text = (self.folder / folders.CAMPAIGN).read_bytes()
-        left = Numbers(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
+        left = CaseSelection(tuple((max(a, done), b) for a, b in numbers.ranges if b > done))
         try:
             job = Job(
                 self.folder.absolute(),
@@ -231,7 +231,7 @@ class Chunks:
             folders.call_off(self.folder)
         folders.sweep_parts(self.folder)
 
-    def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
+    def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
         a few for every worker."""
         grain = GRAIN if self.orders.stats_only else 1
@@ -440,7 +440,7 @@ class Chunks:
         self._stopped = [] if look.enough else [self._known]
         if look.enough:
             self.wanted = self.held
-            self.draws = Draws(self.draws.seed, Numbers.first(held), held)
+            self.draws = Draws(self.draws.seed, CaseSelection.first(held), held)
             if self.orders.announce:
                 self.orders.announce(self._known)
         return look.enough

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from sepmc.campaign.case_selection import Numbers
+from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import Achieved, scene_scales
 from sepmc.campaign.execution.integration import Flight
@@ -70,7 +70,7 @@ def mixed(kinds: Mapping[str, int]) -> list[str]:
     ]
 
 
-def sampled(campaign: Definition, numbers: Numbers) -> Iterator[str]:
+def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
     """Sentences on cases that are not drawn independently of each other, or that a person chose."""
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sepmc.analysis.compare import differences
-from sepmc.campaign.case_selection import Numbers, named
+from sepmc.campaign.case_selection import CaseSelection, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch import Draws
@@ -45,7 +45,7 @@ def as_it_began(
     return counts, Keep.of_text(text) if text else None, until
 
 
-def own_cases(campaign: Definition, folder: Path) -> Numbers | None:
+def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     """The cases of a run, if the campaign is that of its folder and they are not the first
     ones: what it goes on with unless others are asked for."""
     if campaign.file.folder.resolve() != folder.resolve():
@@ -70,7 +70,7 @@ def earlier(
     draws: Draws,
     counts: bool,
     announce: Say | None,
-) -> tuple[Earlier, Numbers]:
+) -> tuple[Earlier, CaseSelection]:
     """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
     it is of another one."""
     manifest: dict[str, Any] = manifests.made_by(folder) if folders.is_run(folder) else {}
@@ -139,7 +139,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
 
 def _rows(
     campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
+) -> tuple[Earlier, CaseSelection]:
     """The cases whose rows a folder holds whole."""
     if not folders.is_run(folder):
         return Earlier(), draws.numbers
@@ -167,7 +167,7 @@ def _rows(
 
 def _counted(
     campaign: Definition, folder: Path, draws: Draws, announce: Say | None
-) -> tuple[Earlier, Numbers]:
+) -> tuple[Earlier, CaseSelection]:
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""
     one = shards.counted(folder)
@@ -192,10 +192,10 @@ def _counted(
     return Earlier(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
 
 
-def _cases(numbers: Numbers) -> str:
+def _cases(numbers: CaseSelection) -> str:
     return option("cases", said(numbers))
 
 
-def said(numbers: Numbers) -> str:
+def said(numbers: CaseSelection) -> str:
     """Numbers of cases as ``--cases`` takes them: how many, where they are the first ones."""
     return str(numbers.count if numbers.are_first else numbers)
