@@ -11,7 +11,7 @@ import numpy as np
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import decisive, scene_scales
-from sepmc.campaign.execution.step_selection import Flight, fly, relative_error, unpacked
+from sepmc.campaign.execution.step_selection import Integration, fly, relative_error, unpacked
 from sepmc.engine.dispatch import Block
 from sepmc.schema import Status
 
@@ -43,7 +43,7 @@ class Study:
     """
 
     campaign: Campaign
-    flight: Flight
+    flight: Integration
     draws: np.ndarray
     repeats: int
     threads: int
@@ -148,7 +148,7 @@ class Way:
     """A way to fly: a flight, the campaign with the method and formulation that it was planned for,
     and how many of the cases."""
 
-    flight: Flight
+    flight: Integration
     campaign: Campaign
     cases: int
     asked: float = np.nan  # accuracy that the pilot was given

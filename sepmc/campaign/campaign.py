@@ -15,19 +15,19 @@ from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
-from sepmc.campaign.execution.batch import Draws
-from sepmc.campaign.execution.chunks import Chunks, Earlier, Orders
+from sepmc.campaign.execution.batch import SampleSpec
+from sepmc.campaign.execution.chunks import Chunks, ExecutionOptions, PreviousRun
 from sepmc.campaign.execution.diagnostics import together
 from sepmc.campaign.execution.forecast import forecast
 from sepmc.campaign.execution.limit_state import target
 from sepmc.campaign.execution.rare_event import MOST, Rare, seek
 from sepmc.campaign.execution.single_case import fly_single, invalid
-from sepmc.campaign.execution.step_selection import plan_flight
-from sepmc.campaign.execution.work_ranges import Crew
+from sepmc.campaign.execution.step_selection import select_steps
+from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
 from sepmc.campaign.result import Result
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import ALL, Keep, read_keep
+from sepmc.campaign.store.row_selection import ALL, KeepRules, read_keep
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
     check_every,
@@ -207,7 +207,7 @@ class Campaign(Definition):
         keep: str | None = None,
         keep_columns: str | None = None,
         float32: bool = False,
-        crew: Crew | None = None,
+        crew: Executor | None = None,
         max_failures: int | None = None,
         progress: Progress | None = None,
         announce: Callable[[str], None] | None = None,
@@ -243,7 +243,7 @@ class Campaign(Definition):
             Statistics of all cases as with ``stats_only``, and of some also their rows, into the
             folder ``kept`` of ``out``, in the column ``kept_as`` why: ``"failed"``, ``"violating"``
             a requirement, the ``"worst:20"`` of each, ``"every:1000"``, ``"all"``, or several with
-            commas between; see `sepmc.campaign.store.row_selection.Keep`.
+            commas between; see `sepmc.campaign.store.row_selection.KeepRules`.
         keep_columns : str, optional
             Patterns of the names of columns that are kept of these: ``"in_*,separation_*"``.
         float32 : bool
@@ -285,10 +285,12 @@ class Campaign(Definition):
         if kept is None and (keep_columns or float32):
             raise InputError("keep_columns and float32 are of rows that are kept by keep")
         if resume and out is not None:
-            stats_only, kept, until = previous_run.as_it_began(place(out), stats_only, kept, until)
+            stats_only, kept, until = previous_run.original_mode(
+                place(out), stats_only, kept, until
+            )
         stop = None if until is None else self.until(until, numbers)
         _check_crew(crew, out, until, (stats_only or bool(kept)) and not numbers.are_first)
-        orders = Orders(
+        orders = ExecutionOptions(
             threads,
             crew,
             stop,
@@ -300,9 +302,11 @@ class Campaign(Definition):
         )
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
         with using_threads(threads), into as folder:
-            return self._run(folder, Draws(seed, numbers, total), resume, orders)
+            return self._run(folder, SampleSpec(seed, numbers, total), resume, orders)
 
-    def _run(self, folder: Path | None, draws: Draws, resume: bool, orders: Orders) -> Result:
+    def _run(
+        self, folder: Path | None, draws: SampleSpec, resume: bool, orders: ExecutionOptions
+    ) -> Result:
         """`run`, in memory or into a folder that is open."""
         seed, numbers = draws.seed, draws.numbers
         stats_only, announce, crew, stop = (
@@ -314,7 +318,7 @@ class Campaign(Definition):
         earlier, wanted = (
             previous_run.earlier(self, folder, draws, stats_only, announce)
             if folder and resume
-            else (Earlier(), numbers)
+            else (PreviousRun(), numbers)
         )
         left = wanted.count
         if announce:
@@ -327,7 +331,7 @@ class Campaign(Definition):
             over_time = self.has_histories and not stats_only
             forecast(self, left, over_time, keep).check_disk(folder)
         begun = time.perf_counter()
-        flight = plan_flight(
+        flight = select_steps(
             self, history=self.scene.run.history_step > 0.0 and not stats_only, announce=announce
         )
         timing = {
@@ -385,7 +389,7 @@ class Campaign(Definition):
             stopped=chunks.too_many_failed,
         )
 
-    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> Keep:
+    def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> KeepRules:
         """Rules by which rows are kept. Raises InputError with what is allowed."""
         if out is None:
             raise InputError(f"keep = {keep}: rows are kept in a folder; give out")
@@ -449,7 +453,7 @@ class Campaign(Definition):
         return found
 
 
-def _check_crew(crew: Crew | None, out: Any, until: str | None, some_counted: bool) -> None:
+def _check_crew(crew: Executor | None, out: Any, until: str | None, some_counted: bool) -> None:
     """Raise InputError if workers cannot fly what is asked for."""
     if crew is None:
         return

@@ -252,7 +252,11 @@ class Definition:
     def numbers(self) -> CaseSelection:
         """Cases that the file asks for: the first so many, or those of its plan."""
         inputs = self.file.input_table
-        return CaseSelection.first(self.scene.run.cases) if inputs is None else CaseSelection.of(inputs.numbers)
+        return (
+            CaseSelection.first(self.scene.run.cases)
+            if inputs is None
+            else CaseSelection.of(inputs.numbers)
+        )
 
     def asked(self, cases: Any = None) -> tuple[CaseSelection, int]:
         """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the

@@ -21,9 +21,9 @@ from sepmc.analysis.row_statistics import by_case
 from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Case
-from sepmc.campaign.execution.accuracy import Achieved, with_errors, with_scales
-from sepmc.campaign.execution.integration import Flight
-from sepmc.campaign.execution.sinks import Kept
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors, with_scales
+from sepmc.campaign.execution.integration import Integration
+from sepmc.campaign.execution.sinks import RunOutput
 from sepmc.campaign.store import shards
 from sepmc.engine.dispatch import text, whole
 from sepmc.scene.limits import CASES
@@ -44,15 +44,15 @@ class Result:
     """
 
     campaign: Any  # `sepmc.campaign.campaign.Campaign`
-    kept: Kept
+    kept: RunOutput
     timing: dict[str, float]
     seed: int
     numbers: CaseSelection  # of the cases
     total: int  # cases that these are drawn of
     folder: Path | None = None
     notes: list[str] = field(default_factory=list)
-    flight: Flight | None = None
-    accuracy: Achieved | None = None
+    flight: Integration | None = None
+    accuracy: AchievedAccuracy | None = None
     resumed: int = 0  # cases that the folder held already
     stopped: bool = False  # as more cases failed than may
 

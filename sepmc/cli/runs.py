@@ -40,7 +40,6 @@ from sepmc.paths import EXTRA
 
 if TYPE_CHECKING:
     from sepmc.campaign.case_selection import CaseSelection
-    from sepmc.cluster import DaskCrew
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")

@@ -209,7 +209,7 @@ def test_rare_events_count_them_too(file):
     """Cases whose margin is not known, though they came to their end, are counted by themselves."""
     campaign = sepmc.load(file)
     with flown_plainly():
-        flight = campaigns.plan_flight(campaign)  # by few trial cases
+        flight = campaigns.select_steps(campaign)  # by few trial cases
         flights = Flights(campaign, flight, target(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
     assert 0 < np.isnan(margin).sum() == flights.lacking < 21

@@ -11,7 +11,7 @@ from sepmc.analysis.moments import Moments
 from sepmc.analysis.requirements import margins
 from sepmc.campaign.execution import chunks, sinks
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import Keep
+from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.cli import app
 from sepmc.scene.messages import InputError
 
@@ -283,11 +283,11 @@ def test_command_line(tmp_path):
     "text", ["all", "failed,worst:20", "every:9; columns in_*,upper_*; float32", "all; float32"]
 )
 def test_rules_of_a_text(text):
-    assert Keep.of_text(text).text == text
+    assert KeepRules.of_text(text).text == text
 
 
 def test_text():
-    assert Keep(("failed", "worst"), 20).text == "failed,worst:20"
+    assert KeepRules(("failed", "worst"), 20).text == "failed,worst:20"
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])

@@ -9,12 +9,12 @@ import numpy as np
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
-from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
+from sepmc.campaign.execution.integration import Integration, Say, fly, history_rows
 from sepmc.engine.dispatch import Block, waited_for_compilers
 
 
 @dataclass(frozen=True)
-class Draws:
+class SampleSpec:
     """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
 
     seed: int
@@ -40,8 +40,8 @@ class Piece(NamedTuple):
 
 def fly_piece(
     campaign: Definition,
-    flight: Flight,
-    draws: Draws,
+    flight: Integration,
+    draws: SampleSpec,
     first: int,
     end: int,
     with_histories: bool,

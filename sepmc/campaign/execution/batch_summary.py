@@ -12,9 +12,9 @@ import numpy as np
 
 from sepmc.analysis import rare_values
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved
+from sepmc.campaign.execution.accuracy import AchievedAccuracy
 from sepmc.campaign.execution.diagnostics import least_at_the_end
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import count_missing
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError
@@ -89,7 +89,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
     )
 
 
-def accuracy(flight: Flight, tally: Tally) -> Achieved:
+def accuracy(flight: Integration, tally: Tally) -> AchievedAccuracy:
     """Error of cases: the largest that was counted of them, and of the trial cases."""
     told = flight.achieved
     assert told is not None
@@ -99,7 +99,7 @@ def accuracy(flight: Flight, tally: Tally) -> Achieved:
     return told.with_errors(_errors(flight, tally))
 
 
-def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
+def _errors(flight: Integration, tally: Tally) -> dict[str, float]:
     """The largest error of cases that were counted, by outcome."""
     found, estimate = dict(tally.errors), flight.estimate
     if estimate is None or not found:
@@ -109,7 +109,7 @@ def _errors(flight: Flight, tally: Tally) -> dict[str, float]:
     return dict(zip(names, np.maximum(errors, largest).tolist(), strict=True))
 
 
-def accuracy_told(campaign: Definition, flight: Flight, tally: Tally) -> dict[str, Any]:
+def accuracy_told(campaign: Definition, flight: Integration, tally: Tally) -> dict[str, Any]:
     """What a manifest tells of how cases were flown, and of their error."""
     solver, told = campaign.scene.solver, accuracy(flight, tally)
     said: dict[str, Any] = {

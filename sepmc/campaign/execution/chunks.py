@@ -23,8 +23,8 @@ from sepmc.analysis.stopping import Until
 from sepmc.analysis.streaming import GRAIN
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved, with_errors
-from sepmc.campaign.execution.batch import Draws, Piece, fly_piece
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
+from sepmc.campaign.execution.batch import Piece, SampleSpec, fly_piece
 from sepmc.campaign.execution.batch_summary import Tally, accuracy, accuracy_told
 from sepmc.campaign.execution.diagnostics import (
     failed,
@@ -35,12 +35,19 @@ from sepmc.campaign.execution.diagnostics import (
     unsettled,
 )
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.execution.integration import Flight, Say
+from sepmc.campaign.execution.integration import Integration, Say
 from sepmc.campaign.execution.missing_events import missing_notes
-from sepmc.campaign.execution.sinks import InFolder, InMemory, InStatistics, Kept, KeptRows, Sink
-from sepmc.campaign.execution.work_ranges import Crew, Flown, Job, fly_range
+from sepmc.campaign.execution.sinks import (
+    MemorySink,
+    ParquetSink,
+    RunOutput,
+    SelectedRowWriter,
+    Sink,
+    StatisticsSink,
+)
+from sepmc.campaign.execution.work_ranges import Executor, Flown, Job, fly_range
 from sepmc.campaign.store import folders, ledger, manifests, shards
-from sepmc.campaign.store.row_selection import Chosen, Keep
+from sepmc.campaign.store.row_selection import KeepRules, RowSelection
 from sepmc.schema import Status
 from sepmc.wording import switch
 
@@ -57,23 +64,23 @@ _FEW, _COUNTED = 4, 8
 
 
 @dataclass(frozen=True)
-class Orders:
+class ExecutionOptions:
     """How cases are to be flown: with how many ``threads``, or by a ``crew``; ``until`` a statistic
     is known, or more than ``max_failures`` failed; ``stats_only``, with the rows that are to be
     ``keep``-t, or with all rows; who is told of ``progress``, and what is to ``announce``."""
 
     threads: int | None = None
-    crew: Crew | None = None
+    crew: Executor | None = None
     until: Until | None = None
     max_failures: int | None = None
     stats_only: bool = False
-    keep: Keep | None = None
+    keep: KeepRules | None = None
     progress: Callable[[int, int, int], None] | None = None
     announce: Say | None = None
 
 
 @dataclass(frozen=True)
-class Earlier:
+class PreviousRun:
     """What a run that is resumed holds already: how many cases, what was counted of them, by which
     commands they were flown, and of a run of statistics these, as `Chunks.save` wrote them."""
 
@@ -90,12 +97,12 @@ class Chunks:
     def __init__(
         self,
         campaign: Definition,
-        flight: Flight,
-        draws: Draws,
+        flight: Integration,
+        draws: SampleSpec,
         timing: dict[str, float],
-        earlier: Earlier,
+        earlier: PreviousRun,
         folder: Path | None,
-        orders: Orders,
+        orders: ExecutionOptions,
     ):
         self.campaign, self.flight, self.draws = campaign, flight, draws
         self.timing, self.earlier, self.folder = timing, earlier, folder
@@ -111,16 +118,16 @@ class Chunks:
         self.separation = campaign.over_time(not stats_only)
         self.forecast = forecast(campaign, self.wanted, bool(self.separation))
         self.size, self._foretold = self.forecast.chunk, announce is None
-        self.rows: KeptRows | None = None  # that are kept though cases are let go
+        self.rows: SelectedRowWriter | None = None  # that are kept though cases are let go
         if folder and orders.keep:
-            chosen = Chosen(orders.keep, campaign.file.requirements)
-            self.rows = KeptRows(campaign, folder, draws, chosen)
+            chosen = RowSelection(orders.keep, campaign.file.requirements)
+            self.rows = SelectedRowWriter(campaign, folder, draws, chosen)
         self.sink: Sink = (
-            InStatistics(campaign, self.rows)
+            StatisticsSink(campaign, self.rows)
             if stats_only
-            else InFolder(campaign, self.separation, folder, draws)
+            else ParquetSink(campaign, self.separation, folder, draws)
             if folder
-            else InMemory(campaign, self.separation)
+            else MemorySink(campaign, self.separation)
         )
         if earlier.arrays:
             self._restore(earlier.arrays)
@@ -189,11 +196,11 @@ class Chunks:
             self.orders.announce,
         )
 
-    def fly_by(self, crew: Crew, numbers: CaseSelection, tell: Callable[[], None]) -> None:
+    def fly_by(self, crew: Executor, numbers: CaseSelection, tell: Callable[[], None]) -> None:
         """Let others fly cases, and ``tell`` after each range that is done. Of statistics alone the
         first ones are flown here: they lay out the grids that all are counted in."""
         assert self.folder is not None
-        stream = self.sink.stream if isinstance(self.sink, InStatistics) else None
+        stream = self.sink.stream if isinstance(self.sink, StatisticsSink) else None
         done = 0
         if stream:
             held = self.earlier.held
@@ -308,7 +315,7 @@ class Chunks:
         """Write what is counted so far, if cases are let go: where an interrupted run goes on
         from."""
         sink = self.sink
-        if self.folder is None or not (isinstance(sink, InStatistics) and self._sound):
+        if self.folder is None or not (isinstance(sink, StatisticsSink) and self._sound):
             return
         about = sink.about(self.draws, self.tally)
         if self.rows:
@@ -320,7 +327,7 @@ class Chunks:
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
         """Go on from what was counted. Raises StoreError if it is of another run."""
-        assert isinstance(self.sink, InStatistics)
+        assert isinstance(self.sink, StatisticsSink)
         held = iter(arrays)
         try:
             with np.errstate(invalid="raise"):  # where what is to be whole is no number
@@ -393,7 +400,7 @@ class Chunks:
         }
 
     @property
-    def accuracy(self) -> Achieved:
+    def accuracy(self) -> AchievedAccuracy:
         """Error of the run: the largest of its cases and of the trial cases."""
         return accuracy(self.flight, self.tally)
 
@@ -440,7 +447,7 @@ class Chunks:
         self._stopped = [] if look.enough else [self._known]
         if look.enough:
             self.wanted = self.held
-            self.draws = Draws(self.draws.seed, CaseSelection.first(held), held)
+            self.draws = SampleSpec(self.draws.seed, CaseSelection.first(held), held)
             if self.orders.announce:
                 self.orders.announce(self._known)
         return look.enough
@@ -450,7 +457,7 @@ class Chunks:
         """How often values occurred that the file gives a probability."""
         return occurrences(self.campaign.rare_values, self.tally.occurred)
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """What the run leaves of what is flown so far."""
         self._wait()
         return self.sink.kept()

@@ -9,8 +9,8 @@ import numpy as np
 
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.accuracy import Achieved, scene_scales
-from sepmc.campaign.execution.integration import Flight
+from sepmc.campaign.execution.accuracy import AchievedAccuracy, scene_scales
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_of_one
 from sepmc.campaign.execution.table_overshoot import overshooting
 from sepmc.routines.layout import ROD, ROTATION
@@ -39,7 +39,7 @@ def of_file(campaign: Definition) -> list[str]:
     ]
 
 
-def remarks(campaign: Definition, flight: Flight) -> list[str]:
+def remarks(campaign: Definition, flight: Integration) -> list[str]:
     """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
     found = of_file(campaign)
     if flight.nominal is None:
@@ -238,7 +238,7 @@ def _may_become_less(clearance: str, when: str) -> str:
     )
 
 
-def unmet(told: Achieved, fixed: bool) -> list[str]:
+def unmet(told: AchievedAccuracy, fixed: bool) -> list[str]:
     """The sentence for an accuracy that is asked for and not met, with size, outcome and remedy;
     none if it is met."""
     if not told.cases:

@@ -14,7 +14,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
 from sepmc.campaign.execution.flight_log import FlightLog
-from sepmc.campaign.execution.integration import Flight, Say, fly
+from sepmc.campaign.execution.integration import Integration, Say, fly
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import VIOLATION, Requirement
@@ -117,7 +117,7 @@ class Flights:
     def __init__(
         self,
         campaign: Definition,
-        flight: Flight,
+        flight: Integration,
         aim: Target,
         tell: Callable[[int, int], None],
         announce: Say | None,

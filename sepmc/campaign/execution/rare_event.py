@@ -25,10 +25,10 @@ from sepmc.campaign.execution.batch_summary import accuracy, accuracy_told
 from sepmc.campaign.execution.chunks import implausible_note
 from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
-from sepmc.campaign.execution.integration import Flight, Say
+from sepmc.campaign.execution.integration import Integration, Say
 from sepmc.campaign.execution.limit_state import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.execution.missing_events import missing_notes
-from sepmc.campaign.execution.step_selection import plan_flight
+from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.engine.dispatch import whole
 from sepmc.scene.limits import SEED
@@ -140,7 +140,7 @@ def seek(
     earlier = _begin(campaign, folder, asked, resume) if folder else []
     if announce:
         announce(f"{campaign.name}: {aim.sentence}; at most {most} flights, seed {seed}")
-    flight = plan_flight(campaign, announce=announce)
+    flight = select_steps(campaign, announce=announce)
     compiled = time.perf_counter()
     tell = (lambda done, failed: progress(done, most, failed)) if progress else (lambda *_: None)
     log = _log(campaign, folder, aim, seed, resume) if folder else None
@@ -318,7 +318,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
     return found + [note for note in flight.notes if note not in found]
 
 
-def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[str]:
+def _near(flight: Integration, aim: Target, share: float, found: Estimate) -> list[str]:
     """Whether the numerical error of the outcome, a share of its size, matters."""
     scale = 0.0 if flight.scale is None else float(flight.scale[aim.place]) * aim.column.scale
     error = share * max(aim.size, scale)

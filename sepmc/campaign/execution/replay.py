@@ -10,8 +10,8 @@ from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
-from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, plan_flight
+from sepmc.campaign.execution.integration import Integration, Say, fly, history_rows
+from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
 from sepmc.campaign.store import shards
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status
@@ -40,18 +40,23 @@ class RowCheck:
         )
 
 
-def flown_before(campaign: Definition, say: Say | None = None) -> Flight | None:
+def earlier_integration(campaign: Definition, say: Say | None = None) -> Integration | None:
     """How the campaign of a run was flown; None where its kernel is not compiled here."""
     history = campaign.has_histories
     if left_to_compile(kernel_text(campaign, history=history))[0]:
         return None
-    return plan_flight(campaign, history=history, announce=say)
+    return select_steps(campaign, history=history, announce=say)
 
 
 def check_row(
-    campaign: Definition, flight: Flight | None, folder: Path, number: int, seed: int, total: int
+    campaign: Definition,
+    flight: Integration | None,
+    folder: Path,
+    number: int,
+    seed: int,
+    total: int,
 ) -> RowCheck:
-    """Fly a case of a run as its campaign was flown (`flown_before`), and compare its row."""
+    """Fly a case of a run as its campaign was flown (`earlier_integration`), and compare its row."""
     if flight is None:
         return RowCheck(number, flown=False)
     drawn = campaign.draw(number, 1, seed, total)

@@ -13,11 +13,11 @@ from sepmc import __version__
 from sepmc.analysis.row_statistics import Rows, summarise
 from sepmc.analysis.streaming import Apart, Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import Draws, Piece
+from sepmc.campaign.execution.batch import Piece, SampleSpec
 from sepmc.campaign.execution.batch_summary import Tally
 from sepmc.campaign.store import folders, shards
 from sepmc.campaign.store.ledger import Entry
-from sepmc.campaign.store.row_selection import WHY, Chosen
+from sepmc.campaign.store.row_selection import WHY, RowSelection
 from sepmc.schema import Column, Status
 
 _LABELS = [status.label for status in Status]
@@ -25,7 +25,7 @@ _IN_ONE_PART = 200_000  # rows that are kept
 
 
 @dataclass
-class Kept:
+class RunOutput:
     """What a run leaves: its statistics, and its rows and histories where they are kept; of a
     folder, the parts that hold histories."""
 
@@ -42,12 +42,12 @@ class Sink(Protocol):
     def take(self, pieces: list[Piece]) -> None:
         """Take the pieces that come next."""
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """What is left of all that was taken."""
 
 
 @dataclass
-class InMemory:
+class MemorySink:
     """Keeps all rows."""
 
     campaign: Definition
@@ -64,10 +64,10 @@ class InMemory:
         if self.separation:
             self.histories.append(_histories(pieces, self.separation))
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """Statistics, rows and histories."""
         rows = _join(self.parts)
-        return Kept(
+        return RunOutput(
             Rows(rows, *self.campaign.summarised),
             rows,
             _join(self.histories) if self.histories else None,
@@ -75,13 +75,13 @@ class InMemory:
 
 
 @dataclass
-class InFolder:
+class ParquetSink:
     """Writes a part of cases, and one of histories, for every list of pieces."""
 
     campaign: Definition
     separation: list[Column]
     folder: Path
-    draws: Draws
+    draws: SampleSpec
 
     def take(self, pieces: list[Piece]) -> None:
         """Write the parts of pieces, and note them."""
@@ -119,15 +119,15 @@ class InFolder:
         )
         return written
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """Statistics of the folder's cases, and their columns."""
         columns = shards.CaseColumns(self.folder)
         over_time = shards.parts(self.folder, folders.HISTORIES)
         summary = summarise(columns, *self.campaign.summarised)
-        return Kept(summary, columns, history_parts=over_time)
+        return RunOutput(summary, columns, history_parts=over_time)
 
 
-def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
+def _about(campaign: Definition, draws: SampleSpec) -> dict[str, str]:
     """By what the cases of a part were made: what a run is mended by, should its manifest be
     lost."""
     return {
@@ -140,13 +140,13 @@ def _about(campaign: Definition, draws: Draws) -> dict[str, str]:
 
 
 @dataclass
-class KeptRows:
+class SelectedRowWriter:
     """Writes a part of those rows that are kept of every list of pieces, if there are any."""
 
     campaign: Definition
     folder: Path
-    draws: Draws
-    chosen: Chosen
+    draws: SampleSpec
+    chosen: RowSelection
 
     def write(self, pieces: list[Piece]) -> list[Entry]:
         """Write the part of pieces."""
@@ -190,10 +190,10 @@ class KeptRows:
         return self._part(first, kept)
 
 
-class InStatistics:
+class StatisticsSink:
     """Counts cases and lets them go, but for rows that are ``kept``."""
 
-    def __init__(self, campaign: Definition, kept: KeptRows | None = None):
+    def __init__(self, campaign: Definition, kept: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, kept
         self.stream = Stream(*campaign.summarised)
 
@@ -203,15 +203,15 @@ class InStatistics:
         if self.rows:
             shards.note_parts(self.rows.folder, self.rows.write(pieces))
 
-    def about(self, draws: Draws, tally: Tally) -> dict[str, str]:
+    def about(self, draws: SampleSpec, tally: Tally) -> dict[str, str]:
         """What a file says of itself that holds the statistics."""
         keep = self.rows.chosen.keep.text if self.rows else ""
         told = {"numbers": draws.told, "tally": tally.text, "keep": keep}
         return _about(self.campaign, draws) | told
 
-    def kept(self) -> Kept:
+    def kept(self) -> RunOutput:
         """The statistics alone."""
-        return Kept(self.stream)
+        return RunOutput(self.stream)
 
 
 def add_to(stream: Stream | Apart, campaign: Definition, pieces: list[Piece]) -> None:

@@ -28,7 +28,7 @@ from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
-    Flight,
+    Integration,
     Say,
     Spare,
     fly,
@@ -181,7 +181,9 @@ def _is_wide(law: Dispersion) -> bool:
     return bool(high - low > _WIDE)
 
 
-def plan_flight(campaign: Definition, history: bool = False, announce: Say | None = None) -> Flight:
+def select_steps(
+    campaign: Definition, history: bool = False, announce: Say | None = None
+) -> Integration:
     """Choose how to fly a campaign to the accuracy it asks for."""
     care = USUAL
     while True:
@@ -201,9 +203,9 @@ def plan_flight(campaign: Definition, history: bool = False, announce: Say | Non
 
 
 def unpacked(
-    campaign: Definition, flight: Flight, history: bool, announce: Say | None = None
-) -> Flight:
-    """A flight that another process planned (`Flight.packed`), with kernels of this one."""
+    campaign: Definition, flight: Integration, history: bool, announce: Say | None = None
+) -> Integration:
+    """A flight that another process planned (`Integration.packed`), with kernels of this one."""
     text = kernel_text(campaign, history=history, care=flight.care)
     left = spares(campaign, history, flight.care)
     return replace(flight, kernel=load_kernel(text, announce), spares=left)
@@ -230,7 +232,7 @@ def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
 
 def _each_by_itself(
     campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]
-) -> Flight:
+) -> Integration:
     """Where no steps suit most trial cases: every case finds its own."""
     draws, given = (
         np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
@@ -240,7 +242,7 @@ def _each_by_itself(
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
     own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
-    flight = Flight(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
+    flight = Integration(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
     block = fly(campaign, flight, draws)
     assert block.again is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
@@ -256,14 +258,14 @@ def _each_by_itself(
     )
 
 
-def _finished(campaign: Definition, found: Flight, room: int) -> Flight:
+def _finished(campaign: Definition, found: Integration, room: int) -> Integration:
     """The flight with what is to be told of its nominal case and of histories of so many rows."""
     if room and found.achieved is not None:
         draws = np.empty((1, 0))
         if campaign.file.dispersions:
             draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
         assert found.scale is not None
-        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.sharper()))
+        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.refined()))
         error = _history_error(campaign, one, two, found.scale)
         found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
     return replace(found, notes=remarks(campaign, found))
@@ -312,7 +314,7 @@ def _choose_steps(
     stages: list[str],
     tell: Callable[[int], None],
     room: int = 0,
-) -> Flight | None:
+) -> Integration | None:
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
     is given; None if none are found. The error of histories of so many rows, the ``room``, is told
     too."""
@@ -416,7 +418,7 @@ def _choose_steps(
     most = np.inf if given is not None else _MOST_ESTIMATED * campaign.scene.solver.accuracy
     if search.goal > goal:  # what trial cases do not reach in any steps is not asked of others
         most = 2.0 * SAFETY * error
-    return Flight(
+    return Integration(
         kernel,
         steps,
         usual,
@@ -545,8 +547,18 @@ def _beyond(errors_of_cases: np.ndarray, goal: float) -> np.ndarray:
 
 
 __all__ = [
-    "CORNERS", "SAFE", "SAMPLE", "SMALL", "Flight", "Say", "corners", "fly", "kernel_text",
-    "plan_flight", "relative_error", "sample",
+    "CORNERS",
+    "SAFE",
+    "SAMPLE",
+    "SMALL",
+    "Integration",
+    "Say",
+    "corners",
+    "fly",
+    "kernel_text",
+    "relative_error",
+    "sample",
+    "select_steps",
 ]  # fmt: skip
 
 
