@@ -2,7 +2,6 @@
 things are timed."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,9 +12,9 @@ from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import decisive, scene_scales
 from sepmc.campaign.execution.step_selection import Integration, fly, relative_error, unpacked
 from sepmc.engine.dispatch import Block
+from sepmc.scene.messages import Log
 from sepmc.schema import Status
 
-Say = Callable[[str], None]
 FULL = "full"  # the formulation that takes some 50 times as long as the reduced one
 # of so many cases one is flown by the full formulation, but no fewer than these; times are scaled
 _PART, _FEWEST = 16, 16
@@ -48,7 +47,7 @@ class Study:
     repeats: int
     threads: int
     quick: bool
-    say: Say
+    say: Log
 
     @property
     def cases(self) -> int:

@@ -42,7 +42,7 @@ from sepmc.paths import place
 from sepmc.scene.fields import convert
 from sepmc.scene.limits import CASES
 from sepmc.scene.load_checks import SHORTEST
-from sepmc.scene.messages import InputError, RunWarning, warn
+from sepmc.scene.messages import InputError, Log, RunWarning, warn
 from sepmc.scene.read import find_file, parse_campaign, read_campaign
 
 Progress = Callable[[int, int, int], None]  # cases done, cases in all, failures so far
@@ -109,7 +109,7 @@ class Campaign(Definition):
         self,
         case: Case | int | None = None,
         step_s: float = 0.001,
-        announce: Callable[[str], None] | None = None,
+        announce: Log | None = None,
         plain_work: float | None = None,
     ) -> pd.DataFrame:
         """Time history of one case (the nominal if None, or that of a number), a row every
@@ -210,7 +210,7 @@ class Campaign(Definition):
         crew: Executor | None = None,
         max_failures: int | None = None,
         progress: Progress | None = None,
-        announce: Callable[[str], None] | None = None,
+        announce: Log | None = None,
     ) -> Result:
         """Fly the campaign.
 
@@ -409,7 +409,7 @@ class Campaign(Definition):
         overwrite: bool = False,
         resume: bool = False,
         progress: Progress | None = None,
-        announce: Callable[[str], None] | None = None,
+        announce: Log | None = None,
     ) -> Rare:
         """How rarely a requirement is violated, where plain cases are too few to count: subset
         simulation, see `sepmc.analysis.subset_simulation`.
@@ -465,7 +465,7 @@ def _check_crew(crew: Executor | None, out: Any, until: str | None, some_counted
         raise InputError("stats_only of cases that are named: excludes workers")
 
 
-def _warn(notes: list[str], announce: Callable[[str], None] | None) -> None:
+def _warn(notes: list[str], announce: Log | None) -> None:
     """Give notes as warnings, where nothing is announced to anyone."""
     for note in notes if announce is None else ():
         warn(note, RunWarning)

@@ -40,6 +40,7 @@ from sepmc.paths import EXTRA
 
 if TYPE_CHECKING:
     from sepmc.campaign.case_selection import CaseSelection
+    from sepmc.cluster import DaskExecutor
 
 
 @click.command(short_help="Fly the dispersed cases of FILE into a run folder.")
@@ -234,7 +235,7 @@ def campaign(
 
 def _crew(
     workers: int | None, address: str | None, threads: int | None
-) -> "AbstractContextManager[DaskCrew | None]":
+) -> "AbstractContextManager[DaskExecutor | None]":
     """Workers that are asked for, if there are any."""
     if workers is None and address is None:
         return nullcontext()

@@ -9,8 +9,9 @@ import numpy as np
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
-from sepmc.campaign.execution.integration import Integration, Say, fly, history_rows
+from sepmc.campaign.execution.integration import Integration, fly, history_rows
 from sepmc.engine.dispatch import Block, waited_for_compilers
+from sepmc.scene.messages import Log
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def fly_piece(
     end: int,
     with_histories: bool,
     timing: dict[str, float],
-    announce: Say | None = None,
+    announce: Log | None = None,
 ) -> Piece:
     """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
     clock = time.perf_counter

@@ -35,7 +35,7 @@ from sepmc.campaign.execution.diagnostics import (
     unsettled,
 )
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.execution.integration import Integration, Say
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import missing_notes
 from sepmc.campaign.execution.sinks import (
     MemorySink,
@@ -48,6 +48,7 @@ from sepmc.campaign.execution.sinks import (
 from sepmc.campaign.execution.work_ranges import Executor, Flown, Job, fly_range
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.row_selection import KeepRules, RowSelection
+from sepmc.scene.messages import Log
 from sepmc.schema import Status
 from sepmc.wording import switch
 
@@ -76,7 +77,7 @@ class ExecutionOptions:
     stats_only: bool = False
     keep: KeepRules | None = None
     progress: Callable[[int, int, int], None] | None = None
-    announce: Say | None = None
+    announce: Log | None = None
 
 
 @dataclass(frozen=True)

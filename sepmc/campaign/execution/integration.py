@@ -36,6 +36,7 @@ from sepmc.routines.layout import (
     LEAST_SQUARES,
     USUAL,
 )
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Status
 
@@ -46,8 +47,6 @@ _MOST_LOST = 3  # halvings of the step of a case that is lost, where a spare ker
 _NO_CALLS = np.zeros(0, dtype=np.int64)
 EVERY_S = 10.0  # between two words on how far trial cases or a single flight are
 
-Say = Callable[[str], None]
-
 
 @dataclass(frozen=True)
 class Spare:
@@ -56,7 +55,7 @@ class Spare:
     numbers of the phases that the stages of the flight belong to."""
 
     care: int
-    make: Callable[["Say | None"], Kernel]
+    make: Callable[["Log | None"], Kernel]
     phases: np.ndarray
 
 
@@ -131,7 +130,7 @@ class Integration:
         in which an event comes late than ever finer steps."""
         return any(spare.care == ANY_ORDER for spare in self.spares)
 
-    def by(self, spare: Spare, announce: Say | None) -> "Integration":
+    def by(self, spare: Spare, announce: Log | None) -> "Integration":
         """The same by a spare kernel, whose stages are the phases."""
         kernel = spare.make(announce)
         steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
@@ -164,7 +163,7 @@ def fly(
     flight: Integration,
     draws: np.ndarray,
     room: int = 0,
-    announce: Say | None = None,
+    announce: Log | None = None,
 ) -> Block:
     """Fly draws (n, d), SI. Cases harder than any trial case or with too large an error, those that
     seem to leave a table or to jam and those that the kernel does not vouch for are flown again at

@@ -14,9 +14,9 @@ from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import Tally, count
 from sepmc.campaign.execution.flight_log import FlightLog
-from sepmc.campaign.execution.integration import Integration, Say, fly
+from sepmc.campaign.execution.integration import Integration, fly
 from sepmc.engine.dispatch import Block
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import Column, Status, is_yes_or_no
 from sepmc.wording import setting
@@ -120,7 +120,7 @@ class Flights:
         flight: Integration,
         aim: Target,
         tell: Callable[[int, int], None],
-        announce: Say | None,
+        announce: Log | None,
         log: FlightLog | None = None,
     ):
         self.campaign, self.flight, self.aim = campaign, flight, aim

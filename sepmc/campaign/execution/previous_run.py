@@ -13,11 +13,10 @@ from sepmc.campaign.execution.batch import SampleSpec
 from sepmc.campaign.execution.batch_summary import Tally
 from sepmc.campaign.execution.batch_summary import read as read_tally
 from sepmc.campaign.execution.chunks import PreviousRun
-from sepmc.campaign.execution.integration import Say
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.sample_file import read_input_table
-from sepmc.scene.messages import InputError
+from sepmc.scene.messages import InputError, Log
 from sepmc.scene.read import read_campaign
 from sepmc.wording import another_place, option, switch
 
@@ -69,7 +68,7 @@ def earlier(
     folder: Path,
     draws: SampleSpec,
     counts: bool,
-    announce: Say | None,
+    announce: Log | None,
 ) -> tuple[PreviousRun, CaseSelection]:
     """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
     it is of another one."""
@@ -138,7 +137,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
 
 
 def _rows(
-    campaign: Definition, folder: Path, draws: SampleSpec, announce: Say | None
+    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """The cases whose rows a folder holds whole."""
     if not folders.is_run(folder):
@@ -166,7 +165,7 @@ def _rows(
 
 
 def _counted(
-    campaign: Definition, folder: Path, draws: SampleSpec, announce: Say | None
+    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""

@@ -25,13 +25,14 @@ from sepmc.campaign.execution.batch_summary import accuracy, accuracy_told
 from sepmc.campaign.execution.chunks import implausible_note
 from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
-from sepmc.campaign.execution.integration import Integration, Say
+from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.limit_state import LABELS, Flights, Seldom, Target, seldom, target
 from sepmc.campaign.execution.missing_events import missing_notes
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.engine.dispatch import whole
 from sepmc.scene.limits import SEED
+from sepmc.scene.messages import Log
 from sepmc.schema import Column, Status
 
 MOST, _LEAST, _LIMIT = 100_000, 10_000, 10_000_000  # flights: unless others are asked for; allowed
@@ -128,7 +129,7 @@ def seek(
     threads: int | None = None,
     folder: Path | None = None,
     progress: Callable[[int, int, int], None] | None = None,
-    announce: Say | None = None,
+    announce: Log | None = None,
     resume: bool = False,
 ) -> Rare:
     """Estimate how rarely a requirement is violated, in so many flights at ``most``; into a folder

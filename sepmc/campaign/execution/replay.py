@@ -10,10 +10,10 @@ from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.integration import Integration, Say, fly, history_rows
+from sepmc.campaign.execution.integration import Integration, fly, history_rows
 from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
 from sepmc.campaign.store import shards
-from sepmc.scene.messages import InputError, nearest
+from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.schema import Status
 
 
@@ -40,7 +40,7 @@ class RowCheck:
         )
 
 
-def earlier_integration(campaign: Definition, say: Say | None = None) -> Integration | None:
+def earlier_integration(campaign: Definition, say: Log | None = None) -> Integration | None:
     """How the campaign of a run was flown; None where its kernel is not compiled here."""
     history = campaign.has_histories
     if left_to_compile(kernel_text(campaign, history=history))[0]:
@@ -56,7 +56,7 @@ def check_row(
     seed: int,
     total: int,
 ) -> RowCheck:
-    """Fly a case of a run as its campaign was flown (`earlier_integration`), and compare its row."""
+    """Fly a case of a run by `earlier_integration` and compare its row with the stored one."""
     if flight is None:
         return RowCheck(number, flown=False)
     drawn = campaign.draw(number, 1, seed, total)

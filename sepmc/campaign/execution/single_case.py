@@ -11,7 +11,6 @@ from sepmc import schema
 from sepmc.campaign.execution.accuracy import SAFETY, decisive, errors, scales, scene_scales
 from sepmc.campaign.execution.integration import (
     EVERY_S,
-    Say,
     final_status,
     helped,
     motion_is_finite,
@@ -26,6 +25,7 @@ from sepmc.kernel.spec.naming import Names
 from sepmc.kernel.spec.parameter_layout import Plan, make_plan
 from sepmc.kernel.spec.structure import brief_transient, make_shape
 from sepmc.routines.layout import ANY_ORDER, FINER_STEPS, FULL_HISTORY, LEAST_SQUARES, USUAL
+from sepmc.scene.messages import Log
 from sepmc.scene.model import Scene
 from sepmc.schema import Column, Status
 
@@ -85,7 +85,7 @@ def fly_single(
     scene: Scene,
     columns: list[Column],
     every_s: float,
-    announce: Say | None = None,
+    announce: Log | None = None,
     plain_work: float | None = None,
 ) -> Single:
     """A case, as ``scene`` has it, at the step that is given, or else in steps at which its
@@ -132,7 +132,7 @@ class _SingleFlight:
         plan: Plan,
         columns: list[Column],
         every_s: float,
-        announce: Say | None,
+        announce: Log | None,
         work: Work,
         may_compile: bool,
     ):

@@ -29,7 +29,6 @@ from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
     Integration,
-    Say,
     Spare,
     fly,
     fly_once,
@@ -52,6 +51,7 @@ from sepmc.kernel.spec import structure
 from sepmc.kernel.spec.methods import method
 from sepmc.routines.layout import USUAL
 from sepmc.scene.dispersion import Dispersion
+from sepmc.scene.messages import Log
 from sepmc.scene.units import UNITS
 from sepmc.schema import Status, separation_columns
 
@@ -104,7 +104,7 @@ def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tu
     numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 
     @cache
-    def make(care: int, announce: Say | None = None) -> Kernel:
+    def make(care: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
     return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
@@ -182,7 +182,7 @@ def _is_wide(law: Dispersion) -> bool:
 
 
 def select_steps(
-    campaign: Definition, history: bool = False, announce: Say | None = None
+    campaign: Definition, history: bool = False, announce: Log | None = None
 ) -> Integration:
     """Choose how to fly a campaign to the accuracy it asks for."""
     care = USUAL
@@ -203,7 +203,7 @@ def select_steps(
 
 
 def unpacked(
-    campaign: Definition, flight: Integration, history: bool, announce: Say | None = None
+    campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
 ) -> Integration:
     """A flight that another process planned (`Integration.packed`), with kernels of this one."""
     text = kernel_text(campaign, history=history, care=flight.care)
@@ -285,12 +285,12 @@ def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarr
     return float(errors(*there, own).max(initial=0.0))
 
 
-def _tell_trials(announce: Say | None) -> None:
+def _tell_trials(announce: Log | None) -> None:
     if announce:
         announce("flying trial cases to find the steps for the accuracy asked ...")
 
 
-def _counted(announce: Say | None) -> Callable[[int], None]:
+def _counted(announce: Log | None) -> Callable[[int], None]:
     """What is told of every so many flights of trial cases: now and then, how many there were."""
     tell, total = now_and_then(announce, EVERY_S), 0
 
@@ -552,7 +552,6 @@ __all__ = [
     "SAMPLE",
     "SMALL",
     "Integration",
-    "Say",
     "corners",
     "fly",
     "kernel_text",
