@@ -15,13 +15,17 @@ from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Case, Definition
 from sepmc.campaign.execution import previous_run
-from sepmc.campaign.execution.batch import SampleSpec
-from sepmc.campaign.execution.chunks import Chunks, ExecutionOptions, PreviousRun
+from sepmc.campaign.execution.chunk import SampleSpec
 from sepmc.campaign.execution.diagnostics import together
 from sepmc.campaign.execution.forecast import forecast
 from sepmc.campaign.execution.limit_state import target
-from sepmc.campaign.execution.rare_event import MOST, Rare, seek
-from sepmc.campaign.execution.single_case import fly_single, invalid
+from sepmc.campaign.execution.rare_event import (
+    DEFAULT_FLIGHTS,
+    RareEventEstimate,
+    estimate_rare_event,
+)
+from sepmc.campaign.execution.runner import ExecutionOptions, PreviousRun, Runner
+from sepmc.campaign.execution.single_case import invalid, simulate_case
 from sepmc.campaign.execution.step_selection import select_steps
 from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
@@ -146,7 +150,7 @@ class Campaign(Definition):
             scene = self.nominal().scene
             found = invalid(scene, len(self.result_columns))
         else:
-            found = fly_single(scene, self.outcome_columns, step_s, announce, plain_work)
+            found = simulate_case(scene, self.outcome_columns, step_s, announce, plain_work)
         columns = schema.history_columns(found.plan.contents)
         data: dict[str, Any] = {
             "time_s": found.times,
@@ -342,51 +346,51 @@ class Campaign(Definition):
         }
         if announce and earlier.held:
             announce(f"{folder}: {earlier.held} cases are there, {left} are left to fly")
-        chunks = Chunks(self, flight, draws, timing, earlier, folder, orders)
+        runner = Runner(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
                 shards.write_input_table(folder, self.file.input_table, self.input_columns)
-            chunks.write_manifest(complete=False)
+            runner.write_manifest(complete=False)
         try:
-            with chunks:
+            with runner:
                 if orders.progress:
                     orders.progress(0, left, 0)
 
                 def tell() -> None:
                     if orders.progress:
-                        orders.progress(chunks.flown, left, chunks.failures)
+                        orders.progress(runner.flown, left, runner.failures)
 
                 if crew:
-                    chunks.fly_by(crew, wanted, tell)
+                    runner.fly_by(crew, wanted, tell)
                 parts = [numbers]
                 if stop:
                     parts = list(numbers.growing(stop.first(self.rare_values)))
                 for part in [] if crew else parts:
-                    for first, end in wanted.within(part).pieces(chunks.size):
-                        if not chunks.too_many_failed:
-                            chunks.fly(first, end, tell)
-                    if stop and chunks.is_known(stop, part.end, len(parts)):
+                    for first, end in wanted.within(part).pieces(runner.size):
+                        if not runner.too_many_failed:
+                            runner.fly(first, end, tell)
+                    if stop and runner.is_known(stop, part.end, len(parts)):
                         break
-                chunks.finish()
+                runner.finish()
         finally:
             if folder:
-                chunks.save()
-                chunks.write_manifest(complete=chunks.held == chunks.wanted)
-        notes = [*chunks.notes, *note_of_threads(orders.threads)]
+                runner.save()
+                runner.write_manifest(complete=runner.held == runner.wanted)
+        notes = [*runner.notes, *note_of_threads(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
-            chunks.kept(),
+            runner.kept(),
             timing,
             seed,
-            chunks.draws.numbers,
-            chunks.draws.total,
+            runner.draws.numbers,
+            runner.draws.total,
             folder,
             notes,
             flight,
-            chunks.accuracy,
+            runner.accuracy,
             resumed=earlier.held,
-            stopped=chunks.too_many_failed,
+            stopped=runner.too_many_failed,
         )
 
     def _keep(self, keep: str, columns: str | None, single: bool, out: Any) -> KeepRules:
@@ -401,7 +405,7 @@ class Campaign(Definition):
     def rare(
         self,
         requirement: str,
-        most: int = MOST,
+        most: int = DEFAULT_FLIGHTS,
         seed: int | None = None,
         out: str | Path | None = None,
         *,
@@ -410,7 +414,7 @@ class Campaign(Definition):
         resume: bool = False,
         progress: Progress | None = None,
         announce: Log | None = None,
-    ) -> Rare:
+    ) -> RareEventEstimate:
         """How rarely a requirement is violated, where plain cases are too few to count: subset
         simulation, see `sepmc.analysis.subset_simulation`.
 
@@ -436,7 +440,9 @@ class Campaign(Definition):
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)
         with using_threads(threads), into as folder:
-            found = seek(self, requirement, most, seed, threads, folder, progress, announce, resume)
+            found = estimate_rare_event(
+                self, requirement, most, seed, threads, folder, progress, announce, resume
+            )
         found.notes.extend(note_of_threads(threads))
         _warn(found.notes, announce)
         return found

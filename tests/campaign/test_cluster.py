@@ -17,7 +17,7 @@ import sepmc
 from sepmc import cluster
 from sepmc.analysis.quantile_sketch import ROOM
 from sepmc.analysis.streaming import GRAIN
-from sepmc.campaign.execution import chunks
+from sepmc.campaign.execution import runner
 from sepmc.campaign.execution.work_ranges import StaleWorkerError
 from sepmc.campaign.store import manifests, shards
 from sepmc.cli import app
@@ -105,7 +105,7 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 
 def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatch):
     """By one process, which ends within a grain, and by workers again."""
-    monkeypatch.setattr(chunks, "_SAVE_S", 0.0)
+    monkeypatch.setattr(runner, "_SAVE_S", 0.0)
     given = {"cases": ROOM + 12 * GRAIN + 7, "out": tmp_path / "run", "resume": True}
     for most, by in ((ROOM + 1, workers), (2 * GRAIN + 99, None)):
 

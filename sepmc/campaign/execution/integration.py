@@ -49,7 +49,7 @@ EVERY_S = 10.0  # between two words on how far trial cases or a single flight ar
 
 
 @dataclass(frozen=True)
-class Spare:
+class FallbackKernel:
     """A kernel for cases that the one of a flight does not vouch for, because it takes more
     ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
     numbers of the phases that the stages of the flight belong to."""
@@ -91,7 +91,7 @@ class Integration:
     achieved: AchievedAccuracy | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
-    spares: tuple[Spare, ...] = ()
+    spares: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None
     care: int = USUAL
 
@@ -130,7 +130,7 @@ class Integration:
         in which an event comes late than ever finer steps."""
         return any(spare.care == ANY_ORDER for spare in self.spares)
 
-    def by(self, spare: Spare, announce: Log | None) -> "Integration":
+    def by(self, spare: FallbackKernel, announce: Log | None) -> "Integration":
         """The same by a spare kernel, whose stages are the phases."""
         kernel = spare.make(announce)
         steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)

@@ -9,10 +9,10 @@ from sepmc.analysis.compare import differences
 from sepmc.campaign.case_selection import CaseSelection, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import SampleSpec
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
 from sepmc.campaign.execution.batch_summary import read as read_tally
-from sepmc.campaign.execution.chunks import PreviousRun
+from sepmc.campaign.execution.chunk import SampleSpec
+from sepmc.campaign.execution.runner import PreviousRun
 from sepmc.campaign.store import folders, manifests, shards
 from sepmc.campaign.store.row_selection import KeepRules
 from sepmc.campaign.store.sample_file import read_input_table
@@ -160,7 +160,7 @@ def _rows(
             f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
             "written, so these are flown again"
         )
-    tally = sum((read_tally(text) for text in shards.tallies(folder)), Tally())
+    tally = sum((read_tally(text) for text in shards.tallies(folder)), BatchSummary())
     return PreviousRun(len(done), tally), draws.numbers.without(done)
 
 

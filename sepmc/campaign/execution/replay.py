@@ -18,7 +18,7 @@ from sepmc.schema import Status
 
 
 @dataclass(frozen=True)
-class RowCheck:
+class RowComparison:
     """A row of a run beside the same case flown alone by its compiled kernel: names of the
     ``columns`` whose bits differ. It is not ``flown`` where that kernel is not compiled here."""
 
@@ -55,10 +55,10 @@ def check_row(
     number: int,
     seed: int,
     total: int,
-) -> RowCheck:
+) -> RowComparison:
     """Fly a case of a run by `earlier_integration` and compare its row with the stored one."""
     if flight is None:
-        return RowCheck(number, flown=False)
+        return RowComparison(number, flown=False)
     drawn = campaign.draw(number, 1, seed, total)
     room = history_rows(campaign.scene) if campaign.has_histories else 0
     block = fly(campaign, flight, campaign.in_si(drawn), room)
@@ -71,7 +71,7 @@ def check_row(
     differ = [name for name, x in here.items() if name in row and not _same(x, row[name])]
     if row.get("status") != Status(int(block.status[0])).label:
         differ.insert(0, "status")
-    return RowCheck(number, True, tuple(differ))
+    return RowComparison(number, True, tuple(differ))
 
 
 def _same(one: float, two: float) -> bool:

@@ -28,8 +28,8 @@ from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
+    FallbackKernel,
     Integration,
-    Spare,
     fly,
     fly_once,
     helped,
@@ -97,7 +97,9 @@ def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
     ]
 
 
-def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tuple[Spare, ...]:
+def spares(
+    campaign: Definition, history: bool = False, care: int = USUAL
+) -> tuple[FallbackKernel, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
     found = structure.make_shape(campaign.plan, campaign.dispersed, care)
     phases = [phase.name for phase in found.scene.phase]
@@ -107,7 +109,7 @@ def spares(campaign: Definition, history: bool = False, care: int = USUAL) -> tu
     def make(care: int, announce: Log | None = None) -> Kernel:
         return load_kernel(kernel_text(campaign, history=history, care=care), announce)
 
-    return tuple(Spare(more, partial(make, more), numbers) for more in found.spares)
+    return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.spares)
 
 
 def corners(campaign: Definition) -> np.ndarray:
@@ -211,7 +213,9 @@ def unpacked(
     return replace(flight, kernel=load_kernel(text, announce), spares=left)
 
 
-def _more_care(campaign: Definition, kernel: Kernel, left: tuple[Spare, ...]) -> int | None:
+def _more_care(
+    campaign: Definition, kernel: Kernel, left: tuple[FallbackKernel, ...]
+) -> int | None:
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
     steps, usual = _unknown(kernel)
@@ -231,7 +235,7 @@ def _unknown(kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _each_by_itself(
-    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[Spare, ...]
+    campaign: Definition, kernel: Kernel, stages: list[str], left: tuple[FallbackKernel, ...]
 ) -> Integration:
     """Where no steps suit most trial cases: every case finds its own."""
     draws, given = (

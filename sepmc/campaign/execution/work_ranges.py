@@ -11,8 +11,8 @@ from typing import Protocol
 from sepmc import __version__
 from sepmc.analysis.streaming import Apart
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch import SampleSpec, fly_piece
-from sepmc.campaign.execution.batch_summary import Tally
+from sepmc.campaign.execution.batch_summary import BatchSummary
+from sepmc.campaign.execution.chunk import SampleSpec, integrate_chunk
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.sinks import ParquetSink, SelectedRowWriter, add_to
 from sepmc.campaign.execution.step_selection import unpacked
@@ -45,13 +45,13 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Flown:
+class RangeResult:
     """What became of cases ``first`` to ``first + cases``: the parts that were written, or what was
     counted apart; on a processor, by code, of some ``kind``."""
 
     first: int
     cases: int
-    tally: Tally
+    tally: BatchSummary
     timing: dict[str, float]
     kind: str
     parts: tuple[ledger.Entry, ...] = ()
@@ -67,9 +67,9 @@ class Executor(Protocol):
     def map(
         self,
         job: Job,
-        function: Callable[[Job, int, int, int], Flown],
+        function: Callable[[Job, int, int, int], RangeResult],
         ranges: Iterable[tuple[int, int]],
-    ) -> Generator[Flown]:
+    ) -> Generator[RangeResult]:
         """Have ``function(job, first, end, threads)`` called for each range, which are asked for
         one by one, a few ahead; results as they come."""
 
@@ -82,14 +82,16 @@ class StaleWorkerError(RuntimeError):
 _flying = threading.Lock()
 
 
-def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
+def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
     """Fly cases ``first`` to ``end`` of a job: what a worker does."""
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _flying:
         campaign, flight = _ready(job)
         separation = campaign.over_time(job.apart is None)
         with using_threads(threads):
-            pieces = [fly_piece(campaign, flight, job.draws, first, end, bool(separation), timing)]
+            chunks = [
+                integrate_chunk(campaign, flight, job.draws, first, end, bool(separation), timing)
+            ]
     if not folders.is_called(job.folder, job.word):
         raise StaleWorkerError(
             f"{job.folder}: nobody waits for cases {first} to {end - 1} any more"
@@ -97,13 +99,13 @@ def fly_range(job: Job, first: int, end: int, threads: int) -> Flown:
     parts: list[ledger.Entry] = []
     chosen = RowSelection(job.keep, campaign.file.requirements) if job.keep else None
     if job.apart:
-        add_to(job.apart, campaign, pieces)
+        add_to(job.apart, campaign, chunks)
         if chosen:
-            parts = SelectedRowWriter(campaign, job.folder, job.draws, chosen).write(pieces)
+            parts = SelectedRowWriter(campaign, job.folder, job.draws, chosen).write(chunks)
     else:
-        parts = ParquetSink(campaign, separation, job.folder, job.draws).write(pieces)
-    return Flown(
-        first, end - first, pieces[0].tally, timing, kind(), tuple(parts), job.apart, chosen
+        parts = ParquetSink(campaign, separation, job.folder, job.draws).write(chunks)
+    return RangeResult(
+        first, end - first, chunks[0].tally, timing, kind(), tuple(parts), job.apart, chosen
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import Tally, count
+from sepmc.campaign.execution.batch_summary import BatchSummary, count
 from sepmc.campaign.execution.integration import Integration, fly, history_rows
 from sepmc.engine.dispatch import Block, waited_for_compilers
 from sepmc.scene.messages import Log
@@ -29,17 +29,17 @@ class SampleSpec:
         return "" if all_of_them else str(self.numbers)
 
 
-class Piece(NamedTuple):
+class Chunk(NamedTuple):
     """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
     what the kernel gave, and what is counted of them."""
 
     first: int
     drawn: np.ndarray
     block: Block
-    tally: Tally
+    tally: BatchSummary
 
 
-def fly_piece(
+def integrate_chunk(
     campaign: Definition,
     flight: Integration,
     draws: SampleSpec,
@@ -48,7 +48,7 @@ def fly_piece(
     with_histories: bool,
     timing: dict[str, float],
     announce: Log | None = None,
-) -> Piece:
+) -> Chunk:
     """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
     clock = time.perf_counter
     t0 = clock()
@@ -60,4 +60,4 @@ def fly_piece(
     timing["sample"] += t1 - t0
     timing["compile"] += waited
     timing["kernel"] += clock() - t1 - waited
-    return Piece(first, drawn, block, count(campaign, drawn, block))
+    return Chunk(first, drawn, block, count(campaign, drawn, block))

@@ -24,8 +24,8 @@ from sepmc.analysis.streaming import GRAIN
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
-from sepmc.campaign.execution.batch import Piece, SampleSpec, fly_piece
-from sepmc.campaign.execution.batch_summary import Tally, accuracy, accuracy_told
+from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_told
+from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
     failed,
     mixed,
@@ -45,7 +45,7 @@ from sepmc.campaign.execution.sinks import (
     Sink,
     StatisticsSink,
 )
-from sepmc.campaign.execution.work_ranges import Executor, Flown, Job, fly_range
+from sepmc.campaign.execution.work_ranges import Executor, Job, RangeResult, run_range
 from sepmc.campaign.store import folders, ledger, manifests, shards
 from sepmc.campaign.store.row_selection import KeepRules, RowSelection
 from sepmc.scene.messages import Log
@@ -86,12 +86,12 @@ class PreviousRun:
     commands they were flown, and of a run of statistics these, as `Chunks.save` wrote them."""
 
     held: int = 0
-    tally: Tally = field(default_factory=Tally)
+    tally: BatchSummary = field(default_factory=BatchSummary)
     sessions: tuple[dict[str, Any], ...] = ()
     arrays: tuple[np.ndarray, ...] = ()
 
 
-class Chunks:
+class Runner:
     """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
     raises what went wrong there."""
 
@@ -157,36 +157,36 @@ class Chunks:
     def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
         """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each.
         What is flown is handed over even if this is interrupted, or too many fail."""
-        pieces: list[Piece] = []
+        chunks: list[Chunk] = []
         begun = time.perf_counter()
         try:
             while first < end:
                 now = time.perf_counter()
                 if now - begun > _PART_S:
-                    pieces, begun = self._hand_over(pieces), now
+                    chunks, begun = self._hand_over(chunks), now
                 until = min(end, first + self._call)
                 compiled = self.timing["compile"]
-                piece = self._fly(first, until)
-                pieces.append(piece)
+                chunk = self._fly(first, until)
+                chunks.append(chunk)
                 seconds = time.perf_counter() - now - (self.timing["compile"] - compiled)
                 self._call = max(
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
                 first = until
                 if self.flown or seconds > _CALL_S:  # the first ones are few, and slow
-                    self._foretell(seconds / len(piece.drawn))
-                self.flown += len(piece.drawn)
-                self.failures += int(np.count_nonzero(piece.block.status != Status.OK))
+                    self._foretell(seconds / len(chunk.drawn))
+                self.flown += len(chunk.drawn)
+                self.failures += int(np.count_nonzero(chunk.block.status != Status.OK))
                 if first == end:
-                    pieces = self._hand_over(pieces)
+                    chunks = self._hand_over(chunks)
                 tell()
                 if self.too_many_failed:
                     break
         finally:
-            self._hand_over(pieces)
+            self._hand_over(chunks)
 
-    def _fly(self, first: int, end: int) -> Piece:
-        return fly_piece(
+    def _fly(self, first: int, end: int) -> Chunk:
+        return integrate_chunk(
             self.campaign,
             self.flight,
             self.draws,
@@ -223,7 +223,7 @@ class Chunks:
                 self.orders.keep,
             )
             ranges = self._ranges(left, crew.workers)
-            with closing(crew.map(job, fly_range, ranges)) as results:
+            with closing(crew.map(job, run_range, ranges)) as results:
                 for flown in _in_order(results, done) if stream else results:
                     if stream:
                         assert flown.apart is not None
@@ -253,7 +253,7 @@ class Chunks:
                 yield start, stop
                 start = stop
 
-    def _receive(self, flown: Flown) -> None:
+    def _receive(self, flown: RangeResult) -> None:
         """Take what a worker has flown."""
         if flown.parts:
             assert self.folder is not None
@@ -284,20 +284,20 @@ class Chunks:
         failed = self.earlier.tally.failures + self.failures
         return self.orders.max_failures is not None and failed > self.orders.max_failures
 
-    def _hand_over(self, pieces: list[Piece]) -> list[Piece]:
+    def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
         """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
         memory is bounded. Returns a new list."""
-        if pieces:
+        if chunks:
             self._wait()
-            self._taking = self._beside.submit(self._take, pieces)
+            self._taking = self._beside.submit(self._take, chunks)
         return []
 
-    def _take(self, pieces: list[Piece]) -> None:
+    def _take(self, chunks: list[Chunk]) -> None:
         start = time.perf_counter()
         self._sound = False
-        self.sink.take(pieces)
-        self.held += sum(len(piece.drawn) for piece in pieces)
-        self.tally = sum((piece.tally for piece in pieces), self.tally)
+        self.sink.take(chunks)
+        self.held += sum(len(chunk.drawn) for chunk in chunks)
+        self.tally = sum((chunk.tally for chunk in chunks), self.tally)
         self._sound = True
         self._save_at_times()
         self.timing["write"] += time.perf_counter() - start
@@ -464,9 +464,9 @@ class Chunks:
         return self.sink.kept()
 
 
-def _in_order(results: Iterable[Flown], first: int) -> Iterator[Flown]:
+def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResult]:
     """Results as their cases follow each other, from the ``first``."""
-    waiting: dict[int, Flown] = {}
+    waiting: dict[int, RangeResult] = {}
     for flown in results:
         waiting[flown.first] = flown
         while first in waiting:
