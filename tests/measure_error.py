@@ -17,7 +17,7 @@ import numpy as np
 import sepmc
 from sepmc.campaign import cases
 from sepmc.campaign.execution import accuracy, step_selection
-from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.integration import integrate
 from sepmc.campaign.execution.step_refinement import changes
 from sepmc.scene.read import parse_setting, shipped_campaigns
 
@@ -94,7 +94,7 @@ def measure(name, campaign, count, seconds):
     )
     few = draws[:32]
     start = time.perf_counter()
-    fly(campaign, trial, few)
+    integrate(campaign, trial, few)
     spent = (time.perf_counter() - start) / len(few)
     draws = draws[: max(64, min(count, int(seconds / (10.0 * spent))))]
     result = campaign.run(cases=len(draws))
@@ -103,8 +103,8 @@ def measure(name, campaign, count, seconds):
         {"solver.accuracy": max(1e-12, 0.01 * campaign.scene.solver.accuracy)}
     )
     sharp = trial.refined().refined().refined()
-    reference = fly(fine, sharp, draws)
-    own = fly(campaign, trial, draws)
+    reference = integrate(fine, sharp, draws)
+    own = integrate(campaign, trial, draws)
     columns = campaign.outcome_columns
     n, decides = len(columns), accuracy.decisive(columns)
     units = [c.unit for c in columns]

@@ -22,7 +22,7 @@ import numpy as np
 from sepmc.bench.clock import rounds
 from sepmc.bench.study import drawn
 from sepmc.campaign.campaign import Campaign, load
-from sepmc.campaign.execution.integration import by_name, fly_once
+from sepmc.campaign.execution.integration import by_name, integrate_once
 from sepmc.campaign.execution.step_selection import kernel_text, select_steps
 from sepmc.engine.dispatch import fly_cases, load_kernel, use_threads
 from sepmc.scene.read import parse_campaign, shipped_campaigns
@@ -149,9 +149,9 @@ def features(file, cases=2000):
         ]
         those, own = np.asfortranarray(inputs[:, columns]), select_steps(scene)
         works[name, "same"] = lambda k=kernel, s=scene, d=those, m=methods: fly_cases(
-            k, s.plan, flight.steps, flight.usual, s.slots, d, 0, m
+            k, s.plan, flight.steps, flight.durations, s.slots, d, 0, m
         )
-        works[name, "own"] = lambda s=scene, o=own, d=those: fly_once(s, o, d)
+        works[name, "own"] = lambda s=scene, o=own, d=those: integrate_once(s, o, d)
     found = {key: median(times) for key, times in rounds(works, REPEATS).items()}
     said = [
         f"{name} {found['all', 'same'] / found[name, 'same']:.2f} x in the same steps, "

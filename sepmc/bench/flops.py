@@ -75,7 +75,7 @@ def count(campaign: Campaign, flight: Integration) -> Flops | None:
     if set(found) != set(called.values()):
         return None
     names, each = list(called), {name: found[written] for name, written in called.items()}
-    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.usual.tolist()]
+    asked = [campaign.file.tree, campaign.name, flight.steps.tolist(), flight.durations.tolist()]
     asked += [solver, flight.method_names]
     taken = subprocess_calls.call("flops:evaluations_here", asked, {"NUMBA_DISABLE_JIT": "1"})
     rates = sum(taken[name] * each[name] for name in names)

@@ -10,7 +10,7 @@ import numpy as np
 
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution.accuracy import decisive, scene_scales
-from sepmc.campaign.execution.step_selection import Integration, fly, relative_error, unpacked
+from sepmc.campaign.execution.step_selection import Integration, integrate, relative_error, unpacked
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import Log
 from sepmc.schema import Status
@@ -196,7 +196,7 @@ class Way:
 
     def fly(self, draws: np.ndarray) -> Block:
         """Fly as many cases as the way has, the first of ``draws`` (n, d), SI."""
-        return fly(self.campaign, self.flight, draws[: self.cases])
+        return integrate(self.campaign, self.flight, draws[: self.cases])
 
 
 def drawn(campaign: Campaign, count: int) -> np.ndarray:

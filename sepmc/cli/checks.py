@@ -106,7 +106,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             )
             return
         from sepmc.analysis.requirements import sentence
-        from sepmc.campaign.execution.diagnostics import of_file, sampled
+        from sepmc.campaign.execution.diagnostics import file_notes, sampled
         from sepmc.campaign.execution.runner import implausible_note
         from sepmc.kernel.spec.describe import lines
         from sepmc.scene.units import unit_text
@@ -158,7 +158,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             broken += loaded.implausible_inertias(loaded.draw(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)
-        warned = [*sampled(loaded, numbers), *of_file(loaded)]
+        warned = [*sampled(loaded, numbers), *file_notes(loaded)]
         warned += undispersed(loaded)
         warned += ([note] if note else []) + redundant(loaded)
         for warning in warned:
@@ -266,7 +266,7 @@ def compile_(
         cares = [USUAL, *(make_shape(loaded.plan, loaded.dispersed).spares if spares else [])]
         start = time.perf_counter()
         for care in cares:
-            load_kernel(step_selection.kernel_text(loaded, history=history, care=care), say)
+            load_kernel(step_selection.kernel_text(loaded, history=history, variant=care), say)
         what = "its kernel is" if len(cares) == 1 else f"its {len(cares)} kernels are"
         say(f"{loaded.name}: {what} in the cache, after {time.perf_counter() - start:.1f} s")
 

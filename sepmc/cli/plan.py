@@ -71,15 +71,17 @@ def _timed(
     separation: list,
 ) -> tuple[float, int]:
     """Seconds that a case takes to draw and fly, by so many cases."""
-    from sepmc.campaign.execution.integration import fly, history_rows
+    from sepmc.campaign.execution.integration import history_rows, integrate
 
     first, end = numbers.ranges[0]
-    fly(loaded, flight, loaded.in_si(loaded.draw(first, 1, seed, total)))  # what comes only once
+    integrate(
+        loaded, flight, loaded.in_si(loaded.draw(first, 1, seed, total))
+    )  # what comes only once
     room, count, seconds = history_rows(loaded.scene) if separation else 0, _FEWEST, 0.0
     while seconds < _TRIED_S and count < end - first:
         count = min(_TIMES * count, end - first)
         begun = time.perf_counter()
-        fly(loaded, flight, loaded.in_si(loaded.draw(first, count, seed, total)), room)
+        integrate(loaded, flight, loaded.in_si(loaded.draw(first, count, seed, total)), room)
         seconds = time.perf_counter() - begun
     return seconds / count, count
 

@@ -242,7 +242,7 @@ def test_flops_of_a_case(study):
     steps, names = np.array([1, 1, 1]), ["tp7", "sharp9", "sharp9"]
     methods = by_name(study.flight.kernel, names)
     flight = dataclasses.replace(
-        study.flight, steps=steps, usual=np.full(3, np.inf), methods=methods
+        study.flight, steps=steps, durations=np.full(3, np.inf), methods=methods
     )
     assert flight.method_names == names
     counted = flops.count(study.campaign, flight)

@@ -15,7 +15,7 @@ from oracles.independent import fly as fly_independently
 
 import sepmc
 from sepmc.campaign import cases
-from sepmc.campaign.execution import batch, step_search, step_selection
+from sepmc.campaign.execution import chunk, step_search, step_selection
 from sepmc.campaign.execution.accuracy import SAFETY, achieved, decisive, errors, scene_scales
 from sepmc.campaign.execution.diagnostics import unmet
 from sepmc.campaign.execution.integration import Integration, _is_like_trials
@@ -214,7 +214,7 @@ def test_bodies_that_turn_far_in_a_step():
     names = [column.name for column in campaign.outcome_columns]
     draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
     rate = names.index("A_omega_z_deg_s")
-    spread = step_selection.fly(campaign, flight, draws).outcomes[:, rate].std()
+    spread = step_selection.integrate(campaign, flight, draws).outcomes[:, rate].std()
     assert 0.5 * spread <= flight.scale[rate] <= 2.0 * spread
     assert flight.achieved.met
 
@@ -241,8 +241,8 @@ def test_the_pilot_keeps_within_its_share(table2, accuracy):
     campaign = table2.with_settings({"run.history_step_s": 0.0, "solver.accuracy": accuracy})
     flight = step_selection.select_steps(campaign)
     assert flight.error <= 0.5 * accuracy
-    assert_allclose(flight.usual.sum(), campaign.scene.run.end_time, rtol=1e-9)
-    assert flight.usual[0] == pytest.approx(0.05, rel=1e-9)
+    assert_allclose(flight.durations.sum(), campaign.scene.run.end_time, rtol=1e-9)
+    assert flight.durations[0] == pytest.approx(0.05, rel=1e-9)
     again = step_selection.select_steps(campaign.with_settings({"run.seed": 8}))
     assert_array_equal(again.steps, flight.steps)
     assert again.error == flight.error
@@ -356,8 +356,8 @@ def true_error(campaign, flight, count):
     )
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns
-    here = step_selection.fly(campaign, flight, drawn)
-    fine = step_selection.fly(exact, flight.refined().refined().refined(), drawn)
+    here = step_selection.integrate(campaign, flight, drawn)
+    fine = step_selection.integrate(exact, flight.refined().refined().refined(), drawn)
     ok = (here.status == Status.OK) & (fine.status == Status.OK)
     scale = scene_scales(campaign.scene, [c.unit for c in columns])
     return step_selection.relative_error(
@@ -456,9 +456,9 @@ def test_nothing_is_flown_after_an_interrupt(table2, tmp_path, monkeypatch):
     behind tells it."""
     calls = []
     monkeypatch.setattr(
-        batch,
-        "fly",
-        lambda *given, **named: calls.append("flown") or step_selection.fly(*given, **named),
+        chunk,
+        "integrate",
+        lambda *given, **named: calls.append("flown") or step_selection.integrate(*given, **named),
     )
 
     def stop(done, total, failures):
@@ -593,10 +593,10 @@ def test_a_case_closer_to_a_singular_place_than_any_trial(pair, settings):
     flight = step_selection.select_steps(campaign)
     places = np.array([[-6.1e-5], [1.5e-3], [0.5]])
     block, names = (
-        step_selection.fly(campaign, flight, places),
+        step_selection.integrate(campaign, flight, places),
         [column.name for column in campaign.outcome_columns],
     )
-    once = step_selection.fly(campaign, replace(flight, limits=None, most=np.inf), places)
+    once = step_selection.integrate(campaign, replace(flight, limits=None, most=np.inf), places)
     expected = [
         fly_independently(
             pair(REEL | {"spring.reel.point_m": [3.0, float(y), 0.0]}).nominal().to_dict()
@@ -678,7 +678,7 @@ def test_a_stroke_that_is_only_just_reached(pair, settings):
     )
     draws = np.where(places[0, :, 0], force[:, None], stiffness[:, None])
     block, names = (
-        step_selection.fly(campaign, flight, draws),
+        step_selection.integrate(campaign, flight, draws),
         [column.name for column in campaign.outcome_columns],
     )
     speed, distance = shot(force, stiffness, stroke, campaign.scene.run.end_time)

@@ -100,7 +100,7 @@ def checked(campaign):
     numbers, total = campaign.asked()
     describe.lines(campaign.plan)
     step_selection.stage_names(campaign)
-    diagnostics.of_file(campaign)
+    diagnostics.file_notes(campaign)
     list(diagnostics.sampled(campaign, numbers))
     runner.implausible_note(campaign.implausible_inertias(campaign.draw(0, 1, None, total)), 1)
 

@@ -13,7 +13,7 @@ from fuzz import mutate
 from fuzz.watch import Wrong, turns
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.execution import step_selection
-from sepmc.campaign.execution.integration import fly
+from sepmc.campaign.execution.integration import integrate
 from sepmc.scene.messages import SceneError, nobody
 from sepmc.scene.read import parse_campaign
 from sepmc.schema import Status
@@ -57,7 +57,7 @@ def rows(rng, count, until, tried):
 
 def _rows(campaign, flight, draws):
     bad = ~np.isfinite(draws).all(axis=1)
-    block = fly(campaign, flight, draws)
+    block = integrate(campaign, flight, draws)
     columns = campaign.outcome_columns
     told = {c.name: x for c, x in zip(columns, block.outcomes.T, strict=False)}
     honest(campaign, [Status(int(s)).label for s in block.status], told, bad)

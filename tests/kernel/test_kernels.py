@@ -78,7 +78,7 @@ def special(campaign, flight, drawn, steps=None):
         flight.kernel,
         campaign.plan,
         flight.steps if steps is None else steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         drawn,
     )[0]
@@ -261,7 +261,7 @@ def test_order_of_the_lanes(quiet, flight, name, counts, less):
 
     def flown(kernel, n):
         steps = np.full(3, n, dtype=np.int64)
-        block, _ = fly_cases(kernel, campaign.plan, steps, flight.usual, campaign.slots, drawn)
+        block, _ = fly_cases(kernel, campaign.plan, steps, flight.durations, campaign.slots, drawn)
         lost = block.outcomes[:, energy]
         # few steps lose more than a row may
         assert_array_equal(block.status == 0, lost <= schema.AUDIT_BOUNDS["energy_residual"])
@@ -398,7 +398,7 @@ def flown_independently(campaign, drawn, numbers):
 def compare_statuses(campaign, drawn, numbers, most=3e-9):
     """`fly` gives statuses and outcomes of some of the draws as independent flights do; returns the
     statuses of all."""
-    found = step_selection.fly(campaign, step_selection.select_steps(campaign), drawn)
+    found = step_selection.integrate(campaign, step_selection.select_steps(campaign), drawn)
     numbers = np.array(numbers)
     statuses, expected = flown_independently(campaign, drawn, numbers)
     assert [Status(int(one)).label for one in found.status[numbers]] == statuses
@@ -544,7 +544,9 @@ def test_a_stroke_just_missed(pair, monkeypatch):
     campaign = pair(settings)
     with interpreted():
         flight = step_selection.select_steps(campaign)
-        found = step_selection.fly(campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None])
+        found = step_selection.integrate(
+            campaign, flight, np.linspace(1.000001, 1.00001, 24)[:, None]
+        )
     turn = np.sqrt(2000.0 * (1.0 / 100.0 + 1.0 / 50.0)) * 0.55
     names = [column.name for column in campaign.outcome_columns]
     distance = outcomes(campaign, found, found.status == Status.OK)[

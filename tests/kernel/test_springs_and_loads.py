@@ -10,7 +10,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from small_scenes import PUSH, REDUCED
 
-from sepmc.campaign.execution.diagnostics import remarks
+from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.campaign.execution.integration import Integration
 
 FREE = {"phase": [{"name": "free"}], "solver.step_s": 0.01}
@@ -620,8 +620,8 @@ def test_loads_that_do_nothing_are_said(pair):
     }
     scene = FREE | {"spring": [spring], "load": [load], "motor": motors}
     not_flown = Integration(None, None, None)
-    assert remarks(pair(scene | {"dispersion": laws}), not_flown) == []
-    assert [note.partition(" does nothing")[0] for note in remarks(pair(scene), not_flown)] == [
+    assert scene_notes(pair(scene | {"dispersion": laws}), not_flown) == []
+    assert [note.partition(" does nothing")[0] for note in scene_notes(pair(scene), not_flown)] == [
         "motor.push",
         "motor.slow.tail_off_s = 0.5",
         "load.gust",

@@ -13,7 +13,7 @@ import numpy as np
 from sepmc.analysis import rare_values
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy
-from sepmc.campaign.execution.diagnostics import least_at_the_end
+from sepmc.campaign.execution.diagnostics import min_at_end
 from sepmc.campaign.execution.integration import Integration
 from sepmc.campaign.execution.missing_events import count_missing
 from sepmc.engine.dispatch import Block
@@ -35,7 +35,7 @@ class BatchSummary(msgspec.Struct, frozen=True):
     finer: int = 0
     spare: int = 0
     unsettled: int = 0
-    least_at_the_end: Mapping[str, int] = {}
+    min_at_end: Mapping[str, int] = {}
     missing: Mapping[str, int] = {}
     errors: Mapping[str, float] = {}
     guards: tuple[float, ...] = ()
@@ -49,7 +49,7 @@ class BatchSummary(msgspec.Struct, frozen=True):
             self.finer + other.finer,
             self.spare + other.spare,
             self.unsettled + other.unsettled,
-            dict(Counter(self.least_at_the_end) + Counter(other.least_at_the_end)),
+            dict(Counter(self.min_at_end) + Counter(other.min_at_end)),
             dict(Counter(self.missing) + Counter(other.missing)),
             {name: max(self.errors.get(name, 0.0), other.errors.get(name, 0.0)) for name in names},
             tuple(map(max, self.guards, other.guards)) or self.guards or other.guards,
@@ -81,7 +81,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> BatchSummary
         again.finer if again else 0,
         again.spare if again else 0,
         again.unsettled if again else 0,
-        dict(least_at_the_end(campaign, outcomes, drawn)),
+        dict(min_at_end(campaign, outcomes, drawn)),
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.guards.tolist()) if again else (),

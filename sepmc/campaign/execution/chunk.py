@@ -9,7 +9,7 @@ import numpy as np
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary, count
-from sepmc.campaign.execution.integration import Integration, fly, history_rows
+from sepmc.campaign.execution.integration import Integration, history_rows, integrate
 from sepmc.engine.dispatch import Block, waited_for_compilers
 from sepmc.scene.messages import Log
 
@@ -55,7 +55,7 @@ def integrate_chunk(
     drawn = campaign.draw(first, end - first, draws.seed, draws.total)
     t1, waited = clock(), waited_for_compilers()
     room = history_rows(campaign.scene) if with_histories else 0
-    block = fly(campaign, flight, campaign.in_si(drawn), room, announce)
+    block = integrate(campaign, flight, campaign.in_si(drawn), room, announce)
     waited = waited_for_compilers() - waited  # for a kernel that few cases need
     timing["sample"] += t1 - t0
     timing["compile"] += waited

@@ -28,7 +28,7 @@ _TOGETHER = 1e-3
 _TOWARD = 0.5  # cosine: a motor that pushes its body toward another
 
 
-def of_file(campaign: Definition) -> list[str]:
+def file_notes(campaign: Definition) -> list[str]:
     """Sentences on what a campaign's file holds."""
     dispersed = {d.parameter.path for d in campaign.file.dispersions}
     return [
@@ -39,9 +39,9 @@ def of_file(campaign: Definition) -> list[str]:
     ]
 
 
-def remarks(campaign: Definition, flight: Integration) -> list[str]:
+def scene_notes(campaign: Definition, flight: Integration) -> list[str]:
     """Sentences on the scene of a campaign, from its file and the flight of its nominal case."""
-    found = of_file(campaign)
+    found = file_notes(campaign)
     if flight.nominal is None:
         return found
     outcomes = {
@@ -166,11 +166,11 @@ def of_nominal(
                 )
     if springs is not None:
         yield from missing_of_one(campaign, outcomes, springs, "the nominal case")
-    for name in least_at_the_end(campaign, outcomes):
+    for name in min_at_end(campaign, outcomes):
         yield _may_become_less(name, "the nominal flight ends")
 
 
-def least_at_the_end(
+def min_at_end(
     campaign: Definition,
     outcomes: Mapping[str, float] | Mapping[str, np.ndarray],
     drawn: np.ndarray | None = None,

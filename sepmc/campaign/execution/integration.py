@@ -23,7 +23,7 @@ from sepmc.campaign.execution.step_refinement import (
     HALVINGS,
     TOO_LONG,
     Converged,
-    settle,
+    refine_steps,
 )
 from sepmc.engine.dispatch import Again, Block, fly_cases, one_of
 from sepmc.engine.written_kernel import Kernel
@@ -54,7 +54,7 @@ class FallbackKernel:
     ``care``: ANY_ORDER or LEAST_SQUARES of `sepmc.routines.layout`. ``phases`` (stages,) are the
     numbers of the phases that the stages of the flight belong to."""
 
-    care: int
+    variant: int
     make: Callable[["Log | None"], Kernel]
     phases: np.ndarray
 
@@ -79,7 +79,7 @@ class Integration:
 
     kernel: Kernel
     steps: np.ndarray
-    usual: np.ndarray
+    durations: np.ndarray
     stages: list[str] = field(default_factory=list)
     step: float | None = None
     scale: np.ndarray | None = None
@@ -91,18 +91,18 @@ class Integration:
     achieved: AchievedAccuracy | None = None
     nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
-    spares: tuple[FallbackKernel, ...] = ()
+    fallbacks: tuple[FallbackKernel, ...] = ()
     methods: np.ndarray | None = None
-    care: int = USUAL
+    variant: int = USUAL
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy holds, in another process too: `packed`."""
-        return {**vars(self), "spares": ()}
+        return {**vars(self), "fallbacks": ()}
 
     @property
     def packed(self) -> "Integration":
         """The same without what another process has to load for itself; see `pilot.unpacked`."""
-        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), spares=())
+        return replace(self, kernel=replace(self.kernel, address=0, calls=_NO_CALLS), fallbacks=())
 
     @property
     def method_names(self) -> list[str]:
@@ -125,22 +125,22 @@ class Integration:
         )
 
     @property
-    def has_pacing_spare(self) -> bool:
+    def has_any_order_fallback(self) -> bool:
         """Whether a spare kernel lets cases go each at their own pace, which tells more of a case
         in which an event comes late than ever finer steps."""
-        return any(spare.care == ANY_ORDER for spare in self.spares)
+        return any(fallback.variant == ANY_ORDER for fallback in self.fallbacks)
 
-    def by(self, spare: FallbackKernel, announce: Log | None) -> "Integration":
+    def by(self, fallback: FallbackKernel, announce: Log | None) -> "Integration":
         """The same by a spare kernel, whose stages are the phases."""
-        kernel = spare.make(announce)
-        steps = np.bincount(spare.phases, self.steps, kernel.stages).astype(np.int64)
-        usual = np.bincount(spare.phases, self.usual, kernel.stages)
+        kernel = fallback.make(announce)
+        steps = np.bincount(fallback.phases, self.steps, kernel.stages).astype(np.int64)
+        durations = np.bincount(fallback.phases, self.durations, kernel.stages)
         return replace(
             self,
             kernel=kernel,
             steps=np.maximum(steps, 1),
-            usual=usual,
-            spares=(),
+            durations=durations,
+            fallbacks=(),
             methods=None,
         )
 
@@ -158,7 +158,7 @@ def by_name(kernel: Kernel, names: list[str]) -> np.ndarray:
     return np.array([has.index(name) if name in has else 0 for has, name in pairs], dtype=np.int64)
 
 
-def fly(
+def integrate(
     campaign: Definition,
     flight: Integration,
     draws: np.ndarray,
@@ -169,7 +169,7 @@ def fly(
     seem to leave a table or to jam and those that the kernel does not vouch for are flown again at
     shorter steps; by spare kernels, if that does not tell. What none vouches for has no
     outcomes."""
-    block = fly_once(campaign, flight, draws, room)
+    block = integrate_once(campaign, flight, draws, room)
     like = _is_like_trials(flight, block)
     told = _estimated(campaign, flight, block, like)
     beyond = like & (block.error > flight.most)
@@ -178,12 +178,12 @@ def fly(
         _fly_hard(campaign, flight, draws, room, block, np.flatnonzero(beyond & ~hard), 1)
     ).with_others(_fly_hard(campaign, flight, draws, room, block, np.flatnonzero(hard)))
     bodies = len(campaign.plan.bodies)
-    for spare in flight.spares:
+    for fallback in flight.fallbacks:
         finite = motion_is_finite(block.outcomes, bodies)
-        lost = np.flatnonzero(helped(block.status, spare.care, finite))
+        lost = np.flatnonzero(helped(block.status, fallback.variant, finite))
         if len(lost):
-            other = flight.by(spare, announce)
-            _put(block, lost, fly_once(campaign, other, draws[lost], room))
+            other = flight.by(fallback, announce)
+            _put(block, lost, integrate_once(campaign, other, draws[lost], room))
             hard = (_doubtful(campaign, block) | block.flown)[lost]
             again = again.with_others(_fly_hard(campaign, other, draws, room, block, lost[hard]))
             again.spare += len(lost)
@@ -196,11 +196,11 @@ def fly(
     return block
 
 
-def helped(status: np.ndarray, care: int, finite: np.ndarray) -> np.ndarray:
+def helped(status: np.ndarray, variant: int, finite: np.ndarray) -> np.ndarray:
     """Which lost cases (n,) a kernel that takes more ``care`` may fly. Those that ask for finer
     steps, and whose outcomes are ``finite`` (n,), least squares would help no more than these."""
     finer = (status == FINER_STEPS) & finite
-    return (status < 0) & (status >= care) & ~(finer & (care == LEAST_SQUARES))
+    return (status < 0) & (status >= variant) & ~(finer & (variant == LEAST_SQUARES))
 
 
 def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
@@ -210,18 +210,18 @@ def final_status(lost: np.ndarray, finite: np.ndarray) -> np.ndarray:
     return np.where((lost == FINER_STEPS) & ~finite, int(Status.NOT_FINITE), told)
 
 
-def usual_lengths(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
+def typical_durations(ends: np.ndarray, sound: np.ndarray) -> np.ndarray:
     """How long stages usually last, s, shape (stages,), given when they end in some cases, (stages,
     n), of which some are ``sound`` (n,). One that usually is over as it begins lasts as long as in
     the cases, sound or not, in which it is not."""
-    usual, lengths = (
+    durations, lengths = (
         np.diff(np.median(ends[:, sound], axis=1), prepend=0.0),
         np.diff(ends, axis=0, prepend=0.0),
     )
-    for k in np.flatnonzero(usual <= _AT_ONCE * ends[-1].max()):
+    for k in np.flatnonzero(durations <= _AT_ONCE * ends[-1].max()):
         lasting = lengths[k][lengths[k] > _AT_ONCE * ends[-1].max()]
-        usual[k] = np.median(lasting) if len(lasting) else 0.0
-    return usual
+        durations[k] = np.median(lasting) if len(lasting) else 0.0
+    return durations
 
 
 def history_rows(scene: Scene) -> int:
@@ -229,13 +229,15 @@ def history_rows(scene: Scene) -> int:
     return int(scene.run.end_time / scene.run.history_step + 1e-9) + 1
 
 
-def fly_once(campaign: Definition, flight: Integration, draws: np.ndarray, room: int = 0) -> Block:
+def integrate_once(
+    campaign: Definition, flight: Integration, draws: np.ndarray, room: int = 0
+) -> Block:
     """Fly draws at the flight's steps, and none of them again."""
     return fly_cases(
         flight.kernel,
         campaign.plan,
         flight.steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         draws,
         room,
@@ -312,7 +314,7 @@ def _fly_hard(
         flight,
         block,
         hard,
-        lambda refined, some: fly_once(campaign, refined, draws[some], room),
+        lambda refined, some: integrate_once(campaign, refined, draws[some], room),
         agreements,
         before,
     )
@@ -363,18 +365,18 @@ def _alone(
         flight.kernel,
         campaign.plan,
         sharp.steps,
-        flight.usual,
+        flight.durations,
         campaign.slots,
         one,
         methods=flight.methods,
     )
-    own = replace(flight, usual=usual_lengths(ends, np.ones(1, dtype=bool)))
+    own = replace(flight, durations=typical_durations(ends, np.ones(1, dtype=bool)))
     return _settle(
         campaign,
         own,
         block,
         np.array([number]),
-        lambda refined, _: fly_once(campaign, refined, one, room),
+        lambda refined, _: integrate_once(campaign, refined, one, room),
     )
 
 
@@ -407,14 +409,14 @@ def _settle(
         if flight.scale is None
         else flight.scale
     )
-    return settle(
+    return refine_steps(
         fly_some,
         len(which),
         1.0,
         SAFE * campaign.scene.solver.accuracy,
         scale,
         decisive(columns),
-        _MOST_LOST if flight.has_pacing_spare else HALVINGS,
+        _MOST_LOST if flight.has_any_order_fallback else HALVINGS,
         agreements,
     )
 

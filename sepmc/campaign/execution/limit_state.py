@@ -14,7 +14,7 @@ from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary, count
 from sepmc.campaign.execution.flight_log import FlightLog
-from sepmc.campaign.execution.integration import Integration, fly
+from sepmc.campaign.execution.integration import Integration, integrate
 from sepmc.engine.dispatch import Block
 from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.scene.model import VIOLATION, Requirement
@@ -167,7 +167,7 @@ class MarginEvaluator:
     def _fly(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Margins (n,) and rows (n, k) of cases of these inputs (n, d), which are flown."""
         campaign = self.campaign
-        block = fly(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
+        block = integrate(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
         self.tally += count(campaign, drawn, block)
         told = np.column_stack([drawn, block.status, block.outcomes * self.scales])
         return self.aim.margin(block), told

@@ -91,8 +91,8 @@ class RareEventEstimate:
     def __repr__(self) -> str:
         low, high = self.interval
         return (
-            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, 95 % {low:.1e} to "
-            f"{high:.1e}, {self.flights} flights>"
+            f"<RareEventEstimate {self.requirement}: probability {self.probability:.2e}, "
+            f"95 % {low:.1e} to {high:.1e}, {self.flights} flights>"
         )
 
     def to_pandas(self) -> pd.DataFrame:
@@ -326,7 +326,7 @@ def _notes(
     broken = implausible_note(tally.implausible, flights.count)
     found += [broken] if broken else []
     found += [*unmet(told, fixed), *unsettled(tally.unsettled, tally.finer)]
-    found += still_near(tally.least_at_the_end)
+    found += still_near(tally.min_at_end)
     found += missing_notes(campaign, tally.missing, flights.statuses[Status.OK.label])
     found += _near(flight, aim, told.errors.get(aim.column.name, np.nan), known)
     return found + [note for note in flight.notes if note not in found]

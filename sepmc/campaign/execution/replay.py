@@ -10,7 +10,7 @@ from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.integration import Integration, fly, history_rows
+from sepmc.campaign.execution.integration import Integration, history_rows, integrate
 from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
 from sepmc.campaign.store import shards
 from sepmc.scene.messages import InputError, Log, nearest
@@ -61,7 +61,7 @@ def check_row(
         return RowComparison(number, flown=False)
     drawn = campaign.draw(number, 1, seed, total)
     room = history_rows(campaign.scene) if campaign.has_histories else 0
-    block = fly(campaign, flight, campaign.in_si(drawn), room)
+    block = integrate(campaign, flight, campaign.in_si(drawn), room)
     scales = np.array([c.scale for c in campaign.result_columns])
     here = {c.name: x for c, x in zip(campaign.input_columns, drawn[0], strict=True)}
     results = block.outcomes[0] * scales

@@ -368,7 +368,7 @@ class Runner:
             "accuracy": self._accuracy(),
             "notes": self.notes,
             "rarely_drawn": not_shown(self.occurred),
-            "least_at_the_end": self.tally.least_at_the_end,
+            "least_at_the_end": self.tally.min_at_end,
             **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
             "missing": self.tally.missing,
             **({"until": self._known} if self._known else {}),
@@ -420,7 +420,7 @@ class Runner:
             *not_shown(self.occurred),
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),
-            *still_near(self.tally.least_at_the_end),
+            *still_near(self.tally.min_at_end),
             *missing_notes(
                 self.campaign,
                 self.tally.missing,

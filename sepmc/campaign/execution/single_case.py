@@ -14,9 +14,9 @@ from sepmc.campaign.execution.integration import (
     final_status,
     helped,
     motion_is_finite,
-    usual_lengths,
+    typical_durations,
 )
-from sepmc.campaign.execution.step_refinement import longest_step, settle_one
+from sepmc.campaign.execution.step_refinement import longest_step, refine_case_steps
 from sepmc.engine.dispatch import fly_everything, interpreted, load_kernel, now_and_then
 from sepmc.engine.kernel_texts import written
 from sepmc.engine.work_budget import COMPILED_LINE_S, LINE_S, OutOfWorkError, Work
@@ -93,10 +93,10 @@ def simulate_case(
     at each end of a phase. ``announce`` is told if a kernel is compiled: where a case takes more
     work than plain Python does in some ten seconds. If so many lines of ``plain_work`` are given,
     nothing is compiled, and what takes more raises UnknownError."""
-    plan, care = make_plan(scene), USUAL
+    plan, variant = make_plan(scene), USUAL
     work = Work(_PLAIN_WORK if plain_work is None else plain_work)
     while True:
-        shape = make_shape(plan, care=care)
+        shape = make_shape(plan, care=variant)
         flight = _SingleFlight(shape, plan, columns, every_s, announce, work, plain_work is None)
         try:
             return flight.fly()
@@ -105,7 +105,7 @@ def simulate_case(
             more = [spare for spare in shape.spares if helped(status, spare, finite)]
             if not more:
                 return flight.lost(lost.status)
-            care = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
+            variant = more[0] if lost.status != LEAST_SQUARES else LEAST_SQUARES
 
 
 def invalid(scene: Scene, columns: int) -> SingleCase:
@@ -147,7 +147,7 @@ class _SingleFlight:
         with interpreted():
             self.kernel = load_kernel(self.text)
         stages = self.kernel.stages
-        self.usual = np.full(stages, np.inf)
+        self.durations = np.full(stages, np.inf)
         self.outcomes, self.steps = np.empty(0), np.ones(stages, dtype=np.int64)
         # ends of stages and changes of joints, by steps and what stages usually last
         self.known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
@@ -216,9 +216,9 @@ class _SingleFlight:
         how = "" if given else f", now in {steps.max()} steps a phase"
         self.tell(lambda seconds: f"still flying after {seconds:.0f} s{how} ...")
         self.outcomes, status, unclear, ends, rows = self._flown(steps, instants)
-        self.known[steps.tobytes(), self.usual.tobytes()] = ends[:stages], ends[stages:]
-        if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.usual).all():
-            self.usual[:] = usual_lengths(ends[:stages, None], np.ones(1, dtype=bool))
+        self.known[steps.tobytes(), self.durations.tobytes()] = ends[:stages], ends[stages:]
+        if status in (Status.OK, Status.NEVER_RELEASED) and np.isinf(self.durations).all():
+            self.durations[:] = typical_durations(ends[:stages, None], np.ones(1, dtype=bool))
         if (
             unclear
             and self.plan.scene.solver.step is None
@@ -237,14 +237,14 @@ class _SingleFlight:
             before = self.work.done
             try:
                 with self.work.counted():
-                    found = fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+                    found = fly_everything(self.kernel, self.plan, steps, self.durations, instants)
                 if not len(instants):
                     self.per_step = (self.work.done - before) / most
                 return found
             except OutOfWorkError:
                 self.per_step = max(self.per_step, (self.work.done - before) / most)
                 self._compile(self._time())
-        return fly_everything(self.kernel, self.plan, steps, self.usual, instants)
+        return fly_everything(self.kernel, self.plan, steps, self.durations, instants)
 
     def _foretell(self, lines: float) -> None:
         """Say how long a flight of so many lines in plain Python will take, if that is long;
@@ -299,7 +299,7 @@ class _SingleFlight:
         many steps (stages,), which is flown if that is not known."""
         if self.kernel.stages == 1 and self.kernel.changes == 0:
             return np.array([self.plan.scene.run.end_time]), np.empty(0)
-        flown = steps.tobytes(), self.usual.tobytes()
+        flown = steps.tobytes(), self.durations.tobytes()
         if flown not in self.known:
             self._once(steps)
         return self.known[flown]
@@ -325,7 +325,7 @@ class _SingleFlight:
                 if fewest >= most and not self.finite:
                     raise _LostError(FINER_STEPS)
                 fewest *= 2
-            share, error, notes = settle_one(tried, 1.0, scene, self.columns)
+            share, error, notes = refine_case_steps(tried, 1.0, scene, self.columns)
         except _SpentError:
             return self._unsettled()
         return round(fewest / share) * one, error, notes

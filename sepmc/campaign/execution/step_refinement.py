@@ -37,7 +37,7 @@ DOUBTFUL = (Status.OUTSIDE_ATMOSPHERE, Status.OUTSIDE_TABLE, Status.JAMMED)
 _SURE = 64.0  # times as short are steps that tell whether a case truly ends so
 
 # step and cases to outcomes (n, o) and status (n,)
-Fly = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
+Integrate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def longest_step(scene: Scene, laws: Sequence[Dispersion] = (), brief: float = 0.0) -> float:
@@ -91,17 +91,19 @@ def changes(
     return table
 
 
-def _too_early(fly: Fly, step: float, cases: np.ndarray, status: np.ndarray) -> np.ndarray:
+def _too_early(
+    integrate: Integrate, step: float, cases: np.ndarray, status: np.ndarray
+) -> np.ndarray:
     """Which of some cases (n,) or draws (n, d), flown at a step, left the air or a table or jammed
     only because it is far too long."""
     found = one_of(status, DOUBTFUL)
     if found.any():
-        found[found] = ~one_of(fly(step / _SURE, cases[found])[1], DOUBTFUL)
+        found[found] = ~one_of(integrate(step / _SURE, cases[found])[1], DOUBTFUL)
     return found
 
 
-def settle(
-    fly: Fly,
+def refine_steps(
+    integrate: Integrate,
     count: int,
     step: float,
     goal: float,
@@ -119,14 +121,14 @@ def settle(
     ``most_lost`` halvings.
     """
     left = np.arange(count)
-    outcomes, status = fly(step, left)
-    early = _too_early(fly, step, left, status)
+    outcomes, status = integrate(step, left)
+    early = _too_early(integrate, step, left, status)
     steps, change = np.full(count, step), np.full((count, len(scale)), np.inf)
     last, least = np.full((count, len(scale)), np.inf), np.full(count, np.inf)
     agreed, stale = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     for halving in range(1, HALVINGS + 1):
         step *= 0.5
-        finer, finer_status = fly(step, left)
+        finer, finer_status = integrate(step, left)
         now = changes(outcomes[left], status[left], finer, finer_status, scale, decides)
         waiting = early[left] & one_of(finer_status, DOUBTFUL)
         now[np.ix_(waiting & (status[left] == finer_status), decides)] = 1.0
@@ -145,8 +147,8 @@ def settle(
     return Converged(steps, status, change, agreed >= agreements)
 
 
-def settle_one(
-    fly: Fly, step: float, scene: Scene, columns: list[Column]
+def refine_case_steps(
+    integrate: Integrate, step: float, scene: Scene, columns: list[Column]
 ) -> tuple[float, np.ndarray, list[str]]:
     """The longest of ``step``, half of it, ... at which one case has settled; by how much its
     outcomes (o,) still changed; what is to be told of that. ``fly`` takes a step and the case,
@@ -154,10 +156,10 @@ def settle_one(
     units, decides = [c.unit for c in columns], decisive(columns)
     one, goal = np.zeros(1, dtype=np.int64), scene.solver.accuracy
     least = step / 2.0**HALVINGS
-    scale = scales(fly(step, one)[0], units, scene_scales(scene, units))
+    scale = scales(integrate(step, one)[0], units, scene_scales(scene, units))
     before, first = math.inf, step
     while True:
-        found = settle(fly, 1, step, goal, scale, decides)
+        found = refine_steps(integrate, 1, step, goal, scale, decides)
         step = float(found.step[0])
         change = np.where(decides, found.change[0], 0.0)
         if found.settled[0] and change.max() <= goal:

@@ -23,26 +23,26 @@ from sepmc.campaign.execution.accuracy import (
     scales,
     scene_scales,
 )
-from sepmc.campaign.execution.diagnostics import remarks
+from sepmc.campaign.execution.diagnostics import scene_notes
 from sepmc.campaign.execution.error_estimate import estimate
 from sepmc.campaign.execution.integration import (
     EVERY_S,
     SAFE,
     FallbackKernel,
     Integration,
-    fly,
-    fly_once,
     helped,
     history_rows,
+    integrate,
+    integrate_once,
 )
-from sepmc.campaign.execution.step_refinement import Fly, longest_step, settle
+from sepmc.campaign.execution.step_refinement import Integrate, longest_step, refine_steps
 from sepmc.campaign.execution.step_search import (
     IN_DOUBT,
     NO_OUTCOMES,
     VOUCHED,
     Search,
+    find_durations,
     mostly,
-    usual_phases,
 )
 from sepmc.engine.dispatch import Block, fly_cases, load_kernel, now_and_then
 from sepmc.engine.kernel_texts import written
@@ -77,37 +77,37 @@ _ALIKE_LOADS = 0.2
 
 
 def kernel_text(
-    campaign: Definition, solver: str | None = None, history: bool = False, care: int = USUAL
+    campaign: Definition, solver: str | None = None, history: bool = False, variant: int = USUAL
 ) -> str:
     """The kernel written for a campaign, as a Python module: by another ``solver`` (the name of its
     methods), or one that takes more ``care``, if that is asked for."""
     return written(
-        structure.make_shape(campaign.plan, campaign.dispersed, care),
+        structure.make_shape(campaign.plan, campaign.dispersed, variant),
         solver or campaign.scene.solver.method,
         history,
     )
 
 
-def stage_names(campaign: Definition, care: int = USUAL) -> list[str]:
+def stage_names(campaign: Definition, variant: int = USUAL) -> list[str]:
     """What the stages of a campaign's kernel are, in the words of its file."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_shape(campaign.plan, campaign.dispersed, variant)
     return [
         found.names.back[stage.phase] + (" (late joints)" if stage.late else "")
         for stage in found.stages
     ]
 
 
-def spares(
-    campaign: Definition, history: bool = False, care: int = USUAL
+def fallbacks(
+    campaign: Definition, history: bool = False, variant: int = USUAL
 ) -> tuple[FallbackKernel, ...]:
     """What flies cases that the kernel written for a campaign with some care loses."""
-    found = structure.make_shape(campaign.plan, campaign.dispersed, care)
+    found = structure.make_shape(campaign.plan, campaign.dispersed, variant)
     phases = [phase.name for phase in found.scene.phase]
     numbers = np.array([phases.index(stage.phase) for stage in found.stages])
 
     @cache
-    def make(care: int, announce: Log | None = None) -> Kernel:
-        return load_kernel(kernel_text(campaign, history=history, care=care), announce)
+    def make(variant: int, announce: Log | None = None) -> Kernel:
+        return load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
 
     return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.spares)
 
@@ -187,30 +187,30 @@ def select_steps(
     campaign: Definition, history: bool = False, announce: Log | None = None
 ) -> Integration:
     """Choose how to fly a campaign to the accuracy it asks for."""
-    care = USUAL
+    variant = USUAL
     while True:
-        kernel = load_kernel(kernel_text(campaign, history=history, care=care), announce)
+        kernel = load_kernel(kernel_text(campaign, history=history, variant=variant), announce)
         _tell_trials(announce)
-        left, stages = spares(campaign, history, care), stage_names(campaign, care)
+        left, stages = fallbacks(campaign, history, variant), stage_names(campaign, variant)
         room = history_rows(campaign.scene) if history and campaign.scene.joint else 0
         found = _choose_steps(campaign, kernel, stages, _counted(announce), room)
         if found is not None:
-            found = replace(found, spares=left, care=care)
-            return replace(found, notes=remarks(campaign, found))
+            found = replace(found, fallbacks=left, variant=variant)
+            return replace(found, notes=scene_notes(campaign, found))
         wanted = _more_care(campaign, kernel, left)
         if wanted is None:
-            found = replace(_each_by_itself(campaign, kernel, stages, left), care=care)
+            found = replace(_each_by_itself(campaign, kernel, stages, left), variant=variant)
             return _finished(campaign, found, room)
-        care = wanted
+        variant = wanted
 
 
 def unpacked(
     campaign: Definition, flight: Integration, history: bool, announce: Log | None = None
 ) -> Integration:
     """A flight that another process planned (`Integration.packed`), with kernels of this one."""
-    text = kernel_text(campaign, history=history, care=flight.care)
-    left = spares(campaign, history, flight.care)
-    return replace(flight, kernel=load_kernel(text, announce), spares=left)
+    text = kernel_text(campaign, history=history, variant=flight.variant)
+    left = fallbacks(campaign, history, flight.variant)
+    return replace(flight, kernel=load_kernel(text, announce), fallbacks=left)
 
 
 def _more_care(
@@ -218,14 +218,14 @@ def _more_care(
 ) -> int | None:
     """With what care a kernel may fly most of the corners that this one loses; None if there is
     none."""
-    steps, usual = _unknown(kernel)
+    steps, durations = _unknown(kernel)
     block, _ = fly_cases(
-        kernel, campaign.plan, _SPREAD_STEPS * steps, usual, campaign.slots, corners(campaign)
+        kernel, campaign.plan, _SPREAD_STEPS * steps, durations, campaign.slots, corners(campaign)
     )
-    for spare in left:
-        flown = np.count_nonzero(helped(block.status, spare.care, np.array(True)))
+    for fallback in left:
+        flown = np.count_nonzero(helped(block.status, fallback.variant, np.array(True)))
         if 2 * flown >= np.count_nonzero(block.status < 0) > 0:
-            return spare.care
+            return fallback.variant
     return None
 
 
@@ -242,12 +242,14 @@ def _each_by_itself(
         np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
         campaign.scene.solver.step,
     )
-    steps, usual = _unknown(kernel)
+    steps, durations = _unknown(kernel)
     steps = steps if given is None else np.ones_like(steps)
     units = [c.unit for c in campaign.outcome_columns]
     own, nothing = scene_scales(campaign.scene, units), np.full(kernel.guards, -np.inf)
-    flight = Integration(kernel, steps, usual, stages, given, SMALL * own, nothing, spares=left)
-    block = fly(campaign, flight, draws)
+    flight = Integration(
+        kernel, steps, durations, stages, given, SMALL * own, nothing, fallbacks=left
+    )
+    block = integrate(campaign, flight, draws)
     assert block.again is not None
     ok, decides = block.status == Status.OK, decisive(campaign.outcome_columns)
     told = achieved(campaign, block.again.error / SAFETY, int(np.count_nonzero(ok)))
@@ -269,10 +271,10 @@ def _finished(campaign: Definition, found: Integration, room: int) -> Integratio
         if campaign.file.dispersions:
             draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
         assert found.scale is not None
-        one, two = (fly_once(campaign, way, draws, room) for way in (found, found.refined()))
+        one, two = (integrate_once(campaign, way, draws, room) for way in (found, found.refined()))
         error = _history_error(campaign, one, two, found.scale)
         found = replace(found, achieved=replace(found.achieved, history=SAFETY * error))
-    return replace(found, notes=remarks(campaign, found))
+    return replace(found, notes=scene_notes(campaign, found))
 
 
 def _history_error(campaign: Definition, one: Block, two: Block, scale: np.ndarray) -> float:
@@ -323,17 +325,17 @@ def _choose_steps(
     is given; None if none are found. The error of histories of so many rows, the ``room``, is told
     too."""
     tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
-    first, usual, given = (
+    first, durations, given = (
         len(tried),
-        usual_phases(campaign, kernel, tried),
+        find_durations(campaign, kernel, tried),
         campaign.scene.solver.step,
     )
-    if usual is None:
+    if durations is None:
         return None
     longest = longest_step(
         campaign.scene, campaign.file.dispersions, structure.brief_transient(campaign.scene)
     )
-    least = np.maximum(2, np.ceil(usual / longest)).astype(np.int64)
+    least = np.maximum(2, np.ceil(durations / longest)).astype(np.int64)
     columns = campaign.outcome_columns
     units, decides = [c.unit for c in columns], decisive(columns)
     goal = SAFE * campaign.scene.solver.accuracy
@@ -344,7 +346,7 @@ def _choose_steps(
         steps: np.ndarray, draws: np.ndarray, methods: np.ndarray | None = None, room: int = 0
     ) -> Block:
         block, _ = fly_cases(
-            kernel, campaign.plan, steps, usual, campaign.slots, draws, room, methods
+            kernel, campaign.plan, steps, durations, campaign.slots, draws, room, methods
         )
         tell(len(draws))
         return block
@@ -425,7 +427,7 @@ def _choose_steps(
     return Integration(
         kernel,
         steps,
-        usual,
+        durations,
         stages,
         given,
         scale,
@@ -528,18 +530,18 @@ def _angles(campaign: Definition, trials: Block) -> dict[int, float]:
 
 
 def _doubted(
-    fly: Fly, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
+    integrate: Integrate, outcomes: np.ndarray, goal: float, scale: np.ndarray, decides: np.ndarray
 ) -> np.ndarray:
     """Largest error (o,) of cases that a kernel vouches for, but at finer steps does not: against
     what they settle at."""
     right = np.empty_like(outcomes)
 
     def flown(share: float, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, status = fly(share, which)
+        found, status = integrate(share, which)
         right[which] = found
         return found, status
 
-    settled = settle(flown, len(outcomes), 1.0, goal, scale, decides)
+    settled = refine_steps(flown, len(outcomes), 1.0, goal, scale, decides)
     found = errors(outcomes, right, scale)
     found[~settled.settled | (settled.status > Status.NEVER_RELEASED)] = np.inf
     return found.max(axis=0)
@@ -557,7 +559,7 @@ __all__ = [
     "SMALL",
     "Integration",
     "corners",
-    "fly",
+    "integrate",
     "kernel_text",
     "relative_error",
     "sample",

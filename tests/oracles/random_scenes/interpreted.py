@@ -16,7 +16,7 @@ from sepmc.campaign import campaign as campaigns
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution import step_selection
 from sepmc.campaign.execution.accuracy import achieved, relative_error, scales, scene_scales
-from sepmc.campaign.execution.integration import Integration, usual_lengths
+from sepmc.campaign.execution.integration import Integration, typical_durations
 from sepmc.campaign.execution.step_refinement import longest_step
 from sepmc.engine.dispatch import fly_cases, interpreted, load_kernel
 from sepmc.kernel.spec.methods import method
@@ -64,7 +64,7 @@ def _plan(
         sound = np.isin(block.status, (Status.OK, Status.NEVER_RELEASED))
         # now it is known how long stages last: the same steps once more
         if np.isinf(usual).all() and sound.any():
-            usual[:] = usual_lengths(ends, sound)
+            usual[:] = typical_durations(ends, sound)
             continue
         now = block.outcomes[:, : len(units)], sound
         if before is not None and (both := sound & before[1]).any():
@@ -88,14 +88,14 @@ def _plan(
             told = achieved(campaign, errors if sound.any() else np.zeros(len(units)), len(draws))
             scale = scales(now[0][sound], units, own)
             chosen = steps // 2 if settled else steps
-            left = step_selection.spares(campaign, history)
+            left = step_selection.fallbacks(campaign, history)
             return Integration(
                 kernel=kernel,
                 steps=chosen,
-                usual=usual,
+                durations=usual,
                 scale=scale,
                 error=float(errors.max()),
                 achieved=told,
-                spares=left,
+                fallbacks=left,
             )
         before, steps = now, 2 * steps
