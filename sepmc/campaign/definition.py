@@ -30,6 +30,8 @@ from sepmc.scene.read import CampaignFile
 from sepmc.scene.units import unit_text
 from sepmc.schema import Column
 
+# keys of [run] that change no row, and the path of the sample table, which has a digest of its own
+_NOT_IN_DIGEST = ("cases", "seed", "chunk", "samples")
 _TENSOR_PARTS = (("xx", "yy", "zz"), ("xy", "xz", "yz"))
 
 
@@ -212,11 +214,9 @@ class Definition:
         rows."""
         told = ("title", "name", "requirement", "reference")
         tree = {k: v for k, v in self.file.tree.items() if k not in told}
-        tree["run"] = {
-            k: v for k, v in tree.get("run", {}).items() if k not in ("cases", "seed", "chunk")
-        }
+        tree["run"] = {k: v for k, v in tree.get("run", {}).items() if k not in _NOT_IN_DIGEST}
         if self.file.input_table:
-            tree["run"]["plan"] = self.inputs_digest
+            tree["run"]["plan"] = self.inputs_digest  # the key that digests were made with
         return hashlib.sha256(msgspec.json.encode(tree, order="deterministic")).hexdigest()[:16]
 
     @property

@@ -118,7 +118,7 @@ def load_campaign(
     if sampler:
         given["run.sampler"] = sampler
     if plan:
-        given["run.plan"] = str(plan.absolute())
+        given["run.samples"] = str(plan.absolute())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", SceneWarning)
         from sepmc.campaign.campaign import load

@@ -177,7 +177,7 @@ def campaign(
             if until:
                 loaded.until(until, numbers)
                 click.echo(f"stops as soon as {until} is known, of at most:")
-            counts, more = stats_only or bool(keep), [f"run.plan={plan}"] if plan else []
+            counts, more = stats_only or bool(keep), [f"run.samples={plan}"] if plan else []
             compiling = ["sepmc", "compile", file]
             compiling += [word for each in (*settings, *more) for word in ("--set", each)]
             compiling += ["--stats-only"] if counts else []

@@ -199,7 +199,7 @@ def check_held(file: Path, number: int | None, seed: int | None, has_plan: bool 
             return
         raise folders.StoreError(
             f"{file}: holds {folders.RARE}, whose cases are those of rare.parquet: add "
-            "--set run.plan=rare.parquet"
+            "--set run.samples=rare.parquet"
         )
     held, which = manifest.get("cases"), manifest.get("numbers")
     if which and number not in named(which):

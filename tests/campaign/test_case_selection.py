@@ -186,7 +186,7 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     assert (code, "5 cases, 2 inputs" in said) == (0, True), said
     assert command("sample", file, "--out", table)[0] == 2  # is not overwritten
     drawn = sepmc.load(file)
-    other = {"run.plan": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
+    other = {"run.samples": str(table), "dispersion": {"body.fore.mass_kg": {"constant": 3.0}}}
     other["dispersion"]["spring.push.force_N"] = {"uniform": [1.0, 2.0]}
     result = sepmc.load(file, other).run(out=folder)
     rows = result.to_pandas()
@@ -200,11 +200,13 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     with pytest.raises(InputError, match=r"case = 7: no such case in plan\.parquet"):
         again.case(7)
     assert again.run(out=folder, resume=True).resumed == 5
-    changed = pd.read_parquet(folder / "plan.parquet")
+    changed = pd.read_parquet(folder / "samples.parquet")
     changed.loc[0, INPUTS[0]] += 1e-9
     changed.to_parquet(tmp_path / "changed.parquet")
-    with pytest.raises(StoreError, match=r"another campaign.* It differs in .*; rows of run\.plan"):
-        again.with_settings({"run.plan": str(tmp_path / "changed.parquet")}).run(
+    with pytest.raises(
+        StoreError, match=r"another campaign.* It differs in .*; rows of run\.samples"
+    ):
+        again.with_settings({"run.samples": str(tmp_path / "changed.parquet")}).run(
             out=folder, resume=True
         )
 
@@ -218,7 +220,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
     text = SPRUNG.replace(
         "[dispersion]", '[dispersion]\n"initial.speed_m_s" = { column = "V_sep" }'
     )
-    file.write_text(text.replace("cases = 12", 'plan = "trajectories.csv"'), encoding="utf-8")
+    file.write_text(text.replace("cases = 12", 'samples = "trajectories.csv"'), encoding="utf-8")
     campaign = sepmc.load(file)
     rows = flown(campaign)
     assert rows["in_initial_speed_m_s"].tolist() == speeds.tolist()
@@ -232,7 +234,7 @@ def test_columns_of_an_upstream_campaign(file, tmp_path):
         },
     )
     assert flown(drawn, 5)[INPUTS[0]].equals(rows[INPUTS[0]][:5])
-    assert "column V_sep of run.plan (10, 20)" in campaign.input_columns[0].meaning
+    assert "column V_sep of run.samples (10, 20)" in campaign.input_columns[0].meaning
     assert campaign.file.dispersions[0].law == "given"  # trial cases: over all its range
     assert campaign.file.dispersions[0].support == (10.0, 20.0)
 
@@ -263,7 +265,7 @@ def test_plans_that_cannot_be(file, tmp_path, table, law, said):
     text = SPRUNG.replace(
         "[dispersion]", f'[dispersion]\n"initial.speed_m_s" = {{ column = "{law}" }}'
     )
-    file.write_text(text.replace("cases = 12", 'plan = "plan.csv"'), encoding="utf-8")
+    file.write_text(text.replace("cases = 12", 'samples = "plan.csv"'), encoding="utf-8")
     with pytest.raises(SceneError, match=said):
         sepmc.load(file)
 
@@ -278,10 +280,10 @@ def test_a_plan_meets_correlations(file, tmp_path):
     }
     table = tmp_path / "plan.csv"
     pd.DataFrame({INPUTS[0]: [3.0, 3.1]}).to_csv(table, index=False)
-    with pytest.raises(SceneError, match=r"mass_kg'?: is given by run\.plan, unlike the others"):
-        sepmc.load(file, {"run.plan": str(table), **together})
+    with pytest.raises(SceneError, match=r"mass_kg'?: is given by run\.samples, unlike the others"):
+        sepmc.load(file, {"run.samples": str(table), **together})
     pd.DataFrame({INPUTS[0]: [3.0, 3.1], INPUTS[1]: [30.0, 29.0]}).to_csv(table, index=False)
-    assert flown(sepmc.load(file, {"run.plan": str(table), **together}))[INPUTS[1]].tolist() == [
+    assert flown(sepmc.load(file, {"run.samples": str(table), **together}))[INPUTS[1]].tolist() == [
         30.0,
         29.0,
     ]
@@ -387,7 +389,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     assert program == "sepmc"
     found = call(*words)
     assert found.exit_code == 0, found.output
-    campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.plan": str(table)})
+    campaign = sepmc.load(file, {"run.end_time_s": 0.2, "run.samples": str(table)})
     assert told["text"] == kernel_text(campaign, history=False)
 
 
@@ -402,3 +404,8 @@ def test_dry_run_writes_nothing(file, tmp_path):
     (folder / "mine").write_text("x", encoding="utf-8")
     for more in (["--out", folder], ["--until", "separation_speed_m_s:0"]):
         assert command("campaign", file, "--dry-run", *more)[0] == 2
+
+
+def test_the_earlier_name_of_the_sample_table_is_answered_with_the_new_one(file):
+    with pytest.raises(SceneError, match=r"run\.plan.*'samples'"):
+        sepmc.load(file, {"run.plan": "table.csv"})

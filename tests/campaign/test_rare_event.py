@@ -255,8 +255,8 @@ def test_what_else_is_refused(spinning, pair, tmp_path):
         pair({"requirement": still}).rare("quiet")
     plan = tmp_path / "plan.csv"
     plan.write_text("case,in_initial_omega_x_deg_s\n0,0.1\n1,0.2\n")
-    with pytest.raises(InputError, match=r"run.plan = plan.csv: rare events are sought beyond"):
-        spinning.with_settings({"run.plan": str(plan)}).rare("quiet")
+    with pytest.raises(InputError, match=r"run.samples = plan.csv: a rare event is sought"):
+        spinning.with_settings({"run.samples": str(plan)}).rare("quiet")
 
 
 def test_a_contact_is_approached_by_its_clearance():
@@ -338,7 +338,7 @@ def test_its_cases_fly_again(folder, tmp_path):
         assert (rows[name] == kept[name][:40]).all()
     name = "separation_speed_m_s"
     assert_allclose(rows[name], kept[name][:40], rtol=1e-9)
-    one = invoke("run", run, "--case", 2, "--set", "run.plan=rare.parquet", "--out",
+    one = invoke("run", run, "--case", 2, "--set", "run.samples=rare.parquet", "--out",
                  tmp_path / "one", "--no-plots")  # fmt: skip
     assert one.exit_code == 0, one.output
     said = next(line for line in one.output.splitlines() if name in line)
@@ -361,7 +361,7 @@ def test_it_is_not_gone_on_with(folder, tmp_path):
     assert said.exit_code == 2
     assert "so there are no cases to go on from" in said.output
     said = invoke("run", run, "--case", 1, "--out", tmp_path / "one")
-    assert "add --set run.plan=rare.parquet" in said.output
+    assert "add --set run.samples=rare.parquet" in said.output
     said = invoke("campaign", run, "--rare", "slow", "--out", run)
     assert "exists; add --overwrite to replace it" in said.output
 

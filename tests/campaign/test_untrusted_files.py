@@ -85,8 +85,8 @@ def deep(depth):
         (small(run={f"k{i}": 1 for i in range(2000)}), "there are more problems than these"),
         (small(dispersion={"body.a.mass_kg": {"discrete": [1.0] * 1001}}), "1,001 entries"),
         (small(run={"end_time_s": 0.5, "cases": 10**15}), "must be at most 1000000000"),
-        (small(run={"end_time_s": 0.5, "plan": "x" * 1000 + ".csv"}), "File name too long"),
-        (small(run={"end_time_s": 0.5, "plan": "x\0.csv"}), "without control characters"),
+        (small(run={"end_time_s": 0.5, "samples": "x" * 1000 + ".csv"}), "File name too long"),
+        (small(run={"end_time_s": 0.5, "samples": "x\0.csv"}), "without control characters"),
     ],
 )
 def test_what_is_too_large_is_refused_with_its_size(tree, said):
@@ -197,13 +197,13 @@ def test_a_file_names_a_table_beside_it_only(tmp_path, plan):
     (inside / "link.csv").symlink_to(tmp_path / "plan.csv")
     shutil.copy(tmp_path / "plan.csv", inside / "own.csv")
     path = inside / "x.toml"
-    text = mutate.SMALL.replace("end_time_s = 0.5", 'end_time_s = 0.5, plan = "PLAN"')
+    text = mutate.SMALL.replace("end_time_s = 0.5", 'end_time_s = 0.5, samples = "PLAN"')
     path.write_text(text.replace("PLAN", plan))
     with pytest.raises(SceneError, match="must lie beside the campaign, or in a folder there"):
         sepmc.load(path)
     path.write_text(text.replace("PLAN", "own.csv"))
     assert sepmc.load(path).numbers.count == 2
-    assert sepmc.load(path, {"run.plan": str(tmp_path / "plan.csv")}).numbers.count == 2
+    assert sepmc.load(path, {"run.samples": str(tmp_path / "plan.csv")}).numbers.count == 2
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def tables(rng, count, until, tried):
                 path.write_bytes(_csv(rng, rows))
             else:
                 _parquet(rng, rows, path)
-            plan = tree | {"run": tree["run"] | {"plan": name}}
+            plan = tree | {"run": tree["run"] | {"samples": name}}
             said = (name, path.read_bytes()[:2000] if path.suffix == ".csv" else _told(path))
             tried.look(said, lambda plan=plan, path=path: _flown_as_given(plan, folder, path))
 

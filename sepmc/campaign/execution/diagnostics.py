@@ -75,8 +75,8 @@ def sampled(campaign: Definition, numbers: CaseSelection) -> Iterator[str]:
     sampler, cases = campaign.scene.run.sampler, numbers.count
     if campaign.file.input_table is not None:
         yield (
-            "run.plan: intervals and verdicts hold as far as the rows of the plan are independent "
-            "random cases"
+            "run.samples: intervals and verdicts hold only if the rows of the table are "
+            "independent random cases"
         )
     if not numbers.are_first and numbers != campaign.numbers:
         yield (

@@ -95,8 +95,8 @@ def target(campaign: Definition, name: str) -> LimitState:
         )
     if inputs is not None:
         raise InputError(
-            f"run.plan = {inputs.path.name}: rare events are sought beyond the cases of a table; "
-            "give [dispersion] laws, and no run.plan"
+            f"run.samples = {inputs.path.name}: a rare event is sought beyond the cases of a "
+            "table; give [dispersion] distributions, and no run.samples"
         )
     if not campaign.file.dispersions:
         raise InputError(f"rare = {name}: nothing is dispersed; give [dispersion]")

@@ -128,7 +128,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
     found = differences(other.file.tree, campaign.file.tree)
     plans = [each.file.input_table for each in (other, campaign)]
     if all(plans) and other.inputs_digest != campaign.inputs_digest:
-        found.append("rows of run.plan")
+        found.append("rows of run.samples")
     if not found:
         said = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
         return f"{said}: {manifests.put_back(folder)}"

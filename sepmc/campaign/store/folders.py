@@ -22,7 +22,7 @@ from sepmc.wording import option, switch
 MANIFEST, CAMPAIGN = "manifest.json", "campaign.toml"
 # rows and histories of all cases; of a run that lets cases go, rows of some, and what is counted
 CASES, HISTORIES, KEPT, COUNTED = OURS = untrusted_files.KINDS
-PLAN, HISTORY = "plan.parquet", "history.parquet"
+SAMPLES, HISTORY = "samples.parquet", "history.parquet"
 HISTOGRAMS = "histograms.csv"
 PART = "part-*.parquet"
 _PROBE, _CALL = "is-writable", "workers-called"
@@ -59,7 +59,7 @@ _FOLLOWING = (  # from the cases
     "film.mp4",
     *(f"{name}.{ending}" for name in _FIGURES for ending in ("png", "svg", "pdf")),
 )
-_OUR_FILES = (MANIFEST, CAMPAIGN, PLAN, ledger.LEDGER, _CALL, *_FOLLOWING)
+_OUR_FILES = (MANIFEST, CAMPAIGN, SAMPLES, ledger.LEDGER, _CALL, *_FOLLOWING)
 
 
 def next_folder(name: str, root: Path = Path("runs")) -> Path:

@@ -132,7 +132,7 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
             )
             lost = f"{folder / folders.CAMPAIGN}: {said}"
             yield Finding(lost, mends=False, advice=put_back(folder))
-    plan = ledger.read(folder).get(folders.PLAN)
+    plan = ledger.read(folder).get(folders.SAMPLES)
     if plan and (problem := shards.fault_of(folder, plan)):
         said = f"{folder / folders.PLAN}: {problem}; it gave inputs of the cases"
         yield Finding(said, mends=False, advice="put it back")
@@ -242,7 +242,7 @@ def diagnose(folder: Path) -> list[Finding]:
         said = f"{lost} of its lines were cut short or changed"
         found.append(Finding(f"{folder / ledger.LEDGER}: {said}"))
     for one in held.values():
-        if one.file != folders.PLAN:
+        if one.file != folders.SAMPLES:
             try:
                 ledger.whole(folder, one)
             except ValueError as error:

@@ -294,7 +294,7 @@ def _drop_unknown(folder: Path) -> None:
 
 def campaign_text(file: CampaignFile, **run: Any) -> str:
     """The resolved campaign of a folder as TOML, with other values of ``run``."""
-    own = run | ({"plan": folders.PLAN} if file.input_table else {})
+    own = run | ({"samples": folders.SAMPLES} if file.input_table else {})
     tree = {**file.tree, "run": {**file.tree.get("run", {}), **own}} if own else file.tree
     return replace(file, tree=tree).toml
 
@@ -305,8 +305,10 @@ def write_input_table(folder: Path, table: InputTable, inputs: list[Column]) -> 
     known = {column.name: column for column in inputs}
     columns = [Column(CASE, "1", "number of the case")]
     columns += [known.get(name, Column(name, "", "")) for name in table.columns]
-    content = write_parquet(folder / folders.PLAN, columns, {CASE: table.numbers, **table.columns})
-    ledger.add(folder, ledger.entry(folders.PLAN, content))
+    content = write_parquet(
+        folder / folders.SAMPLES, columns, {CASE: table.numbers, **table.columns}
+    )
+    ledger.add(folder, ledger.entry(folders.SAMPLES, content))
 
 
 def cases_done(folder: Path) -> np.ndarray:
