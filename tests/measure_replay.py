@@ -27,7 +27,7 @@ def main(names: list[str]) -> None:
             chosen = np.random.default_rng(1).choice(CASES, REPLAYED, replace=False)
             flight = replay.earlier_integration(again)
             found = [
-                replay.check_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
+                replay.compare_row(again, flight, run, int(n), result.seed, CASES) for n in chosen
             ]
             same = sum(one.flown and not one.columns for one in found)
             print(f"{name}: {same} of {REPLAYED} rows the same bit by bit", flush=True)

@@ -97,7 +97,7 @@ def campaigns(folder, files):
         times, accuracy = manifest["sessions"][-1]["timing_s"], manifest["accuracy"]
         print(
             f"{file}: kernel {times['kernel']:.3f} s, error {accuracy['achieved']:.1e}, "
-            f"flown again {accuracy.get('finer_cases', 0)}",
+            f"flown again {accuracy.get('n_refined', 0)}",
             flush=True,
         )
 

@@ -31,7 +31,7 @@ from sepmc.campaign.execution.work_ranges import Executor
 from sepmc.campaign.label import as_text
 from sepmc.campaign.result import Result
 from sepmc.campaign.store import folders, manifests, shards
-from sepmc.campaign.store.row_selection import ALL, KeepRules, read_keep
+from sepmc.campaign.store.row_selection import ALL, KeepRules, parse_keep_rules
 from sepmc.campaign.store.sample_file import read_input_table
 from sepmc.engine.dispatch import (
     check_every,
@@ -78,7 +78,7 @@ def load(
     if file.name == folders.CAMPAIGN and folders.is_run(file.parent):
         if verify:
             manifests.read_manifest(file.parent)
-        before = manifests.made_by(file.parent).get("settings", {})
+        before = manifests.read_provenance(file.parent).get("settings", {})
     read = read_campaign(path, settings, read_input_table)
     return Campaign(read, before | as_text(settings or {}))
 
@@ -400,7 +400,7 @@ class Campaign(Definition):
         text("keep", keep, "failed,worst:20")
         if columns is not None:
             text("keep_columns", columns, "in_*,separation_*")
-        return read_keep(keep, columns, single, self.file.requirements, self.columns)
+        return parse_keep_rules(keep, columns, single, self.file.requirements, self.columns)
 
     def rare(
         self,

@@ -25,9 +25,9 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
     for finding in found:
         if not finding.mends:
             raise folders.StoreError(f"{finding.said}. It cannot be mended; {finding.advice}")
-    known = folders.knows_all(folder)
-    manifests.trust(folder)
-    manifest = manifests.made_by(folder)
+    known = folders.ledger_is_intact(folder)
+    manifests.ensure_ledger(folder)
+    manifest = manifests.read_provenance(folder)
     loaded = load(folder, verify=False)
     result = loaded.run(
         manifest.get("numbers", manifest.get("cases")),
@@ -40,7 +40,7 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
     figures = not known or any(finding.file.endswith(FIGURES) for finding in found)
     tell_results(folder, loaded, result.kept.summary, lambda text: None, plots=figures)
     say(f"{folder}: {flown} cases flown again{', figures drawn again' if figures else ''}")
-    lost = manifests.forget(folder, FIGURES + TABLES)
+    lost = manifests.forget_damaged(folder, FIGURES + TABLES)
     if lost:
         say(f"not made again: {', '.join(lost)}; sepmc plot, drivers, laws and report make them")
     left = manifests.diagnose(folder)

@@ -140,7 +140,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                 )
                 loaded = load_campaign(str(folder), (), warn=False)
                 if told.get("stats_only"):
-                    written = draw(folder, loaded, shards.read_told(folder))
+                    written = draw(folder, loaded, shards.read_stored_statistics(folder))
                 else:
                     summary, accuracy = summary_of(folder, loaded), told.get("accuracy") or {}
                     table = statistics_of(loaded, summary, accuracy)
@@ -148,7 +148,7 @@ def plot(folder: Path, every: bool, ending: str) -> None:
                     written = draw(
                         folder, loaded, summary, table, verdicts=verdicts, converging=True
                     )
-                manifests.note(folder, written)
+                manifests.record_derived(folder, written)
         for path in written:
             click.echo(path)
 

@@ -93,7 +93,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
 
             keys = {d.parameter.column: d.parameter.key for d in loaded.file.dispersions}
             about = f"{loaded.name}, {aim.sentence}"
-            manifests.note(folder, [rare_figure(found, folder, keys, about)])
+            manifests.record_derived(folder, [rare_figure(found, folder, keys, about)])
         say(f"wrote {folder}")
     faults = (
         (not found.statuses.get("ok"), 1, "no case was flown to the end"),

@@ -93,7 +93,7 @@ def tell_single(
         path = folder / f"film.{film}"
         animation.film(history, case.scene, f"{loaded.name}, {about}", path)
         written.append(path)
-    manifests.note(folder, written)
+    manifests.record_derived(folder, written)
     say(f"wrote {folder}")
     return 0 if status is schema.Status.OK and same else 1
 
@@ -141,7 +141,7 @@ def _check_row(loaded: "Campaign", run: Path, number: int, say: Callable[[str], 
     manifest = manifests.read_manifest(run)
     total = manifest.get("of", manifest["cases"])
     flight = replay.earlier_integration(loaded, say)
-    found = replay.check_row(loaded, flight, run, number, manifest["seed"], total)
+    found = replay.compare_row(loaded, flight, run, number, manifest["seed"], total)
     other = _other_versions(manifest)
     said = f"{found.sentence}{'; the run was made with ' + other if other else ''}"
     if found.columns:
@@ -176,12 +176,12 @@ def chosen(
         summary = summary_of(folder, loaded)
         told = errors_told(manifests.read_manifest(folder).get("accuracy") or {})
         errors = with_scales(loaded, told, summary.statistics())
-        number, said = replay.worst(summary, loaded, errors, asked)
+        number, said = replay.worst_case(summary, loaded, errors, asked)
     elif way == "nearest":
-        number, what = replay.near(cases, asked)
+        number, what = replay.nearest_case(cases, asked)
         said = f"is nearest to {what}"
     else:
-        number, said = replay.extreme(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
+        number, said = replay.extreme_case(cases, asked, way == "least"), f"{_SAID[way]}: {asked}"
     say(f"{folder}: case {number} {said}")
     return number
 

@@ -31,7 +31,7 @@ from sepmc.bench.reference import make_reference
 from sepmc.bench.study import Study, drawn
 from sepmc.campaign.execution.integration import by_name
 from sepmc.campaign.execution.step_selection import select_steps
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.kernel.spec.structure import make_shape
 

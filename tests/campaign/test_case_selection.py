@@ -19,7 +19,7 @@ from sepmc.analysis.stopping import read_until
 from sepmc.campaign.case_selection import CaseSelection, read
 from sepmc.campaign.execution.step_selection import kernel_text
 from sepmc.campaign.store.manifests import read_manifest
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli.app import main
 from sepmc.scene.messages import InputError, RunWarning, SceneError
 
@@ -197,7 +197,7 @@ def test_a_plan_is_flown_exactly(file, tmp_path, ending):
     again = sepmc.load(folder)
     assert again.digest == result.campaign.digest
     assert again.case(9).inputs == drawn.case(9).inputs
-    with pytest.raises(InputError, match=r"case = 7: no such case in plan\.parquet"):
+    with pytest.raises(InputError, match=r"case = 7: no such case in samples\.parquet"):
         again.case(7)
     assert again.run(out=folder, resume=True).resumed == 5
     changed = pd.read_parquet(folder / "samples.parquet")

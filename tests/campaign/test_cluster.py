@@ -51,9 +51,9 @@ def test_workers_fly_the_same(campaign, alone, workers, tmp_path):
     assert statistics_of(found) == statistics_of(alone)
     assert not manifests.diagnose(tmp_path / "run")
     one, other = (manifests.read_manifest(folder) for folder in (alone.folder, tmp_path / "run"))
-    for name in ("failures", "accuracy", "notes", "complete", "cases_held"):
+    for name in ("failures", "accuracy", "notes", "complete", "n_stored"):
         assert one[name] == other[name], name
-    (kind, flown), *more = other["sessions"][0]["flown_by"].items()
+    (kind, flown), *more = other["sessions"][0]["workers"].items()
     assert kind.startswith(f"sepmc {sepmc.__version__}, ")
     assert (flown, more) == (CASES, [])
 
@@ -95,7 +95,7 @@ def test_what_workers_flew_is_resumed(campaign, alone, workers, tmp_path):
 
     with pytest.raises(Enough):
         campaign.run(cases=CASES, out=tmp_path / "run", crew=workers, progress=progress)
-    assert 0 < len(shards.cases_done(tmp_path / "run")) < CASES
+    assert 0 < len(shards.stored_cases(tmp_path / "run")) < CASES
     campaign.run(cases=CASES, out=tmp_path / "run", resume=True)
     assert same(alone.folder, tmp_path / "run")
     (tmp_path / "run" / "cases" / "part-0000000000.parquet").unlink()
@@ -115,7 +115,7 @@ def test_what_workers_counted_is_resumed(campaign, workers, tmp_path, monkeypatc
 
         with pytest.raises(InterruptedError):
             campaign.run(**given, stats_only=True, crew=by, progress=progress)
-    held = shards.counted(tmp_path / "run").first
+    held = shards.accumulator_entry(tmp_path / "run").first
     assert ROOM + GRAIN < held < given["cases"]
     result = campaign.run(**given, crew=workers)
     assert result.resumed == held
@@ -188,7 +188,7 @@ def test_command_line(alone, tmp_path):
     assert found.exit_code == 0, found.output
     assert same(alone.folder, tmp_path / "run")
     told = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    assert told["sessions"][0]["flown_by"]
+    assert told["sessions"][0]["workers"]
     both = CliRunner().invoke(
         app.main, ["campaign", "table2", "--workers", "2", "--cluster", "tcp://h:1"]
     )

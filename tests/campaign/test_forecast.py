@@ -8,7 +8,7 @@ import pytest
 
 import sepmc
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 
 
 def size_of(folder):

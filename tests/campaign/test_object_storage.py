@@ -124,14 +124,18 @@ def test_command_line(alone, tmp_path):
     assert "is the same bit by bit" in one.output
     more = ["--cases", 2 * CASES, "--out", where, "--resume", "--no-plots"]
     assert call("campaign", where, *more).exit_code == 0
-    assert np.array_equal(shards.cases_done(place(where)), np.arange(2 * CASES))
+    assert np.array_equal(shards.stored_cases(place(where)), np.arange(2 * CASES))
     replaced = call(
         "campaign", "table2", "--cases", 50, "--out", where, "--overwrite", "--keep", "every:10"
     )
     assert replaced.exit_code == 0, replaced.output
-    assert not shards.parts(place(where), folders.CASES)
+    assert not shards.entries(place(where), folders.CASES)
     assert (
-        len(shards.read_part(place(where), shards.parts(place(where), folders.KEPT)[0])["case"])
+        len(
+            shards.read_shard(place(where), shards.entries(place(where), folders.SELECTED)[0])[
+                "case"
+            ]
+        )
         == 5
     )
 

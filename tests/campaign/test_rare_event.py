@@ -400,7 +400,7 @@ def test_an_interrupted_estimate_is_resumed(tmp_path, monkeypatch):
     manifest = manifests.read_manifest(folder)
     assert manifest["complete"]
     assert manifest["sessions"][-1]["cases_flown"] <= found.flights - 5_000
-    assert not (folder / "counted").exists()
+    assert not (folder / "accumulators").exists()
     assert manifests.diagnose(folder) == []
 
 
@@ -409,7 +409,7 @@ def test_a_damaged_log_is_flown_again(tmp_path, monkeypatch):
     monkeypatch.setattr(flight_log, "_SAVE_NUMBERS", 100_000)
     campaign, folder = sepmc.load("table2", {"requirement": [SLOW]}), tmp_path / "run"
     _interrupted(campaign, folder, 8_000)
-    first, second, *_ = sorted((folder / "counted").iterdir())
+    first, second, *_ = sorted((folder / "accumulators").iterdir())
     second.write_bytes(first.read_bytes())
     found = campaign.rare("slow", FLIGHTS, 3, folder, resume=True)
     assert found.replicas == campaign.rare("slow", FLIGHTS, 3).replicas

@@ -43,7 +43,9 @@ def kept(campaign, tmp_path):
     def run(rule, **more):
         given = {"cases": CASES, "out": tmp_path / "run", "keep": rule, "overwrite": True}
         result = campaign.run(**given | more)
-        frame = pd.read_parquet(tmp_path / "run" / "kept").sort_values("case", ignore_index=True)
+        frame = pd.read_parquet(tmp_path / "run" / "selected").sort_values(
+            "case", ignore_index=True
+        )
         return result, frame
 
     return run
@@ -93,7 +95,7 @@ def test_rows_are_those_of_the_rule(campaign, rows, kept, rule, many, monkeypatc
     every = campaign.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), every.statistics(), check_exact=True)
     assert not manifests.diagnose(result.folder)
-    assert (len(shards.parts(result.folder, folders.KEPT)) > 1) == many
+    assert (len(shards.entries(result.folder, folders.SELECTED)) > 1) == many
 
 
 def test_why_rows_are_kept(campaign, rows, kept):
@@ -158,7 +160,7 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
         with pytest.raises(Interrupted):
             campaign.run(cases=CASES, out=folder, progress=until(most), resume=True, **orders)
         assert manifests.diagnose(folder)
-        assert 0 < shards.counted(folder).first < CASES
+        assert 0 < shards.accumulator_entry(folder).first < CASES
     result = campaign.run(cases=CASES, out=folder, resume=True)
     assert result.resumed >= 500
     assert contents(folder) == contents(whole)
@@ -172,7 +174,7 @@ def test_a_run_that_counts_is_resumed(campaign, tmp_path, often, orders):
     assert more.status_counts == at_once.status_counts
 
 
-@pytest.mark.parametrize("damaged", ["counted", "kept"])
+@pytest.mark.parametrize("damaged", ["accumulators", "selected"])
 def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
     """It is told, and all cases are flown again."""
     whole, folder = tmp_path / "whole", tmp_path / "run"
@@ -196,7 +198,7 @@ def test_counts_beyond_what_is_kept_exactly(tmp_path, often, monkeypatch):
     loaded = sepmc.load("table2", {**SETTINGS, "run.chunk": 70})
     with pytest.raises(Interrupted):
         loaded.run(cases=CASES, out=tmp_path / "run", stats_only=True, progress=until(450))
-    assert shards.counted(tmp_path / "run").first % 64
+    assert shards.accumulator_entry(tmp_path / "run").first % 64
     result = loaded.run(cases=CASES, out=tmp_path / "run", resume=True)
     whole = loaded.run(cases=CASES, stats_only=True)
     pd.testing.assert_frame_equal(result.statistics(), whole.statistics(), check_exact=True)
@@ -223,7 +225,7 @@ def test_statistics_are_written_again(campaign, tmp_path):
     assert "0 cases flown again" in mended.output
     assert contents(folder) == before
     (folder / "manifest.json").unlink()
-    assert manifests.made_by(folder)["stats_only"]
+    assert manifests.read_provenance(folder)["stats_only"]
     assert CliRunner().invoke(app.main, ["doctor", str(folder), "--repair"]).exit_code == 0
     assert contents(folder) == before
 
@@ -268,7 +270,7 @@ def test_command_line(tmp_path):
     for command in ("stats", "drivers"):
         said = call(command, tmp_path / "run")
         assert said.exit_code == 2
-        assert "those rows that --keep chose, in kept/" in said.stderr
+        assert "those rows that --keep chose, in selected/" in said.stderr
     assert call("doctor", tmp_path / "run").exit_code == 0
     again = call("campaign", *options, "--keep", "failed", "--overwrite")
     assert again.exit_code == 0, again.output

@@ -13,7 +13,7 @@ import sepmc
 from sepmc.analysis import row_statistics
 from sepmc.campaign.execution import forecast, runner
 from sepmc.campaign.store import ledger, manifests, shards
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 
 FIGURES = ["mean", "sigma", "min", "max", "p0_135", "p50", "p99_865", "case_min", "case_max"]
@@ -78,7 +78,7 @@ def test_statistics_of_a_long_run_are_streamed(campaign, result, tmp_path, monke
 def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
     """A full disk in the second part: a sentence, no traceback, and the finished part goes on from
     there."""
-    folder, write = tmp_path / "run", ledger.put
+    folder, write = tmp_path / "run", ledger.write_atomically
 
     def full(path, content):
         if "cases" in str(path) and "0000000020" in str(path):
@@ -86,7 +86,7 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
         return write(path, content)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ledger, "put", full)
+        patch.setattr(ledger, "write_atomically", full)
         with pytest.raises(
             StoreError, match=r"part-0000000020\.parquet: cannot be written: .*No space left"
         ):
@@ -102,7 +102,7 @@ def test_a_writer_that_fails_is_told(campaign, result, tmp_path, monkeypatch):
         ) == (2, True, False)
     same(campaign.run(cases=50, seed=7, out=folder, resume=True), result)
     told = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    assert (told["complete"], told["cases_held"], told["failures"]) == (
+    assert (told["complete"], told["n_stored"], told["failures"]) == (
         True,
         50,
         result.status_counts["never-released"],
@@ -127,8 +127,8 @@ def test_an_interrupt_within_a_chunk_keeps_what_is_flown(campaign, result, tmp_p
     monkeypatch.setattr(runner, "_CALL_S", 0.0)
     with pytest.raises(KeyboardInterrupt):
         campaign.run(cases=50, seed=7, out=tmp_path, progress=told)
-    assert shards.cases_done(tmp_path).tolist() == list(range(25))
-    assert manifests.read_manifest(tmp_path)["cases_held"] == 25
+    assert shards.stored_cases(tmp_path).tolist() == list(range(25))
+    assert manifests.read_manifest(tmp_path)["n_stored"] == 25
     same(campaign.run(cases=50, seed=7, out=tmp_path, resume=True), result)
 
 
@@ -176,14 +176,14 @@ def test_statistics_only_on_the_command_line(result, tmp_path):
         "statistics.json",
         "histograms.png",
     } <= names
-    assert "counted" in names
+    assert "accumulators" in names
     assert not names & {"cases", "histories", "separation_speed.png"}
     manifest = manifests.read_manifest(folder)
     assert (
         manifest["complete"],
         manifest["stats_only"],
         manifest["cases"],
-        manifest["cases_held"],
+        manifest["n_stored"],
     ) == (True, True, 50, 0)
     data = json.loads((folder / "statistics.json").read_text(encoding="utf-8"))
     assert data["cases"] == {"ok": 50 - failures, "never-released": failures}
@@ -207,7 +207,7 @@ def test_histograms_of_statistics_only(campaign, tmp_path):
     options = ["--cases", 300, "--set", "run.end_time_s=0.26", "--quiet", "--out", folder]
     assert call("campaign", "table2", *options, "--stats-only").exit_code == 0
     counted = campaign.run(cases=300, stats_only=True).kept.summary
-    told, names = shards.read_told(folder), campaign.outcome_columns
+    told, names = shards.read_stored_statistics(folder), campaign.outcome_columns
     for name in (column.name for column in names):
         one, other = told.histogram(name), counted.histogram(name)
         assert (one is None) == (other is None)
@@ -326,7 +326,7 @@ def test_too_many_failures_stop_a_run(campaign, result, tmp_path, monkeypatch):
     assert any("did not come to their end and no more than 2 may" in n for n in stopped.notes)
     manifest = manifests.read_manifest(tmp_path / "run")
     assert not manifest["complete"]
-    assert manifest["cases_held"] == len(stopped.to_pandas()) < 50
+    assert manifest["n_stored"] == len(stopped.to_pandas()) < 50
     again = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=2)
     assert again.stopped
     rest = campaign.run(cases=50, seed=7, out=tmp_path / "run", resume=True, max_failures=failed)

@@ -15,7 +15,7 @@ from sepmc.analysis import requirements
 from sepmc.analysis.row_statistics import Rows
 from sepmc.campaign import cases
 from sepmc.campaign.cases import Sampling, probabilities
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.cli import app
 from sepmc.scene.messages import InputError, SceneError
 from sepmc.scene.model import Requirement

@@ -254,11 +254,11 @@ def test_a_file_that_is_written_is_a_new_one(tmp_path, monkeypatch):
         other.write_text("precious")
         link(other, tmp_path / draft)
         with pytest.raises(FileExistsError):
-            ledger.put(tmp_path / "x", b"new")
+            ledger.write_atomically(tmp_path / "x", b"new")
         assert other.read_text() == "precious"
         (tmp_path / draft).unlink()
         link(other, tmp_path / "x")
-        ledger.put(tmp_path / "x", b"new")
+        ledger.write_atomically(tmp_path / "x", b"new")
         assert (tmp_path / "x").read_bytes() == b"new"
         assert other.read_text() == "precious"
         (tmp_path / "x").unlink()
@@ -280,7 +280,7 @@ def test_lines_that_tell_of_what_cannot_be_say_nothing(folder, entry):
     held = dict(ledger.read(folder))
     ledger.add(folder, entry)
     assert dict(ledger.read(folder)) == held
-    assert ledger.lost_lines(folder) == 1
+    assert ledger.count_damaged_lines(folder) == 1
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def _changed(table, way):
 @pytest.mark.parametrize(
     ("way", "said"),
     [
-        ("status", "has a status that is none: 'fine'"),
+        ("status", "unknown status: 'fine'"),
         ("rows", "has 8 rows, and should have 4"),
         ("case", "has other cases than 0 to 3"),
         ("text", "of another type: string"),

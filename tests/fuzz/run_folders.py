@@ -275,7 +275,7 @@ def _reseal(folder, entries=None):
         for one in _entries(folder).values():
             path = folder / one.file
             if _is_own(path):
-                entries.append(ledger.entry(one.file, path.read_bytes(), one.first, one.cases))
+                entries.append(ledger.make_entry(one.file, path.read_bytes(), one.first, one.cases))
     _own(folder / ledger.LEDGER).write_text("".join(one.line for one in entries))
     _seal(folder, json.loads(_own(folder / folders.MANIFEST).read_text()))
 

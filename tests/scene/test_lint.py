@@ -187,7 +187,7 @@ def test_clearances_that_are_least_at_the_end_are_counted(tmp_path):
         late = sepmc.load(file).run(cases=2)
     note = "gap_clearance_mm is least as the flight ends in 3 cases"
     assert [one for one in early.notes if one.startswith(note)]
-    assert read_manifest(tmp_path / "early")["least_at_the_end"] == {"gap": 3}
+    assert read_manifest(tmp_path / "early")["min_at_end"] == {"gap": 3}
     assert not [one for one in late.notes if "is least as the flight ends" in one]
 
 

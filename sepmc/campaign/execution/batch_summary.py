@@ -126,10 +126,10 @@ def accuracy_told(campaign: Definition, flight: Integration, tally: BatchSummary
     if told.history is not None:
         said |= {"history": told.history}
     if tally.finer:
-        said |= {"finer_cases": tally.finer}
-        said |= {"unsettled_cases": tally.unsettled}
+        said |= {"n_refined": tally.finer}
+        said |= {"n_unconverged": tally.unsettled}
     if tally.spare:
-        said |= {"spare_cases": tally.spare}
+        said |= {"n_fallback": tally.spare}
     if solver.step is None:
         said |= {"asked": told.asked, "met": told.met}
     if told.worst_place:

@@ -224,7 +224,7 @@ def _deepest(
 
 
 def still_near(counts: Mapping[str, int]) -> list[str]:
-    """A sentence for each clearance of `least_at_the_end`."""
+    """A sentence for each clearance of `min_at_end`."""
     return [
         _may_become_less(name, f"the flight ends in {count} cases")
         for name, count in counts.items()

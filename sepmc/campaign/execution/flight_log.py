@@ -88,29 +88,29 @@ class FlightLog:
             return
         flights = sum(len(rows) for _, rows in self._waiting)
         values = [part.ravel() for batch in self._waiting for part in batch]
-        path = shards.part_path(self.folder, folders.COUNTED, self.count)
+        path = shards.shard_path(self.folder, folders.ACCUMULATORS, self.count)
         about = self.about | {
             "lengths": json.dumps([len(rows) for _, rows in self._waiting]),
             "tally": self.tally.text,
         }
         content = shards.write_parquet(path, [_VALUE], {"value": np.concatenate(values)}, about)
-        name = f"{folders.COUNTED}/{path.name}"
-        self._written.append(ledger.entry(name, content, self.count, flights))
-        shards.replace_parts(self.folder, folders.COUNTED, self._written)
+        name = f"{folders.ACCUMULATORS}/{path.name}"
+        self._written.append(ledger.make_entry(name, content, self.count, flights))
+        shards.replace_shards(self.folder, folders.ACCUMULATORS, self._written)
         self.count += flights
         self._waiting, self._saved = [], time.monotonic()
 
     def remove(self) -> None:
         """Remove the log: the estimate is complete."""
-        shards.replace_parts(self.folder, folders.COUNTED, [])
-        logged = self.folder / folders.COUNTED
+        shards.replace_shards(self.folder, folders.ACCUMULATORS, [])
+        logged = self.folder / folders.ACCUMULATORS
         if is_local(logged) and logged.is_dir():
             logged.rmdir()
 
     def _read(self, shard: ledger.Entry) -> tuple[list[Batch], BatchSummary]:
         """Batches of a shard, and the tally of all flights up to its end."""
         path = self.folder / shard.file
-        _, about = shards.about(path)
+        _, about = shards.read_metadata(path)
         values = shards.read_table(path, ["value"])["value"].to_numpy()
         try:
             lengths = [int(n) for n in json.loads(about[b"lengths"])]
@@ -131,8 +131,8 @@ def _whole_shards(folder: Path) -> list[ledger.Entry]:
     """Shards that follow each other without a gap, from the first on, as they were written."""
     found: list[ledger.Entry] = []
     end = 0
-    for shard in shards.parts(folder, folders.COUNTED):
-        if shard.first != end or shards.fault_of(folder, shard):
+    for shard in shards.entries(folder, folders.ACCUMULATORS):
+        if shard.first != end or shards.find_fault(folder, shard):
             break
         found.append(shard)
         end += shard.cases

@@ -7,7 +7,7 @@ from pathlib import Path
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.integration import history_rows
 from sepmc.campaign.store.row_selection import KeepRules
-from sepmc.campaign.store.untrusted_files import StoreError
+from sepmc.campaign.store.untrusted import StoreError
 from sepmc.paths import is_local
 from sepmc.wording import option, setting, switch
 

@@ -29,7 +29,7 @@ def original_mode(
     """Whether a run that is resumed counts its cases and lets them go, which it keeps, and until
     what it flies if it was interrupted: as it began. Raises StoreError if other rows are asked
     for."""
-    manifest = manifests.made_by(folder) if folders.is_run(folder) else {}
+    manifest = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if "digest" not in manifest or "rare" in manifest:
         return stats_only, keep, until
     counts, text = bool(manifest.get("stats_only")), manifest.get("keep", "")
@@ -49,7 +49,7 @@ def own_cases(campaign: Definition, folder: Path) -> CaseSelection | None:
     ones: what it goes on with unless others are asked for."""
     if campaign.file.folder.resolve() != folder.resolve():
         return None
-    found = manifests.made_by(folder).get("numbers")
+    found = manifests.read_provenance(folder).get("numbers")
     return named(found) if found else None
 
 
@@ -72,17 +72,17 @@ def earlier(
 ) -> tuple[PreviousRun, CaseSelection]:
     """What a folder holds already of a run, and which cases are left to fly. Raises StoreError if
     it is of another one."""
-    manifest: dict[str, Any] = manifests.made_by(folder) if folders.is_run(folder) else {}
+    manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
         _check(campaign, folder, draws, manifest)
-        for finding in manifests.of_another_run(folder, manifest):
+        for finding in manifests.foreign_shards(folder, manifest):
             if not finding.mends:
                 raise folders.StoreError(f"{finding.said}: {finding.advice}")
     found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
     if found.held:
         found = replace(found, sessions=tuple(manifest.get("sessions", ())))
     if manifest.get("cases", draws.numbers.count) != draws.numbers.count:
-        told = manifests.drop_told(folder)
+        told = manifests.drop_derived(folder)
         if told and announce:
             announce(
                 f"{folder}: told of {manifest['cases']} cases only, so removed: "
@@ -131,7 +131,7 @@ def _differences(campaign: Definition, folder: Path) -> str:
         found.append("rows of run.samples")
     if not found:
         said = f"Its {folders.CAMPAIGN} was changed since its cases were flown"
-        return f"{said}: {manifests.put_back(folder)}"
+        return f"{said}: {manifests.restore_advice(folder)}"
     more = f", and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
     return f"It differs in {'; '.join(found[:_TOLD])}{more}"
 
@@ -143,7 +143,7 @@ def _rows(
     if not folders.is_run(folder):
         return PreviousRun(), draws.numbers
     dropped = shards.drop_damaged(folder, campaign.has_histories)
-    done, own = shards.cases_done(folder), [column.name for column in campaign.columns]
+    done, own = shards.stored_cases(folder), [column.name for column in campaign.columns]
     if not len(done):
         return PreviousRun(), draws.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
@@ -160,7 +160,7 @@ def _rows(
             f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
             "written, so these are flown again"
         )
-    tally = sum((read_tally(text) for text in shards.tallies(folder)), BatchSummary())
+    tally = sum((read_tally(text) for text in shards.read_summaries(folder)), BatchSummary())
     return PreviousRun(len(done), tally), draws.numbers.without(done)
 
 
@@ -169,11 +169,11 @@ def _counted(
 ) -> tuple[PreviousRun, CaseSelection]:
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""
-    one = shards.counted(folder)
+    one = shards.accumulator_entry(folder)
     if not one:
         shards.drop_damaged(folder, with_histories=False)
         return PreviousRun(), draws.numbers
-    arrays, about = shards.read_counted(folder, one)
+    arrays, about = shards.read_accumulators(folder, one)
     if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
         named = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
@@ -181,7 +181,7 @@ def _counted(
             f"{_cases(draws.numbers)} would leave some out"
         )
     later = draws.numbers.after(one.first).ranges
-    kept = shards.drop_kept(folder, later[0][0] if later else None)
+    kept = shards.drop_selected(folder, later[0][0] if later else None)
     if str(kept).encode() != about.get(b"rows", b"0"):
         if announce:
             announce(f"{folder}: rows that were kept are gone or not as they were written")

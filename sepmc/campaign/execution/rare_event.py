@@ -379,4 +379,4 @@ def _write(
     of = columns(campaign, found.unit)
     shards.write_parquet(folder / TABLE, of, found.rows, about)
     folders.write_json(folder / REPORT, found.to_dict())
-    manifests.note(folder, [folder / TABLE, folder / REPORT])
+    manifests.record_derived(folder, [folder / TABLE, folder / REPORT])

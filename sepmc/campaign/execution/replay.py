@@ -48,7 +48,7 @@ def earlier_integration(campaign: Definition, say: Log | None = None) -> Integra
     return select_steps(campaign, history=history, announce=say)
 
 
-def check_row(
+def compare_row(
     campaign: Definition,
     flight: Integration | None,
     folder: Path,
@@ -80,13 +80,13 @@ def _same(one: float, two: float) -> bool:
     )
 
 
-def extreme(cases: shards.CaseColumns, outcome: str, least: bool) -> int:
+def extreme_case(cases: shards.CaseColumns, outcome: str, least: bool) -> int:
     """The case with the least or greatest value of an outcome, of those that are ok."""
     numbers, values = _values(cases, outcome)
     return int(numbers[values.argmin() if least else values.argmax()])
 
 
-def near(cases: shards.CaseColumns, asked: str) -> tuple[int, str]:
+def nearest_case(cases: shards.CaseColumns, asked: str) -> tuple[int, str]:
     """The case nearest to what ``OUTCOME:p99.73``, ``OUTCOME:mean`` or ``OUTCOME:12.5`` asks for,
     of those that are ok, and what that is, in words."""
     outcome, colon, place = asked.rpartition(":")
@@ -110,7 +110,7 @@ def near(cases: shards.CaseColumns, asked: str) -> tuple[int, str]:
     return int(numbers[np.abs(values - target).argmin()]), f"{outcome} = {target:.6g}"
 
 
-def worst(
+def worst_case(
     summary: Rows | Stream, campaign: Definition, errors: dict, asked: str
 ) -> tuple[int, str]:
     """The worst case of a requirement, which is named, or by its metric, and what it is; of an

@@ -216,7 +216,7 @@ class Runner:
             job = Job(
                 self.folder.absolute(),
                 ledger.checksum(text),
-                folders.call(self.folder),
+                folders.issue_lease(self.folder),
                 self.flight.packed,
                 self.draws,
                 stream.apart() if stream else None,
@@ -236,8 +236,8 @@ class Runner:
                     if self.too_many_failed:
                         break
         finally:
-            folders.call_off(self.folder)
-        folders.sweep_parts(self.folder)
+            folders.revoke_lease(self.folder)
+        folders.remove_temporary_shards(self.folder)
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
@@ -257,7 +257,7 @@ class Runner:
         """Take what a worker has flown."""
         if flown.parts:
             assert self.folder is not None
-            shards.note_parts(self.folder, flown.parts)
+            shards.record_shards(self.folder, flown.parts)
         if flown.chosen and self.rows:
             self.rows.chosen.take(flown.chosen)
         self.tally += flown.tally
@@ -320,10 +320,10 @@ class Runner:
             return
         about = sink.about(self.draws, self.tally)
         if self.rows:
-            rows = sum(part.cases for part in shards.parts(self.folder, folders.KEPT))
+            rows = sum(part.cases for part in shards.entries(self.folder, folders.SELECTED))
             about["rows"] = str(rows)
         arrays = [*sink.stream.state(), *(self.rows.chosen.state() if self.rows else ())]
-        shards.write_counted(self.folder, self.earlier.held + self.held, arrays, about)
+        shards.write_accumulators(self.folder, self.earlier.held + self.held, arrays, about)
         self._saved = time.monotonic()
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
@@ -362,13 +362,13 @@ class Runner:
             "complete": complete,
             "stats_only": self.orders.stats_only,
             **({"keep": self.orders.keep.text} if self.orders.keep else {}),
-            "cases_held": 0 if self.orders.stats_only else self.earlier.held + self.held,
+            "n_stored": 0 if self.orders.stats_only else self.earlier.held + self.held,
             "failures": self.tally.failures,
             "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
             "rarely_drawn": not_shown(self.occurred),
-            "least_at_the_end": self.tally.min_at_end,
+            "min_at_end": self.tally.min_at_end,
             **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
             "missing": self.tally.missing,
             **({"until": self._known} if self._known else {}),
@@ -396,7 +396,7 @@ class Runner:
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
             "threads": self.orders.threads or os.cpu_count(),
-            **({"flown_by": dict(self.kinds)} if self.kinds else {}),
+            **({"workers": dict(self.kinds)} if self.kinds else {}),
             **manifests.versions(),
         }
 

@@ -85,7 +85,7 @@ class ParquetSink:
 
     def take(self, chunks: list[Chunk]) -> None:
         """Write the parts of chunks, and note them."""
-        shards.note_parts(self.folder, self.write(chunks))
+        shards.record_shards(self.folder, self.write(chunks))
 
     def write(self, chunks: list[Chunk]) -> list[Entry]:
         """Write a part of histories, if there are any, and then one of cases, which says what is
@@ -105,7 +105,7 @@ class ParquetSink:
             ]
             over_time = _histories(chunks, self.separation)
             written.append(
-                shards.write_part(
+                shards.write_shard(
                     self.folder, folders.HISTORIES, first, count, columns, over_time, about
                 )
             )
@@ -113,7 +113,7 @@ class ParquetSink:
             "status": pd.Categorical.from_codes(_codes(chunks), pd.Index(_LABELS))
         }
         written.append(
-            shards.write_part(
+            shards.write_shard(
                 self.folder, folders.CASES, first, count, campaign.columns, table, about
             )
         )
@@ -122,7 +122,7 @@ class ParquetSink:
     def kept(self) -> RunOutput:
         """Statistics of the folder's cases, and their columns."""
         columns = shards.CaseColumns(self.folder)
-        over_time = shards.parts(self.folder, folders.HISTORIES)
+        over_time = shards.entries(self.folder, folders.HISTORIES)
         summary = summarise(columns, *self.campaign.summarised)
         return RunOutput(summary, columns, history_parts=over_time)
 
@@ -168,19 +168,19 @@ class SelectedRowWriter:
             }
         about = _about(campaign, self.draws) | {"numbers": self.draws.told, "keep": keep.text}
         count = len(kept["case"])
-        return shards.write_part(self.folder, folders.KEPT, first, count, columns, kept, about)
+        return shards.write_shard(self.folder, folders.SELECTED, first, count, columns, kept, about)
 
     def finish(self) -> None:
         """Let go of rows that turned out not to be among the worst, and put few rows into one
         part."""
-        parts = shards.parts(self.folder, folders.KEPT)
+        parts = shards.entries(self.folder, folders.SELECTED)
         if sum(part.cases for part in parts) <= _IN_ONE_PART:
-            rows = _join([shards.read_part(self.folder, part) for part in parts]) if parts else {}
+            rows = _join([shards.read_shard(self.folder, part) for part in parts]) if parts else {}
             if rows:
-                shards.replace_parts(self.folder, folders.KEPT, [self._still(0, rows)])
+                shards.replace_shards(self.folder, folders.SELECTED, [self._still(0, rows)])
         elif self.chosen.keep.worst:
-            kept = (self._still(part.first, shards.read_part(self.folder, part)) for part in parts)
-            shards.replace_parts(self.folder, folders.KEPT, kept)
+            kept = (self._still(part.first, shards.read_shard(self.folder, part)) for part in parts)
+            shards.replace_shards(self.folder, folders.SELECTED, kept)
 
     def _still(self, first: int, rows: dict[str, np.ndarray]) -> Entry:
         """Write the part of those rows that are kept still."""
@@ -201,7 +201,7 @@ class StatisticsSink:
         """Add the cases of the chunks to the statistics."""
         add_to(self.stream, self.campaign, chunks)
         if self.rows:
-            shards.note_parts(self.rows.folder, self.rows.write(chunks))
+            shards.record_shards(self.rows.folder, self.rows.write(chunks))
 
     def about(self, draws: SampleSpec, tally: BatchSummary) -> dict[str, str]:
         """What a file says of itself that holds the statistics."""

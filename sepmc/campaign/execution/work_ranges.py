@@ -92,7 +92,7 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
             chunks = [
                 integrate_chunk(campaign, flight, job.draws, first, end, bool(separation), timing)
             ]
-    if not folders.is_called(job.folder, job.word):
+    if not folders.lease_is_valid(job.folder, job.word):
         raise StaleWorkerError(
             f"{job.folder}: nobody waits for cases {first} to {end - 1} any more"
         )

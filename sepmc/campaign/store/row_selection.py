@@ -57,7 +57,7 @@ class KeepRules:
         ]
 
 
-def read_keep(
+def parse_keep_rules(
     rules: str,
     patterns: str | None,
     single: bool,
