@@ -90,7 +90,8 @@ def measure(name, campaign, count, seconds):
     trial = step_selection.select_steps(campaign)
     planned = time.perf_counter() - start
     draws = (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
     few = draws[:32]
     start = time.perf_counter()

@@ -18,7 +18,7 @@ from sepmc.analysis.rare_values import count, occurrences, rare_values
 from sepmc.analysis.row_statistics import Rows
 from sepmc.analysis.stopping import read_until
 from sepmc.campaign.case_selection import CaseSelection
-from sepmc.campaign.cases import Sampling, draw
+from sepmc.campaign.cases import Sampling, sample
 from sepmc.scene.correlation import Copula
 from sepmc.scene.dispersion import Dispersion
 from sepmc.scene.parameters import Parameter
@@ -63,7 +63,7 @@ class Problem:
 
     def rows(self, seed, first, end):
         """Draws (n, d) of cases, and their table."""
-        drawn = draw(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
+        drawn = sample(self.inputs, seed, first, end - first, Sampling(copulas=self.copulas))
         values = self.outcome(drawn.T)
         lost = np.isnan(values)
         return drawn, {

@@ -155,7 +155,7 @@ def evaluations_here(
     called = make_shape(campaign.plan, campaign.dispersed).names.of["phase"]
     for phase, written in called.items():
         setattr(module, f"rates_{written}", counted(phase, getattr(module, f"rates_{written}")))
-    drawn = campaign.draw(0, 1) * campaign.factors
+    drawn = campaign.sample(0, 1) * campaign.factors
     fly_cases(
         kernel,
         campaign.plan,

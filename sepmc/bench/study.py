@@ -201,4 +201,4 @@ class Way:
 
 def drawn(campaign: Campaign, count: int) -> np.ndarray:
     """The first ``count`` cases of a campaign, (count, d), SI."""
-    return campaign.draw(0, count) * campaign.factors
+    return campaign.sample(0, count) * campaign.factors

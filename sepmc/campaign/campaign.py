@@ -280,7 +280,7 @@ class Campaign(Definition):
         """
         if resume and cases is None and out is not None:
             cases = previous_run.own_cases(self, place(out))
-        numbers, total = self.asked(cases)
+        numbers, total = self.select_cases(cases)
         seed = self._seed(seed)
         threads = check_threads(threads)
         if max_failures is not None:

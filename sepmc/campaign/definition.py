@@ -118,7 +118,7 @@ class Definition:
         """Whether rows come with separation over time: asked for, of a scene with joints."""
         return self.scene.run.history_step > 0.0 and bool(self.scene.joint)
 
-    def over_time(self, wanted: bool = True) -> list[Column]:
+    def stored_history_columns(self, wanted: bool = True) -> list[Column]:
         """Columns of the separations over time that rows come with; none if they have none, or
         these are not ``wanted``."""
         joints = list(self.plan.joints)
@@ -162,7 +162,7 @@ class Definition:
         return [*head, *self.input_columns, *self.result_columns]
 
     @property
-    def summarised(
+    def summary_inputs(
         self,
     ) -> tuple[list[str], list[str], dict[str, float], tuple[Requirement, ...]]:
         """What statistics are made of: names of outcomes and of audit columns, the bounds of these,
@@ -225,19 +225,19 @@ class Definition:
         used = [d.column for d in self.file.dispersions if d.column]
         return self.file.input_table.digest(used) if self.file.input_table else ""
 
-    def draw(
+    def sample(
         self, first: int, count: int, seed: int | None = None, total: int | None = None
     ) -> np.ndarray:
         """Case table (count, d) of cases ``first`` to ``first + count`` of ``total``, as the file
         says that they are drawn, or as its plan gives them, in the units of its keys. Raises
         InputError if there is no such case: of the plan, or of a sampler whose cases depend on how
         many there are."""
-        sampling = self.drawn_as(total)
+        sampling = self.sampling_of(total)
         first = whole("first", first, 0, CASES - 1)
         last = sampling.cases if self.scene.run.sampler in OF_ITS_SIZE else CASES
         count = whole("count", count, 0, max(last - first, 0))
         laws, inputs = self.file.dispersions, self.file.input_table
-        table = cases.draw(laws, self._seed(seed), first, count, sampling)
+        table = cases.sample(laws, self._seed(seed), first, count, sampling)
         if inputs is not None:
             try:
                 rows = inputs.rows(first, count)
@@ -258,7 +258,7 @@ class Definition:
             else CaseSelection.of(inputs.numbers)
         )
 
-    def asked(self, cases: Any = None) -> tuple[CaseSelection, int]:
+    def select_cases(self, cases: Any = None) -> tuple[CaseSelection, int]:
         """Cases that are asked for, as `sepmc.campaign.case_selection.read` takes them or as the
         file has them, and how many they are drawn of. Raises InputError if there are no such
         cases."""
@@ -266,7 +266,7 @@ class Definition:
         found = own if cases is None else read_numbers(cases)
         if isinstance(found, int):
             if inputs is None:
-                self.drawn_as(found)
+                self.sampling_of(found)
                 return CaseSelection.first(found), found
             if found > own.count:
                 raise InputError(f"cases = {found}: {inputs.path.name} has {own.count}")
@@ -275,10 +275,10 @@ class Definition:
         if fixed and (missing := found.count - found.common(own)):
             raise InputError(f"cases = {found}: {missing} of them are not among {own}")
         total = max(own.end, found.end)
-        self.drawn_as(total)
+        self.sampling_of(total)
         return found, total
 
-    def drawn_as(self, total: int | None = None) -> cases.Sampling:
+    def sampling_of(self, total: int | None = None) -> cases.Sampling:
         """How so many cases are drawn. Raises InputError if so many cannot be."""
         run = self.scene.run
         size = run.cases if total is None else whole("total", total, 1, CASES)
@@ -307,7 +307,7 @@ class Definition:
         total = self.scene.run.cases if total is None else total
         of_its_size = self.scene.run.sampler in cases.OF_ITS_SIZE
         number = whole("case", number, 0, (total if of_its_size else CASES) - 1)
-        drawn = self.draw(number, 1, seed, total)[0]
+        drawn = self.sample(number, 1, seed, total)[0]
         values = {
             d.parameter.path: float(x)
             for d, x in zip(self.file.dispersions, drawn * self.factors, strict=True)

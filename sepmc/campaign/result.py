@@ -110,7 +110,7 @@ class Result:
         (`sepmc.analysis.constant_outcomes`): of all cases, or of those for which all terms
         ``given`` hold, such as ``"joint.bolt.fails=1"``."""
         if given:
-            rows, outcomes = self._rows(), self.campaign.summarised[0]
+            rows, outcomes = self._rows(), self.campaign.summary_inputs[0]
             for term in given:
                 text("given", term, "joint.bolt.fails=1")
             held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)

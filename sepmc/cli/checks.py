@@ -133,7 +133,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo(f"    {stage_name:14s} {together}{rows}")
         click.echo(f"    has in it      {', '.join(inside)}")
         click.echo(f"    left out       {', '.join(outside)}")
-        numbers, total = loaded.asked()
+        numbers, total = loaded.select_cases()
         which = "" if numbers.are_first else f" ({numbers})"
         click.echo(
             f"  cases        {numbers.count}{which}, seed {settings_of_run.seed}, "
@@ -155,7 +155,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
             click.echo("    " + sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
         for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
-            broken += loaded.implausible_inertias(loaded.draw(first, end - first, None, total))
+            broken += loaded.implausible_inertias(loaded.sample(first, end - first, None, total))
             drawn += end - first
         note = implausible_note(broken, drawn)
         warned = [*sampled(loaded, numbers), *file_notes(loaded)]

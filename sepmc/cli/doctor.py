@@ -23,8 +23,8 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
         If what was flown is gone or was changed: nothing tells what it was.
     """
     for finding in found:
-        if not finding.mends:
-            raise folders.StoreError(f"{finding.said}. It cannot be mended; {finding.advice}")
+        if not finding.repairable:
+            raise folders.StoreError(f"{finding.text}. It cannot be mended; {finding.advice}")
     known = folders.ledger_is_intact(folder)
     manifests.ensure_ledger(folder)
     manifest = manifests.read_provenance(folder)
@@ -45,5 +45,5 @@ def mend(folder: Path, found: Sequence[manifests.Finding], say: Callable[[str], 
         say(f"not made again: {', '.join(lost)}; sepmc plot, drivers, laws and report make them")
     left = manifests.diagnose(folder)
     for finding in left:
-        click.echo(finding.said, err=True)
+        click.echo(finding.text, err=True)
     return 1 if left else 0

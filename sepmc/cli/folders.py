@@ -174,12 +174,12 @@ def doctor(folder: Path, repair: bool, quiet: bool) -> None:
 
         found = manifests.diagnose(folder)
         for finding in found:
-            click.echo(finding.said)
+            click.echo(finding.text)
         if not found:
             say(f"{folder}: is as it was written")
             return
         if not repair:
-            how = (one.advice for one in found if not one.mends)
+            how = (one.advice for one in found if not one.repairable)
             click.echo(next(how, f"to mend it: sepmc doctor {folder} --repair"), err=True)
             sys.exit(1)
         from sepmc.cli.doctor import mend

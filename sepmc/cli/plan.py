@@ -28,16 +28,16 @@ def tell_plan(
     for that, else the words of the command that is ``compiling`` it are told; nothing is
     written."""
     from sepmc.campaign.execution.forecast import forecast, size_text, time_text
-    from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
+    from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 
-    numbers, total = loaded.asked(cases)
+    numbers, total = loaded.select_cases(cases)
     n, run, seed = numbers.count, loaded.scene.run, loaded.scene.run.seed if seed is None else seed
     which = "" if numbers.are_first else f" ({numbers})"
     say(f"{loaded.name}: {n} cases{which}, seed {seed}, sampler {run.sampler}, into {folder}")
     inputs, outcomes = len(loaded.input_columns), len(loaded.outcome_columns)
     audits = len(loaded.result_columns) - outcomes
     say(f"  a row     {inputs} inputs, {outcomes} outcomes, {audits} audit columns, status")
-    separation = loaded.over_time(not stats_only)
+    separation = loaded.stored_history_columns(not stats_only)
     takes = forecast(loaded, n, bool(separation))
     disk = "some kB: statistics only"
     if not stats_only:
@@ -46,7 +46,7 @@ def tell_plan(
     say(f"  disk      {disk}")
     say(f"  memory    {size_text(takes.memory)}, in chunks of {min(n, takes.chunk)} cases")
     text = kernel_text(loaded, history=bool(separation))
-    missing, pieces = left_to_compile(text)
+    missing, pieces = units_to_compile(text)
     if missing:
         say(f"  kernel    {missing} of {pieces} pieces to compile, half a second of a core each")
         say(f"  time      known once it is compiled: {shlex.join(compiling)}")
@@ -75,13 +75,13 @@ def _timed(
 
     first, end = numbers.ranges[0]
     integrate(
-        loaded, flight, loaded.in_si(loaded.draw(first, 1, seed, total))
+        loaded, flight, loaded.in_si(loaded.sample(first, 1, seed, total))
     )  # what comes only once
     room, count, seconds = history_rows(loaded.scene) if separation else 0, _FEWEST, 0.0
     while seconds < _TRIED_S and count < end - first:
         count = min(_TIMES * count, end - first)
         begun = time.perf_counter()
-        integrate(loaded, flight, loaded.in_si(loaded.draw(first, count, seed, total)), room)
+        integrate(loaded, flight, loaded.in_si(loaded.sample(first, count, seed, total)), room)
         seconds = time.perf_counter() - begun
     return seconds / count, count
 
@@ -96,11 +96,11 @@ def write_sample(
     from sepmc.scene.limits import PLAN_NUMBERS
     from sepmc.scene.messages import InputError
 
-    numbers, total = loaded.asked(cases)
+    numbers, total = loaded.select_cases(cases)
     if numbers.count * len(loaded.input_columns) > PLAN_NUMBERS:
         most = PLAN_NUMBERS // len(loaded.input_columns)
         raise InputError(f"cases = {numbers.count:,}: a table has room for at most {most:,}")
-    parts = [loaded.draw(first, end - first, seed, total) for first, end in numbers.ranges]
+    parts = [loaded.sample(first, end - first, seed, total) for first, end in numbers.ranges]
     drawn = np.concatenate(parts)
     which = np.concatenate([np.arange(first, end) for first, end in numbers.ranges])
     table = pd.DataFrame({"case": which})

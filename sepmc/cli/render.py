@@ -238,13 +238,13 @@ def summary_of(folder: Path, loaded: "Campaign") -> "Rows | Stream":
     from sepmc.campaign.store import folders, shards
 
     cases = shards.CaseColumns(folder)
-    outcomes = loaded.summarised[0]
+    outcomes = loaded.summary_inputs[0]
     if lost := [name for name in ("case", "status", *outcomes) if name not in cases]:
         raise folders.StoreError(
             f"{folder}: its cases have no column {lost[0]}: they were flown by another version of "
             "sepmc, or changed; fly them again"
         )
-    return summarise(cases, *loaded.summarised)
+    return summarise(cases, *loaded.summary_inputs)
 
 
 def tell_results(
@@ -360,7 +360,7 @@ def tell_given(
     held = where(cases, names, given)
     if not held.any():
         raise InputError(f"{in_words(given)}: holds in none of {cases.rows} cases")
-    outcomes, audits, bounds, required = loaded.summarised
+    outcomes, audits, bounds, required = loaded.summary_inputs
     kept = {name: cases[name][held] for name in ("case", "status", *outcomes, *audits)}
     summary = Rows(kept, outcomes, audits, bounds, required)
     units, width = {c.name: c.unit for c in loaded.outcome_columns}, screen_width()

@@ -169,7 +169,7 @@ def campaign(
         folder = out or folders.next_folder(loaded.name)
         if resume and cases is None:
             cases = own_cases(loaded, folder)
-        numbers, _ = loaded.asked(cases)
+        numbers, _ = loaded.select_cases(cases)
         if dry_run:
             from sepmc.cli.plan import tell_plan
 

@@ -310,7 +310,8 @@ def test_joint_residuals(sample):
 
 def si_draws(campaign, count):
     return (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
 
 

@@ -377,7 +377,7 @@ def test_dry_run_names_a_command_that_compiles(file, tmp_path, monkeypatch):
     assert call("sample", file, "--cases", 3, "--out", table).exit_code == 0
     more = ["--set", "run.end_time_s=0.2", "--plan", table, "--stats-only"]
     monkeypatch.setattr(
-        "sepmc.campaign.execution.step_selection.left_to_compile", lambda text: (1, 2)
+        "sepmc.campaign.execution.step_selection.units_to_compile", lambda text: (1, 2)
     )
     monkeypatch.setattr(
         "sepmc.engine.dispatch.load_kernel", lambda text, say: told.update(text=text)

@@ -134,7 +134,7 @@ def flown(request):
     """A campaign, its flight, draws, and the block."""
     campaign = sepmc.load(request.param, {"run.history_step_s": 0.0})
     flight = select_steps(campaign)
-    draws = campaign.in_si(campaign.draw(0, 400, 3, 400))
+    draws = campaign.in_si(campaign.sample(0, 400, 3, 400))
     return campaign, flight, draws, integrate(campaign, flight, draws)
 
 

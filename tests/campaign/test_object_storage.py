@@ -91,7 +91,7 @@ def test_what_is_lost_is_flown_again(campaign, alone):
     first, second, *_ = sorted((folder / "cases").glob("part-*"))
     first.unlink()
     second.write_bytes(b"some bytes")
-    said = [finding.said for finding in manifests.diagnose(folder)]
+    said = [finding.text for finding in manifests.diagnose(folder)]
     assert any("is gone" in text for text in said)
     assert any("was changed" in text for text in said)
     with pytest.raises(folders.StoreError, match="resume=True"):

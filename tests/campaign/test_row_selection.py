@@ -183,7 +183,7 @@ def test_what_was_counted_is_damaged(campaign, tmp_path, often, damaged):
         campaign.run(cases=CASES, out=folder, keep="every:100", progress=until(500))
     (part, *_) = sorted((folder / damaged).glob("part-*.parquet"))
     part.write_bytes(part.read_bytes()[:-9] + b"123456789")
-    assert any(part.name in finding.said for finding in manifests.diagnose(folder))
+    assert any(part.name in finding.text for finding in manifests.diagnose(folder))
     said = []
     result = campaign.run(cases=CASES, out=folder, resume=True, announce=said.append)
     assert any("all are flown" in one for one in said)

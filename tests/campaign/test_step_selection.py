@@ -42,17 +42,17 @@ def error(found, reference, units=None):
 def test_corners_do_not_depend_on_the_seed(table2):
     """Nor on how many cases there are: how a campaign is flown is a matter of its scene and
     laws."""
-    base = step_selection.corners(table2)
+    base = step_selection.corner_cases(table2)
     assert base.shape == (step_selection.CORNERS + 1, len(table2.file.dispersions))
     assert_array_equal(
-        step_selection.corners(table2.with_settings({"run.seed": 1, "run.cases": 5})), base
+        step_selection.corner_cases(table2.with_settings({"run.seed": 1, "run.cases": 5})), base
     )
 
 
 def test_corners_are_the_nominal_and_the_edges(table2):
     """The middle of every law first; then of each parameter a thousandth of the probability from
     either end, both ends often."""
-    found = step_selection.corners(table2) / table2.factors
+    found = step_selection.corner_cases(table2) / table2.factors
     middle = [cases.quantile(d, np.array([0.5]))[0] for d in table2.file.dispersions]
     assert_allclose(found[0], middle, rtol=1e-12, atol=1e-12)
     for values, law in zip(found[1:].T, table2.file.dispersions, strict=True):
@@ -79,7 +79,7 @@ def test_corners_of_an_angle_all_round(table2, law, wide):
     """Both ends of a full turn are one direction: angles that spread over more than 90 deg are
     spaced over all of it."""
     found = np.sort(
-        step_selection.corners(
+        step_selection.corner_cases(
             table2.with_settings({"dispersion": {"environment.wind.direction_deg": law}})
         )[1:, 0]
     )
@@ -102,10 +102,10 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
         "body.lower.mass_kg": {"uniform": 25.0},
     }
     campaign = table2.with_settings({"dispersion": laws})
-    found = step_selection.corners(campaign)
+    found = step_selection.corner_cases(campaign)
     assert len(found) == 3 * 11 + 1
     assert [np.count_nonzero(found[1:, 0] == value) for value in values] == [3] * 11 + [0]
-    drawn = step_selection.sample(campaign, 40)
+    drawn = step_selection.calibration_sample(campaign, 40)
     assert set(drawn[:, 0]) == set(values[:-1])
     assert set(drawn[:20, 0]) <= set(values[:10])
 
@@ -113,8 +113,10 @@ def test_corners_have_every_value_of_a_discrete_law(table2):
 def test_the_sample_covers_every_law(table2):
     """A Latin hypercube in each half: one case in every share of the probability of each parameter;
     not of the seed."""
-    found = step_selection.sample(table2, 32)
-    assert_array_equal(found, step_selection.sample(table2.with_settings({"run.seed": 5}), 32))
+    found = step_selection.calibration_sample(table2, 32)
+    assert_array_equal(
+        found, step_selection.calibration_sample(table2.with_settings({"run.seed": 5}), 32)
+    )
     for values, law, factor in zip(found.T, table2.file.dispersions, table2.factors, strict=True):
         low, high = law.numbers
         for half in (values[:16], values[16:]):
@@ -124,7 +126,7 @@ def test_the_sample_covers_every_law(table2):
 
 
 def test_corners_without_dispersion(table2):
-    assert step_selection.corners(table2.with_settings({"dispersion": {}})).shape == (
+    assert step_selection.corner_cases(table2.with_settings({"dispersion": {}})).shape == (
         step_selection.CORNERS + 1,
         0,
     )
@@ -142,7 +144,7 @@ def test_corners_without_dispersion(table2):
 def test_corners_of_every_law(table2, law):
     """Finite: tails are cut at a thousandth, a discrete law gives its own values."""
     campaign = table2.with_settings({"dispersion": {"body.upper.mass_kg": law}})
-    found = step_selection.corners(campaign)
+    found = step_selection.corner_cases(campaign)
     assert np.isfinite(found).all()
     assert np.all((found > 400.0) & (found < 500.0))
     if "discrete" in law:
@@ -212,7 +214,7 @@ def test_bodies_that_turn_far_in_a_step():
     campaign = sepmc.load("nasa-fixed-joint", {"run.history_step_s": 0.0})
     flight = step_selection.select_steps(campaign)
     names = [column.name for column in campaign.outcome_columns]
-    draws = cases.draw(campaign.file.dispersions, 3, 0, 100) * campaign.factors
+    draws = cases.sample(campaign.file.dispersions, 3, 0, 100) * campaign.factors
     rate = names.index("A_omega_z_deg_s")
     spread = step_selection.integrate(campaign, flight, draws).outcomes[:, rate].std()
     assert 0.5 * spread <= flight.scale[rate] <= 2.0 * spread
@@ -352,7 +354,8 @@ def true_error(campaign, flight, count):
     """Largest error of the first cases of a campaign, and what is told of those that were flown
     again."""
     drawn = (
-        cases.draw(campaign.file.dispersions, campaign.scene.run.seed, 0, count) * campaign.factors
+        cases.sample(campaign.file.dispersions, campaign.scene.run.seed, 0, count)
+        * campaign.factors
     )
     exact = campaign.with_settings({"solver.accuracy": 1e-11})
     n, columns = len(campaign.outcome_columns), campaign.outcome_columns

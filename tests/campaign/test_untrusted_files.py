@@ -15,7 +15,7 @@ from measure_damage import call, fly
 
 import sepmc
 from sepmc.campaign.campaign import Campaign
-from sepmc.campaign.store import folders, ledger, manifest_schema, sample_file, shards
+from sepmc.campaign.store import folders, ledger, manifest_schema, manifests, sample_file, shards
 from sepmc.scene import limits
 from sepmc.scene.messages import InputError, Problems, SceneError
 from sepmc.scene.read import parse_campaign, read_text
@@ -116,7 +116,7 @@ def test_a_design_that_is_too_large_is_refused():
     tree = small()
     tree["run"] |= {"cases": 10**9, "sampler": "lhs"}
     with pytest.raises(InputError, match=r"cases = 1000000000: .* must be at most 150,000,000"):
-        Campaign(parse_campaign(tree, "x.toml")).asked()
+        Campaign(parse_campaign(tree, "x.toml")).select_cases()
 
 
 def test_keys_of_many_parts_are_refused_before_they_are_read():
@@ -300,7 +300,7 @@ def test_a_forged_manifest_is_told(folder, changes, said):
         folder, manifest_schema.read((folder / folders.MANIFEST).read_bytes()) | changes
     )
     with pytest.raises(folders.StoreError) as caught:
-        manifest_schema.read_manifest(folder)
+        manifests.read_manifest(folder)
     assert said in str(caught.value)
 
 

@@ -43,7 +43,7 @@ def rows(rng, count, until, tried):
         flights.append((campaign, step_selection.select_steps(campaign, announce=nobody)))
     for _ in turns(count, until, tried):
         campaign, flight = rng.choice(flights)
-        draws = campaign.in_si(campaign.draw(rng.randrange(10**6), 64))
+        draws = campaign.in_si(campaign.sample(rng.randrange(10**6), 64))
         odd = np.zeros(draws.shape, dtype=bool)
         for _ in range(rng.choice((1, 2, 8))):
             at = rng.randrange(len(draws)), rng.randrange(draws.shape[1])
@@ -90,7 +90,7 @@ def numbers(rng, count, until, tried):
         except SceneError:
             tried.counts["refused"] += 1
             continue
-        if step_selection.left_to_compile(text)[0]:
+        if step_selection.units_to_compile(text)[0]:
             tried.counts["another kernel"] += 1
             continue
         tried.look(tree, lambda c=campaign: _flown(c, tried), _SLOW_S, works=True)

@@ -61,7 +61,7 @@ def shipped(name, settings=None):
 def draws(campaign, count=COUNT, seed=None):
     """Draws in SI, (count, d)."""
     return (
-        cases.draw(
+        cases.sample(
             campaign.file.dispersions, campaign.scene.run.seed if seed is None else seed, 0, count
         )
         * campaign.factors

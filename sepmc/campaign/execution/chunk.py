@@ -52,7 +52,7 @@ def integrate_chunk(
     """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
     clock = time.perf_counter
     t0 = clock()
-    drawn = campaign.draw(first, end - first, draws.seed, draws.total)
+    drawn = campaign.sample(first, end - first, draws.seed, draws.total)
     t1, waited = clock(), waited_for_compilers()
     room = history_rows(campaign.scene) if with_histories else 0
     block = integrate(campaign, flight, campaign.in_si(drawn), room, announce)

@@ -73,7 +73,7 @@ def forecast(
     campaign: Definition, cases: int, with_histories: bool, keep: KeepRules | None = None
 ) -> Forecast:
     """What so many cases of a campaign take, with all their columns or those that are kept."""
-    columns = campaign.over_time(with_histories)
+    columns = campaign.stored_history_columns(with_histories)
     rows = history_rows(campaign.scene) if columns else 0
     kept = keep.columns(campaign.columns) if keep else campaign.columns
     row = (4 if keep and keep.single else 8) * len(kept)

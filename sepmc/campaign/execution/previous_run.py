@@ -76,8 +76,8 @@ def earlier(
     if manifest:
         _check(campaign, folder, draws, manifest)
         for finding in manifests.foreign_shards(folder, manifest):
-            if not finding.mends:
-                raise folders.StoreError(f"{finding.said}: {finding.advice}")
+            if not finding.repairable:
+                raise folders.StoreError(f"{finding.text}: {finding.advice}")
     found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
     if found.held:
         found = replace(found, sessions=tuple(manifest.get("sessions", ())))

@@ -11,7 +11,7 @@ from sepmc.analysis.statistics import column, ok_rows
 from sepmc.analysis.streaming import Stream
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.integration import Integration, history_rows, integrate
-from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, select_steps
+from sepmc.campaign.execution.step_selection import kernel_text, select_steps, units_to_compile
 from sepmc.campaign.store import shards
 from sepmc.scene.messages import InputError, Log, nearest
 from sepmc.schema import Status
@@ -43,7 +43,7 @@ class RowComparison:
 def earlier_integration(campaign: Definition, say: Log | None = None) -> Integration | None:
     """How the campaign of a run was flown; None where its kernel is not compiled here."""
     history = campaign.has_histories
-    if left_to_compile(kernel_text(campaign, history=history))[0]:
+    if units_to_compile(kernel_text(campaign, history=history))[0]:
         return None
     return select_steps(campaign, history=history, announce=say)
 
@@ -59,7 +59,7 @@ def compare_row(
     """Fly a case of a run by `earlier_integration` and compare its row with the stored one."""
     if flight is None:
         return RowComparison(number, flown=False)
-    drawn = campaign.draw(number, 1, seed, total)
+    drawn = campaign.sample(number, 1, seed, total)
     room = history_rows(campaign.scene) if campaign.has_histories else 0
     block = integrate(campaign, flight, campaign.in_si(drawn), room)
     scales = np.array([c.scale for c in campaign.result_columns])

@@ -116,7 +116,7 @@ class Runner:
         self.held = 0  # those that the sink has taken
         self.tally = earlier.tally
         self.started = datetime.now(UTC)
-        self.separation = campaign.over_time(not stats_only)
+        self.separation = campaign.stored_history_columns(not stats_only)
         self.forecast = forecast(campaign, self.wanted, bool(self.separation))
         self.size, self._foretold = self.forecast.chunk, announce is None
         self.rows: SelectedRowWriter | None = None  # that are kept though cases are let go

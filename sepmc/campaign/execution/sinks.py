@@ -68,7 +68,7 @@ class MemorySink:
         """Statistics, rows and histories."""
         rows = _join(self.parts)
         return RunOutput(
-            Rows(rows, *self.campaign.summarised),
+            Rows(rows, *self.campaign.summary_inputs),
             rows,
             _join(self.histories) if self.histories else None,
         )
@@ -103,10 +103,16 @@ class ParquetSink:
                 Column("time_s", "s", "time since the start of the case"),
                 *self.separation,
             ]
-            over_time = _histories(chunks, self.separation)
+            histories = _histories(chunks, self.separation)
             written.append(
                 shards.write_shard(
-                    self.folder, folders.HISTORIES, first, count, columns, over_time, about
+                    self.folder,
+                    folders.HISTORIES,
+                    first,
+                    count,
+                    columns,
+                    stored_history_columns,
+                    about,
                 )
             )
         table: dict[str, Any] = _table(campaign, chunks) | {
@@ -122,9 +128,9 @@ class ParquetSink:
     def kept(self) -> RunOutput:
         """Statistics of the folder's cases, and their columns."""
         columns = shards.CaseColumns(self.folder)
-        over_time = shards.entries(self.folder, folders.HISTORIES)
-        summary = summarise(columns, *self.campaign.summarised)
-        return RunOutput(summary, columns, history_parts=over_time)
+        history_shards = shards.entries(self.folder, folders.HISTORIES)
+        summary = summarise(columns, *self.campaign.summary_inputs)
+        return RunOutput(summary, columns, history_parts=history_shards)
 
 
 def _about(campaign: Definition, draws: SampleSpec) -> dict[str, str]:
@@ -195,7 +201,7 @@ class StatisticsSink:
 
     def __init__(self, campaign: Definition, kept: SelectedRowWriter | None = None):
         self.campaign, self.rows = campaign, kept
-        self.stream = Stream(*campaign.summarised)
+        self.stream = Stream(*campaign.summary_inputs)
 
     def take(self, chunks: list[Chunk]) -> None:
         """Add the cases of the chunks to the statistics."""

@@ -112,7 +112,7 @@ def fallbacks(
     return tuple(FallbackKernel(more, partial(make, more), numbers) for more in found.spares)
 
 
-def corners(campaign: Definition) -> np.ndarray:
+def corner_cases(campaign: Definition) -> np.ndarray:
     """Draws (n, d), SI: every parameter in the middle, then at one of its ends, by fixed coin
     tosses.
 
@@ -138,7 +138,7 @@ def corners(campaign: Definition) -> np.ndarray:
     return table * campaign.factors
 
 
-def sample(campaign: Definition, count: int) -> np.ndarray:
+def calibration_sample(campaign: Definition, count: int) -> np.ndarray:
     """Draws (count, d), SI, from the laws: every parameter spaced evenly over its probability, in
     random order (a Latin hypercube).
 
@@ -220,7 +220,12 @@ def _more_care(
     none."""
     steps, durations = _unknown(kernel)
     block, _ = fly_cases(
-        kernel, campaign.plan, _SPREAD_STEPS * steps, durations, campaign.slots, corners(campaign)
+        kernel,
+        campaign.plan,
+        _SPREAD_STEPS * steps,
+        durations,
+        campaign.slots,
+        corner_cases(campaign),
     )
     for fallback in left:
         flown = np.count_nonzero(helped(block.status, fallback.variant, np.array(True)))
@@ -239,7 +244,7 @@ def _each_by_itself(
 ) -> Integration:
     """Where no steps suit most trial cases: every case finds its own."""
     draws, given = (
-        np.vstack([corners(campaign), sample(campaign, SAMPLE // _OF_HARD)]),
+        np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE // _OF_HARD)]),
         campaign.scene.solver.step,
     )
     steps, durations = _unknown(kernel)
@@ -269,7 +274,7 @@ def _finished(campaign: Definition, found: Integration, room: int) -> Integratio
     if room and found.achieved is not None:
         draws = np.empty((1, 0))
         if campaign.file.dispersions:
-            draws = np.vstack([corners(campaign), sample(campaign, SAMPLE)])
+            draws = np.vstack([corner_cases(campaign), calibration_sample(campaign, SAMPLE)])
         assert found.scale is not None
         one, two = (integrate_once(campaign, way, draws, room) for way in (found, found.refined()))
         error = _history_error(campaign, one, two, found.scale)
@@ -324,7 +329,10 @@ def _choose_steps(
     """Fewest steps in every phase with which trial cases come within the accuracy, or the step that
     is given; None if none are found. The error of histories of so many rows, the ``room``, is told
     too."""
-    tried, drawn = corners(campaign), sample(campaign, SAMPLE if campaign.file.dispersions else 0)
+    tried, drawn = (
+        corner_cases(campaign),
+        calibration_sample(campaign, SAMPLE if campaign.file.dispersions else 0),
+    )
     first, durations, given = (
         len(tried),
         find_durations(campaign, kernel, tried),
@@ -558,16 +566,16 @@ __all__ = [
     "SAMPLE",
     "SMALL",
     "Integration",
-    "corners",
+    "calibration_sample",
+    "corner_cases",
     "integrate",
     "kernel_text",
     "relative_error",
-    "sample",
     "select_steps",
 ]  # fmt: skip
 
 
-def left_to_compile(text: str) -> tuple[int, int]:
+def units_to_compile(text: str) -> tuple[int, int]:
     """How many pieces of a kernel are not in the cache of compiled ones, and how many it has."""
     from sepmc.engine import kernel_cache as compiled  # noqa: PLC0415  (numba)
 

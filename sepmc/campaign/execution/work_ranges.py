@@ -87,7 +87,7 @@ def run_range(job: Job, first: int, end: int, threads: int) -> RangeResult:
     timing = {"compile": 0.0, "sample": 0.0, "kernel": 0.0}
     with _flying:
         campaign, flight = _ready(job)
-        separation = campaign.over_time(job.apart is None)
+        separation = campaign.stored_history_columns(job.apart is None)
         with using_threads(threads):
             chunks = [
                 integrate_chunk(campaign, flight, job.draws, first, end, bool(separation), timing)

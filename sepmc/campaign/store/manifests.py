@@ -73,9 +73,9 @@ class Finding:
     """What is wrong with a run folder: a sentence, the file there if it is one that follows from
     the cases, whether flying, counting or drawing again mends it, and what to do if not."""
 
-    said: str
+    text: str
     file: str = ""
-    mends: bool = True
+    repairable: bool = True
     advice: str = "fly it again"
 
 
@@ -84,7 +84,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     StoreError if there is none, or if either was changed."""
     manifest = _manifest(folder, f"; to see what would mend it: sepmc doctor {folder}")
     for finding in changed(folder, manifest):
-        raise StoreError(finding.said)
+        raise StoreError(finding.text)
     return manifest
 
 
@@ -126,7 +126,7 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
     try:
         written = ledger.checksum(untrusted.read_bounded(folder / folders.CAMPAIGN, CAMPAIGN_BYTES))
     except StoreError as error:
-        yield Finding(str(error), mends=False, advice=restore_advice(folder))
+        yield Finding(str(error), repairable=False, advice=restore_advice(folder))
     else:
         if written != manifest["campaign_sha256"]:
             said = (
@@ -134,11 +134,11 @@ def _not_as_flown(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Finding
                 "place"
             )
             lost = f"{folder / folders.CAMPAIGN}: {said}"
-            yield Finding(lost, mends=False, advice=restore_advice(folder))
+            yield Finding(lost, repairable=False, advice=restore_advice(folder))
     plan = ledger.read(folder).get(folders.SAMPLES)
     if plan and (problem := shards.find_fault(folder, plan)):
         said = f"{folder / folders.SAMPLES}: {problem}; it gave inputs of the cases"
-        yield Finding(said, mends=False, advice="put it back")
+        yield Finding(said, repairable=False, advice="put it back")
 
 
 def restore_advice(folder: Path) -> str:
@@ -218,7 +218,7 @@ def foreign_shards(folder: Path, manifest: Mapping[str, Any]) -> list[Finding]:
             found.append(
                 Finding(
                     f"{path}: was flown with {how}, as {folders.MANIFEST} says",
-                    mends=not known,
+                    repairable=not known,
                     advice=f"{folders.MANIFEST} and {folders.CAMPAIGN} are of another run: put "
                     "those of its cases back, or fly with --overwrite or another --out",
                 )
@@ -234,14 +234,14 @@ def diagnose(folder: Path) -> list[Finding]:
         manifest = _manifest(folder)
         found = changed(folder, manifest)
     except OtherFormatError as error:
-        return [Finding(str(error), mends=False)]
+        return [Finding(str(error), repairable=False)]
     except StoreError as error:
         path = folder / folders.MANIFEST
         said = str(error) if path.exists() else f"{path}: is gone"
-        manifest, found = {}, [Finding(said, mends=bool(read_provenance(folder)))]
+        manifest, found = {}, [Finding(said, repairable=bool(read_provenance(folder)))]
         if not (folder / folders.CAMPAIGN).is_file():
             said = f"{folder / folders.CAMPAIGN}: is gone"
-            found.append(Finding(said, mends=False, advice=restore_advice(folder)))
+            found.append(Finding(said, repairable=False, advice=restore_advice(folder)))
     held, lost = ledger.read(folder), ledger.count_damaged_lines(folder)
     if lost:
         said = f"{lost} of its lines were cut short or changed"
@@ -273,7 +273,7 @@ def diagnose(folder: Path) -> list[Finding]:
         if there < manifest["cases"]:
             found.append(Finding(f"{folder}: holds {there} of {manifest['cases']} cases"))
     if not goes_on:  # it is flown again as a whole
-        found = [replace(one, mends=False) for one in found]
+        found = [replace(one, repairable=False) for one in found]
     return found
 
 

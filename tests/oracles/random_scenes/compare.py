@@ -222,7 +222,7 @@ def _forbidden(campaign: Campaign, count: int) -> np.ndarray:
     """Which of the first cases drew what a parameter may not be, such as a negative radius: the
     independent flight knows no such limits."""
     laws = campaign.file.dispersions
-    drawn = campaign.draw(0, count)
+    drawn = campaign.sample(0, count)
     off = [~law.allowed(values) for law, values in zip(laws, drawn.T, strict=True)]
     return np.any([*off, np.isnan(campaign.in_si(drawn)).any(axis=1)], axis=0)
 

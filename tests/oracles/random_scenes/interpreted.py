@@ -50,7 +50,7 @@ def _plan(
 ) -> Integration:
     scene = campaign.scene
     first, end = campaign.numbers.ranges[0] if campaign.file.input_table else (0, trials)
-    draws = campaign.in_si(campaign.draw(first, min(trials, end - first)))
+    draws = campaign.in_si(campaign.sample(first, min(trials, end - first)))
     kernel = load_kernel(step_selection.kernel_text(campaign, history=history))
     units = [c.unit for c in campaign.outcome_columns]
     own = scene_scales(scene, units)
