@@ -241,7 +241,7 @@ def test_figures_of_a_single_run_are_told(tmp_path):
     assert call("run", "table1.toml", "--every-s", "0.05", "--quiet", "--out", folder) == 0
     (tmp_path / "one" / "angles.png").write_bytes(b"")
     (told,) = manifests.diagnose(tmp_path / "one")
-    assert "angles.png: was changed" in told.said
+    assert "angles.png: was changed" in told.text
 
 
 @pytest.mark.parametrize("with_ledger", [False, True])

@@ -111,7 +111,7 @@ class ParquetSink:
                     first,
                     count,
                     columns,
-                    stored_history_columns,
+                    histories,
                     about,
                 )
             )
