@@ -121,8 +121,8 @@ def measure(name, campaign, count, seconds):
     worst = int(np.where(decides, true, 0.0).argmax())
     ratio = told.worst[1] / true[worst] if true[worst] else np.inf
     place = (
-        f"; places {told.worst_place[1]:.1e} for {true[~decides].max():.1e}"
-        if told.worst_place
+        f"; places {told.worst_position[1]:.1e} for {true[~decides].max():.1e}"
+        if told.worst_position
         else ""
     )
     asked = (

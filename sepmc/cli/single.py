@@ -35,7 +35,7 @@ def tell_single(
     """Fly a case, or the nominal one, into a folder of its own; as a case of a ``run``, whose row
     is checked. Returns the exit code: 1 if its status is not ok, or its row differs."""
     from sepmc import schema
-    from sepmc.campaign.execution.accuracy import without_noise
+    from sepmc.campaign.execution.accuracy import zero_below_error
     from sepmc.campaign.store import folders, manifests
     from sepmc.engine.dispatch import check_every
     from sepmc.paths import is_local
@@ -58,7 +58,7 @@ def tell_single(
     flown = history.attrs
     status = schema.Status[flown["status"].upper().replace("-", "_")]
     say(f"{loaded.name}, {about}: {status.label}: {status.sentence}")
-    outcomes = without_noise(loaded, flown["outcomes"], flown["errors"])
+    outcomes = zero_below_error(loaded, flown["outcomes"], flown["errors"])
     for name, value in [*case.inputs.items(), *outcomes.items()]:
         say(f"  {name:44s} {value:.9g}")
     if number is not None and number not in loaded.numbers:

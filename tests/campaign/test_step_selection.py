@@ -293,13 +293,13 @@ def test_a_run_tells_its_error(table2, settings, tmp_path):
     name, worst = achieved.worst
     assert (
         worst
-        == max(error for key, error in achieved.errors.items() if key not in achieved.places)
+        == max(error for key, error in achieved.errors.items() if key not in achieved.positions)
         == achieved.errors[name]
     )
-    assert achieved.places == {
+    assert achieved.positions == {
         key for key in result.outcomes if "peak" in key and key.endswith("time_s")
     }
-    assert written.get("places", []) == sorted(achieved.places)
+    assert written.get("places", []) == sorted(achieved.positions)
     formulation = campaign.scene.solver.formulation
     assert (written["formulation"], written["method"]) == (formulation, "auto")
     assert len(written["methods"]) == len(campaign.scene.phase)

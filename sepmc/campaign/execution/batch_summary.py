@@ -132,8 +132,8 @@ def accuracy_told(campaign: Definition, flight: Integration, tally: BatchSummary
         said |= {"n_fallback": tally.spare}
     if solver.step is None:
         said |= {"asked": told.asked, "met": told.met}
-    if told.worst_place:
-        said |= {"worst_place": told.worst_place[0], "places": sorted(told.places)}
+    if told.worst_position:
+        said |= {"worst_place": told.worst_position[0], "places": sorted(told.positions)}
     return {**said, "errors": told.errors}
 
 

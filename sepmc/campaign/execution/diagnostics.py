@@ -251,7 +251,7 @@ def unmet(told: AchievedAccuracy, fixed: bool) -> list[str]:
     beyond = {
         name: error
         for name, error in told.errors.items()
-        if name not in told.places and error > told.asked
+        if name not in told.positions and error > told.asked
     }
     names = sorted(beyond, key=lambda name: -beyond[name])
     shown = ", ".join(f"{name} {beyond[name]:.1e}" for name in names[:_NAMED]) + (
