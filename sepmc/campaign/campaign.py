@@ -344,8 +344,8 @@ class Campaign(Definition):
             "kernel": 0.0,
             "write": 0.0,
         }
-        if announce and earlier.held:
-            announce(f"{folder}: {earlier.held} cases are there, {left} are left to fly")
+        if announce and earlier.n_stored:
+            announce(f"{folder}: {earlier.n_stored} cases are there, {left} are left to fly")
         runner = Runner(self, flight, draws, timing, earlier, folder, orders)
         if folder:
             if self.file.input_table:
@@ -358,38 +358,38 @@ class Campaign(Definition):
 
                 def tell() -> None:
                     if orders.progress:
-                        orders.progress(runner.flown, left, runner.failures)
+                        orders.progress(runner.n_run, left, runner.failures)
 
                 if crew:
-                    runner.fly_by(crew, wanted, tell)
+                    runner.run_on(crew, wanted, tell)
                 parts = [numbers]
                 if stop:
                     parts = list(numbers.growing(stop.first(self.rare_values)))
                 for part in [] if crew else parts:
                     for first, end in wanted.within(part).pieces(runner.size):
                         if not runner.too_many_failed:
-                            runner.fly(first, end, tell)
-                    if stop and runner.is_known(stop, part.end, len(parts)):
+                            runner.run(first, end, tell)
+                    if stop and runner.statistic_is_known(stop, part.end, len(parts)):
                         break
                 runner.finish()
         finally:
             if folder:
                 runner.save()
-                runner.write_manifest(complete=runner.held == runner.wanted)
+                runner.write_manifest(complete=runner.n_stored == runner.n_wanted)
         notes = [*runner.notes, *note_of_threads(orders.threads)]
         _warn(notes, announce)
         return Result(
             self,
-            runner.kept(),
+            runner.output(),
             timing,
             seed,
-            runner.draws.numbers,
-            runner.draws.total,
+            runner.spec.numbers,
+            runner.spec.total,
             folder,
             notes,
             flight,
             runner.accuracy,
-            resumed=earlier.held,
+            resumed=earlier.n_stored,
             stopped=runner.too_many_failed,
         )
 

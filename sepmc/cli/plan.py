@@ -44,7 +44,9 @@ def tell_plan(
         disk = f"at most {size_text(n * takes.row)} of cases"
         disk += f" and {size_text(n * takes.history)} of histories" if separation else ""
     say(f"  disk      {disk}")
-    say(f"  memory    {size_text(takes.memory)}, in chunks of {min(n, takes.chunk)} cases")
+    say(
+        f"  memory    {size_text(takes.memory_bytes)}, in chunks of {min(n, takes.shard_size)} cases"
+    )
     text = kernel_text(loaded, history=bool(separation))
     missing, pieces = units_to_compile(text)
     if missing:

@@ -138,7 +138,7 @@ def until(most):
 def often(monkeypatch):
     """What is counted is written after every chunk, of which there are many."""
     monkeypatch.setattr(runner, "_SAVE_S", 0.0)
-    monkeypatch.setattr(runner, "_PART_S", 0.0)
+    monkeypatch.setattr(runner, "_SHARD_S", 0.0)
     monkeypatch.setattr(runner, "_FIRST", 40)
     monkeypatch.setattr(runner, "_CALL_S", 1e-9)
 
@@ -250,7 +250,7 @@ def test_what_cannot_be_kept(campaign, tmp_path, given, said):
 def test_without_requirements(tmp_path):
     plain = sepmc.load("table2")
     for rule in ("worst:3", "violating"):
-        with pytest.raises(InputError, match="which is nothing"):
+        with pytest.raises(InputError, match="requirement"):
             plain.run(cases=10, out=tmp_path / "run", keep=rule)
 
 

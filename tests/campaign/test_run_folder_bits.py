@@ -48,7 +48,7 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
     """A slow scene: one case a call, and a part as soon as something is flown."""
     monkeypatch.setattr(runner, "_FIRST", 3)
     monkeypatch.setattr(runner, "_CALL_S", 0.0)
-    monkeypatch.setattr(runner, "_PART_S", 0.0)
+    monkeypatch.setattr(runner, "_SHARD_S", 0.0)
     same(campaign.run(cases=50, seed=7), result)
     slow = campaign.run(cases=50, seed=7, out=tmp_path / "run")
     same(slow, result)
@@ -254,7 +254,7 @@ def test_a_folder_of_statistics_only(tmp_path):
 
 
 def test_an_interrupt_of_statistics_only(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner.Runner, "fly", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(runner.Runner, "run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     said = call(
         "campaign",
         "table2.toml",

@@ -15,7 +15,7 @@ from sepmc.schema import Column
 SMALL = 1e-4  # of the largest outcome of the same unit, and of the scene's own scale of that unit
 # factor on the errors of calibration cases: covers the cases that are not among them
 SAFETY = 2.0
-# The time and position of an extreme are uncertain where the extreme is flat, and contact is 1 or 0:
+# The time and position of an extreme are uncertain if the extreme is flat, and contact is 1 or 0:
 # none of them converges with the step.
 _EXTREME_POSITIONS = (
     *("_peak_force_time_s", "_peak_moment_time_s", "_clearance_time_s"),
@@ -285,7 +285,7 @@ class AchievedAccuracy:
 
     @property
     def met(self) -> bool:
-        """True if the worst error is at most the accuracy asked; never without calibration cases."""
+        """True if the worst error meets the accuracy asked. False without calibration cases."""
         return self.cases > 0 and self.worst[1] <= self.asked
 
     def with_errors(self, others: Mapping[str, float]) -> "AchievedAccuracy":

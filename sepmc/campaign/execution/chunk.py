@@ -1,4 +1,4 @@
-"""Cases that are drawn and flown together."""
+"""Chunks of cases, which are sampled and integrated in one call of the kernel."""
 
 import time
 from dataclasses import dataclass
@@ -16,48 +16,74 @@ from sepmc.scene.messages import Log
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """Which cases are drawn: by which seed, their numbers, and of how many in ``total``."""
+    """Cases to sample: ``numbers`` of a sample of ``total`` cases with a ``seed``."""
 
     seed: int
     numbers: CaseSelection
     total: int
 
     @property
-    def told(self) -> str:
-        """The numbers as text; nothing, if they are the first ones and no others are drawn."""
+    def text(self) -> str:
+        """Case numbers as text; empty if they are all cases of the sample."""
         all_of_them = self.numbers.are_first and self.total == self.numbers.count
         return "" if all_of_them else str(self.numbers)
 
 
 class Chunk(NamedTuple):
-    """Cases flown together: the number of the first, their draws (n, d) in the units of the file,
-    what the kernel gave, and what is counted of them."""
+    """Cases integrated in one call.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first case.
+    inputs : ndarray, shape (n, d)
+        Sampled inputs, in the units of the campaign file.
+    block : Block
+        Results of the kernel.
+    summary : BatchSummary
+    """
 
     first: int
-    drawn: np.ndarray
+    inputs: np.ndarray
     block: Block
-    tally: BatchSummary
+    summary: BatchSummary
 
 
 def integrate_chunk(
     campaign: Definition,
     flight: Integration,
-    draws: SampleSpec,
+    spec: SampleSpec,
     first: int,
     end: int,
     with_histories: bool,
     timing: dict[str, float],
     announce: Log | None = None,
 ) -> Chunk:
-    """Draw and fly cases ``first`` to ``end``; seconds are added to ``timing``, by stage."""
+    """Sample and integrate cases ``first`` to ``end`` - 1.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration
+    spec : SampleSpec
+    first, end : int
+    with_histories : bool
+    timing : dict of str to float
+        Seconds are added to the keys sample, compile and kernel.
+    announce : Log, optional
+
+    Returns
+    -------
+    Chunk
+    """
     clock = time.perf_counter
     t0 = clock()
-    drawn = campaign.sample(first, end - first, draws.seed, draws.total)
-    t1, waited = clock(), waited_for_compilers()
-    room = history_rows(campaign.scene) if with_histories else 0
-    block = integrate(campaign, flight, campaign.in_si(drawn), room, announce)
-    waited = waited_for_compilers() - waited  # for a kernel that few cases need
+    inputs = campaign.sample(first, end - first, spec.seed, spec.total)
+    t1, compile_s = clock(), waited_for_compilers()
+    history_size = history_rows(campaign.scene) if with_histories else 0
+    block = integrate(campaign, flight, campaign.in_si(inputs), history_size, announce)
+    compile_s = waited_for_compilers() - compile_s  # for a kernel that few cases need
     timing["sample"] += t1 - t0
-    timing["compile"] += waited
-    timing["kernel"] += clock() - t1 - waited
-    return Chunk(first, drawn, block, count(campaign, drawn, block))
+    timing["compile"] += compile_s
+    timing["kernel"] += clock() - t1 - compile_s
+    return Chunk(first, inputs, block, count(campaign, inputs, block))

@@ -125,7 +125,7 @@ class MarginEvaluator:
     ):
         self.campaign, self.flight, self.aim = campaign, flight, aim
         self.tell, self.announce, self.log = tell, announce, log
-        self.count, self.tally, self.statuses = 0, BatchSummary(), Counter[str]()
+        self.count, self.summary, self.statuses = 0, BatchSummary(), Counter[str]()
         self.lacking = 0  # ok cases that do not have the outcome
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
@@ -150,9 +150,9 @@ class MarginEvaluator:
         logged = self.log.answer(drawn) if self.log else None
         margin, told = logged or self._fly(drawn)
         if self.log and logged:
-            self.tally = self.log.tally
+            self.summary = self.log.summary
         elif self.log:
-            self.log.add(margin, told, self.tally)
+            self.log.add(margin, told, self.summary)
         inputs = drawn.shape[1]
         status, results = told[:, inputs], told[:, inputs + 1 :]
         numbers, ok = self.count + np.arange(len(drawn)), status == Status.OK
@@ -161,14 +161,14 @@ class MarginEvaluator:
         self.lacking += int(np.count_nonzero(ok & np.isnan(margin)))
         self.count += len(drawn)
         self.statuses.update(LABELS[int(code)] for code in status)
-        self.tell(self.count, self.tally.failures)
+        self.tell(self.count, self.summary.failures)
         return margin, told
 
     def _fly(self, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Margins (n,) and rows (n, k) of cases of these inputs (n, d), which are flown."""
         campaign = self.campaign
         block = integrate(campaign, self.flight, campaign.in_si(drawn), 0, self.announce)
-        self.tally += count(campaign, drawn, block)
+        self.summary += count(campaign, drawn, block)
         told = np.column_stack([drawn, block.status, block.outcomes * self.scales])
         return self.aim.margin(block), told
 

@@ -10,7 +10,7 @@ from sepmc.campaign.case_selection import CaseSelection, named
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch_summary import BatchSummary
-from sepmc.campaign.execution.batch_summary import read as read_tally
+from sepmc.campaign.execution.batch_summary import read as read_summary
 from sepmc.campaign.execution.chunk import SampleSpec
 from sepmc.campaign.execution.runner import PreviousRun
 from sepmc.campaign.store import folders, manifests, shards
@@ -66,7 +66,7 @@ def _manner(counts: bool, keep: str) -> str:
 def earlier(
     campaign: Definition,
     folder: Path,
-    draws: SampleSpec,
+    spec: SampleSpec,
     counts: bool,
     announce: Log | None,
 ) -> tuple[PreviousRun, CaseSelection]:
@@ -74,14 +74,14 @@ def earlier(
     it is of another one."""
     manifest: dict[str, Any] = manifests.read_provenance(folder) if folders.is_run(folder) else {}
     if manifest:
-        _check(campaign, folder, draws, manifest)
+        _check(campaign, folder, spec, manifest)
         for finding in manifests.foreign_shards(folder, manifest):
             if not finding.repairable:
                 raise folders.StoreError(f"{finding.text}: {finding.advice}")
-    found, left = (_counted if counts else _rows)(campaign, folder, draws, announce)
+    found, left = (_counted if counts else _rows)(campaign, folder, spec, announce)
     if found.held:
         found = replace(found, sessions=tuple(manifest.get("sessions", ())))
-    if manifest.get("cases", draws.numbers.count) != draws.numbers.count:
+    if manifest.get("cases", spec.numbers.count) != spec.numbers.count:
         told = manifests.drop_derived(folder)
         if told and announce:
             announce(
@@ -93,7 +93,7 @@ def earlier(
     return found, left
 
 
-def _check(campaign: Definition, folder: Path, draws: SampleSpec, manifest: dict[str, Any]) -> None:
+def _check(campaign: Definition, folder: Path, spec: SampleSpec, manifest: dict[str, Any]) -> None:
     """Raise StoreError if a folder holds another run."""
     if "rare" in manifest:
         raise folders.StoreError(
@@ -105,16 +105,16 @@ def _check(campaign: Definition, folder: Path, draws: SampleSpec, manifest: dict
             f"{folder}: was flown with another campaign, so its cases cannot be continued; "
             f"{another_place()}. {_differences(campaign, folder)}"
         )
-    if manifest.get("seed") not in (None, draws.seed):
+    if manifest.get("seed") not in (None, spec.seed):
         raise folders.StoreError(
-            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {draws.seed}), so "
+            f"{folder}: was flown with another seed ({manifest.get('seed')}, not {spec.seed}), so "
             f"its cases cannot be continued; {another_place()}"
         )
     sampler, held = campaign.scene.run.sampler, manifest.get("of", manifest.get("cases"))
-    if sampler in OF_ITS_SIZE and held not in (None, draws.total):
+    if sampler in OF_ITS_SIZE and held not in (None, spec.total):
         what = "a Latin hypercube" if sampler == "lhs" else "a Saltelli design"
         raise folders.StoreError(
-            f"{folder}: is {what} of {held} cases, which cannot be continued to {draws.total}; "
+            f"{folder}: is {what} of {held} cases, which cannot be continued to {spec.total}; "
             f"{another_place()}"
         )
 
@@ -137,58 +137,58 @@ def _differences(campaign: Definition, folder: Path) -> str:
 
 
 def _rows(
-    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
+    campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """The cases whose rows a folder holds whole."""
     if not folders.is_run(folder):
-        return PreviousRun(), draws.numbers
+        return PreviousRun(), spec.numbers
     dropped = shards.drop_damaged(folder, campaign.has_histories)
     done, own = shards.stored_cases(folder), [column.name for column in campaign.columns]
     if not len(done):
-        return PreviousRun(), draws.numbers
+        return PreviousRun(), spec.numbers
     if other := set(own).symmetric_difference(shards.CaseColumns(folder)):
         raise folders.StoreError(
             f"{folder}: was flown by another version of sepmc, whose rows differ in "
             f"{', '.join(sorted(other))}, so its cases cannot be continued; {another_place()}"
         )
-    if draws.numbers.leave_out(done):
+    if spec.numbers.leave_out(done):
         raise folders.StoreError(
-            f"{folder}: holds cases up to {done[-1]}; {_cases(draws.numbers)} would leave some out"
+            f"{folder}: holds cases up to {done[-1]}; {_cases(spec.numbers)} would leave some out"
         )
     if dropped and announce:
         announce(
             f"{folder}: {dropped} cases, or their histories, are gone or not as they were "
             "written, so these are flown again"
         )
-    tally = sum((read_tally(text) for text in shards.read_summaries(folder)), BatchSummary())
-    return PreviousRun(len(done), tally), draws.numbers.without(done)
+    summary = sum((read_summary(text) for text in shards.read_summaries(folder)), BatchSummary())
+    return PreviousRun(len(done), summary), spec.numbers.without(done)
 
 
 def _counted(
-    campaign: Definition, folder: Path, draws: SampleSpec, announce: Log | None
+    campaign: Definition, folder: Path, spec: SampleSpec, announce: Log | None
 ) -> tuple[PreviousRun, CaseSelection]:
     """What is counted of the first cases of a run, as it was when it was last written; rows that
     were kept of cases after these are dropped."""
     one = shards.accumulator_entry(folder)
     if not one:
         shards.drop_damaged(folder, with_histories=False)
-        return PreviousRun(), draws.numbers
+        return PreviousRun(), spec.numbers
     arrays, about = shards.read_accumulators(folder, one)
-    if about.get(b"numbers") != draws.told.encode() or one.first > draws.numbers.count:
+    if about.get(b"numbers") != spec.text.encode() or one.first > spec.numbers.count:
         named = about.get(b"numbers", b"").decode(errors="replace")
         raise folders.StoreError(
             f"{folder}: counted {one.first} cases{f' of {named}' if named else ''}; "
-            f"{_cases(draws.numbers)} would leave some out"
+            f"{_cases(spec.numbers)} would leave some out"
         )
-    later = draws.numbers.after(one.first).ranges
+    later = spec.numbers.after(one.first).ranges
     kept = shards.drop_selected(folder, later[0][0] if later else None)
     if str(kept).encode() != about.get(b"rows", b"0"):
         if announce:
             announce(f"{folder}: rows that were kept are gone or not as they were written")
         shards.drop_damaged(folder, with_histories=False)
-        return PreviousRun(), draws.numbers
-    tally = read_tally(about.get(b"tally", b""))
-    return PreviousRun(one.first, tally, arrays=tuple(arrays)), draws.numbers.after(one.first)
+        return PreviousRun(), spec.numbers
+    summary = read_summary(about.get(b"summary", b""))
+    return PreviousRun(one.first, summary, arrays=tuple(arrays)), spec.numbers.after(one.first)
 
 
 def _cases(numbers: CaseSelection) -> str:

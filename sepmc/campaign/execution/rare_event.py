@@ -21,7 +21,7 @@ from sepmc.analysis.row_statistics import by_case
 from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
-from sepmc.campaign.execution.batch_summary import accuracy, accuracy_told
+from sepmc.campaign.execution.batch_summary import accuracy, accuracy_entries
 from sepmc.campaign.execution.diagnostics import still_near, unmet, unsettled
 from sepmc.campaign.execution.flight_log import FlightLog, interrupted
 from sepmc.campaign.execution.integration import Integration
@@ -297,8 +297,8 @@ def _notes(
     flights: MarginEvaluator, known: Estimate, all_of: Estimate, values: list[RareValue]
 ) -> list[str]:
     """What a person should know of an estimate."""
-    campaign, flight, tally, aim = flights.campaign, flights.flight, flights.tally, flights.aim
-    told, fixed = accuracy(flight, tally), campaign.scene.solver.step is not None
+    campaign, flight, summary, aim = flights.campaign, flights.flight, flights.summary, flights.aim
+    told, fixed = accuracy(flight, summary), campaign.scene.solver.step is not None
     found = subset_simulation.remarks(known)
     found += [said for one in values if (said := one.missed(campaign, all_of))]
     ended = flights.statuses[Status.OK.label]
@@ -323,11 +323,11 @@ def _notes(
             f"this is not rare: {plain:.0f} cases of a plain campaign tell it as well as these "
             f"{flights.count} flights"
         )
-    broken = implausible_note(tally.implausible, flights.count)
+    broken = implausible_note(summary.implausible, flights.count)
     found += [broken] if broken else []
-    found += [*unmet(told, fixed), *unsettled(tally.unsettled, tally.finer)]
-    found += still_near(tally.min_at_end)
-    found += missing_notes(campaign, tally.missing, flights.statuses[Status.OK.label])
+    found += [*unmet(told, fixed), *unsettled(summary.unconverged, summary.refined)]
+    found += still_near(summary.min_at_end)
+    found += missing_notes(campaign, summary.missing, flights.statuses[Status.OK.label])
     found += _near(flight, aim, told.errors.get(aim.column.name, np.nan), known)
     return found + [note for note in flight.notes if note not in found]
 
@@ -368,9 +368,9 @@ def _write(
         **asked,
         "flights": found.flights,
         "complete": True,
-        "failures": flights.tally.failures,
+        "failures": flights.summary.failures,
         "audit_beyond": flights.beyond,
-        "accuracy": accuracy_told(campaign, flights.flight, flights.tally),
+        "accuracy": accuracy_entries(campaign, flights.flight, flights.summary),
         "notes": found.notes,
         "sessions": sessions,
     }

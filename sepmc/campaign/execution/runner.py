@@ -1,5 +1,7 @@
-"""The chunks of one run: each is drawn and flown, and handed to a sink while the next one flies;
-the manifest says how far the run got."""
+"""Execution of a run in chunks: each is sampled and integrated, and written by a sink meanwhile.
+
+The manifest states how many cases are stored.
+"""
 
 import copy
 import os
@@ -24,7 +26,7 @@ from sepmc.analysis.streaming import GRAIN
 from sepmc.campaign.case_selection import CaseSelection
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import AchievedAccuracy, with_errors
-from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_told
+from sepmc.campaign.execution.batch_summary import BatchSummary, accuracy, accuracy_entries
 from sepmc.campaign.execution.chunk import Chunk, SampleSpec, integrate_chunk
 from sepmc.campaign.execution.diagnostics import (
     failed,
@@ -52,23 +54,38 @@ from sepmc.scene.messages import Log
 from sepmc.schema import Status
 from sepmc.wording import switch
 
-_FIRST = 256  # cases flown first, to see how long they take
-# a call into compiled code cannot be interrupted and tells no progress: it flies what takes about
-# so long
+_FIRST = 256  # cases in the first call, to measure the time of a case
+# duration of a call: compiled code cannot be interrupted and reports no progress
 _CALL_S = 0.5
-_SAVE_S = 10.0  # from one writing of what is counted to the next: it takes a tenth of a second
-# what took longer to fly is handed over before its chunk is full, so that little is lost with the
-# machine
-_PART_S = 5.0
-# ranges for each worker, at least; grains that are counted in one
-_FEW, _COUNTED = 4, 8
+_SAVE_S = 10.0  # between two writes of accumulators, which take 0.1 s
+# a shard is written after this time although it is not full, so that a crash costs little
+_SHARD_S = 5.0
+# minimum number of ranges per worker; accumulation blocks in a range
+_RANGES_PER_WORKER, _BLOCKS_PER_RANGE = 4, 8
 
 
 @dataclass(frozen=True)
 class ExecutionOptions:
-    """How cases are to be flown: with how many ``threads``, or by a ``crew``; ``until`` a statistic
-    is known, or more than ``max_failures`` failed; ``stats_only``, with the rows that are to be
-    ``keep``-t, or with all rows; who is told of ``progress``, and what is to ``announce``."""
+    """Options of a run.
+
+    Attributes
+    ----------
+    threads : int or None
+        None: all cores.
+    crew : Executor or None
+        Workers that run the cases instead of this process.
+    until : Until or None
+        Stop when a statistic is known this well.
+    max_failures : int or None
+        Stop after more failed cases than this.
+    stats_only : bool
+        Accumulate statistics instead of storing rows.
+    keep : KeepRules or None
+        Rules for rows that are saved beside statistics.
+    progress : callable or None
+        Called with cases done, cases in all and failures.
+    announce : Log or None
+    """
 
     threads: int | None = None
     crew: Executor | None = None
@@ -82,63 +99,88 @@ class ExecutionOptions:
 
 @dataclass(frozen=True)
 class PreviousRun:
-    """What a run that is resumed holds already: how many cases, what was counted of them, by which
-    commands they were flown, and of a run of statistics these, as `Chunks.save` wrote them."""
+    """State of a run that is resumed.
 
-    held: int = 0
-    tally: BatchSummary = field(default_factory=BatchSummary)
+    Attributes
+    ----------
+    n_stored : int
+        Cases in the folder.
+    summary : BatchSummary
+        Summary of these cases.
+    sessions : tuple of dict
+        Manifest entries of earlier commands.
+    arrays : tuple of ndarray
+        Accumulators of a run of statistics, as `Runner.save` wrote them.
+    """
+
+    n_stored: int = 0
+    summary: BatchSummary = field(default_factory=BatchSummary)
     sessions: tuple[dict[str, Any], ...] = ()
     arrays: tuple[np.ndarray, ...] = ()
 
 
 class Runner:
-    """The chunks of one run. Enter it to fly; leaving it waits for what is still being written, and
-    raises what went wrong there."""
+    """Execution of one run.
+
+    A context manager: leaving it waits for pending writes and raises their errors.
+
+    Parameters
+    ----------
+    campaign : Definition
+    flight : Integration
+    spec : SampleSpec
+    timing : dict of str to float
+        Seconds by stage, added to.
+    previous : PreviousRun
+    folder : Path or None
+        Open run folder; None keeps rows in memory.
+    options : ExecutionOptions
+    """
 
     def __init__(
         self,
         campaign: Definition,
         flight: Integration,
-        draws: SampleSpec,
+        spec: SampleSpec,
         timing: dict[str, float],
-        earlier: PreviousRun,
+        previous: PreviousRun,
         folder: Path | None,
-        orders: ExecutionOptions,
+        options: ExecutionOptions,
     ):
-        self.campaign, self.flight, self.draws = campaign, flight, draws
-        self.timing, self.earlier, self.folder = timing, earlier, folder
-        self.wanted = draws.numbers.count - earlier.held
-        self._known = ""  # how well a statistic is known that decides how many cases are flown
-        self._stopped: list[str] = []  # the same if it is not enough
-        self.orders = orders
-        stats_only, announce = orders.stats_only, orders.announce
-        self.flown, self.failures = 0, 0
-        self.held = 0  # those that the sink has taken
-        self.tally = earlier.tally
+        self.campaign, self.flight, self.spec = campaign, flight, spec
+        self.timing, self.previous, self.folder = timing, previous, folder
+        self.n_wanted = spec.numbers.count - previous.n_stored
+        self._stopping_text = ""  # how precisely the statistic of the stopping rule is known
+        self._stopping_notes: list[str] = []  # the same, if that is not enough
+        self.options = options
+        stats_only, announce = options.stats_only, options.announce
+        self.n_run, self.failures = 0, 0
+        self.n_stored = 0  # of this command, taken by the sink
+        self.summary = previous.summary
         self.started = datetime.now(UTC)
         self.separation = campaign.stored_history_columns(not stats_only)
-        self.forecast = forecast(campaign, self.wanted, bool(self.separation))
-        self.size, self._foretold = self.forecast.chunk, announce is None
-        self.rows: SelectedRowWriter | None = None  # that are kept though cases are let go
-        if folder and orders.keep:
-            chosen = RowSelection(orders.keep, campaign.file.requirements)
-            self.rows = SelectedRowWriter(campaign, folder, draws, chosen)
+        self.forecast = forecast(campaign, self.n_wanted, bool(self.separation))
+        self.size, self._forecast_reported = self.forecast.shard_size, announce is None
+        self.rows: SelectedRowWriter | None = None
+        if folder and options.keep:
+            selection = RowSelection(options.keep, campaign.file.requirements)
+            self.rows = SelectedRowWriter(campaign, folder, spec, selection)
         self.sink: Sink = (
             StatisticsSink(campaign, self.rows)
             if stats_only
-            else ParquetSink(campaign, self.separation, folder, draws)
+            else ParquetSink(campaign, self.separation, folder, spec)
             if folder
             else MemorySink(campaign, self.separation)
         )
-        if earlier.arrays:
-            self._restore(earlier.arrays)
-        # statistics are those of the cases held, and when they were written
-        self._sound, self._saved = True, time.monotonic()
-        self._call = _FIRST
-        self._seconds = 1e-9  # that a worker takes for a case
-        self.kinds: Counter[str] = Counter()  # cases that workers flew, by their kind
-        self._beside = ThreadPoolExecutor(1)
-        self._taking: Future[None] | None = None
+        if previous.arrays:
+            self._restore(previous.arrays)
+        # statistics and counts are of the same cases; when they were written
+        self._consistent, self._saved = True, time.monotonic()
+        self._call_size = _FIRST
+        self._case_s = 1e-9  # a case takes in a worker
+        self.worker_kinds: Counter[str] = Counter()  # cases by kind of worker
+        self._writer = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -152,61 +194,66 @@ class Runner:
         try:
             self._wait()
         finally:
-            self._beside.shutdown()
+            self._writer.shutdown()
 
-    def fly(self, first: int, end: int, tell: Callable[[], None]) -> None:
-        """Fly cases ``first`` to ``end`` in calls of about half a second, and ``tell`` after each.
-        What is flown is handed over even if this is interrupted, or too many fail."""
+    def run(self, first: int, end: int, report: Callable[[], None]) -> None:
+        """Run cases ``first`` to ``end`` - 1 in calls of about half a second; call ``report`` after
+        each.
+
+        Completed chunks are written even if this is interrupted, or too many cases fail.
+        """
         chunks: list[Chunk] = []
-        begun = time.perf_counter()
+        shard_start_s = time.perf_counter()
         try:
             while first < end:
-                now = time.perf_counter()
-                if now - begun > _PART_S:
-                    chunks, begun = self._hand_over(chunks), now
-                until = min(end, first + self._call)
+                start_s = time.perf_counter()
+                if start_s - shard_start_s > _SHARD_S:
+                    chunks, shard_start_s = self._hand_over(chunks), start_s
+                until = min(end, first + self._call_size)
                 compiled = self.timing["compile"]
-                chunk = self._fly(first, until)
+                chunk = self._run_chunk(first, until)
                 chunks.append(chunk)
-                seconds = time.perf_counter() - now - (self.timing["compile"] - compiled)
-                self._call = max(
+                seconds = time.perf_counter() - start_s - (self.timing["compile"] - compiled)
+                self._call_size = max(
                     1, int(min(self.size, (until - first) * _CALL_S / max(seconds, 1e-9)))
                 )
                 first = until
-                if self.flown or seconds > _CALL_S:  # the first ones are few, and slow
-                    self._foretell(seconds / len(chunk.drawn))
-                self.flown += len(chunk.drawn)
+                if self.n_run or seconds > _CALL_S:  # the first call is short and slow
+                    self._report_forecast(seconds / len(chunk.inputs))
+                self.n_run += len(chunk.inputs)
                 self.failures += int(np.count_nonzero(chunk.block.status != Status.OK))
                 if first == end:
                     chunks = self._hand_over(chunks)
-                tell()
+                report()
                 if self.too_many_failed:
                     break
         finally:
             self._hand_over(chunks)
 
-    def _fly(self, first: int, end: int) -> Chunk:
+    def _run_chunk(self, first: int, end: int) -> Chunk:
         return integrate_chunk(
             self.campaign,
             self.flight,
-            self.draws,
+            self.spec,
             first,
             end,
             bool(self.separation),
             self.timing,
-            self.orders.announce,
+            self.options.announce,
         )
 
-    def fly_by(self, crew: Executor, numbers: CaseSelection, tell: Callable[[], None]) -> None:
-        """Let others fly cases, and ``tell`` after each range that is done. Of statistics alone the
-        first ones are flown here: they lay out the grids that all are counted in."""
+    def run_on(self, crew: Executor, numbers: CaseSelection, report: Callable[[], None]) -> None:
+        """Let workers run the cases ``numbers``; call ``report`` after each completed range.
+
+        For statistics, the first cases run here: they define the histogram grids of all others.
+        """
         assert self.folder is not None
         stream = self.sink.stream if isinstance(self.sink, StatisticsSink) else None
         done = 0
         if stream:
-            held = self.earlier.held
-            done = min(max(ROOM, held + -held % GRAIN), numbers.end)
-            self.fly(held, done, tell)
+            n_stored = self.previous.n_stored
+            done = min(max(ROOM, n_stored + -n_stored % GRAIN), numbers.end)
+            self.run(n_stored, done, report)
             self._wait()
             if self.too_many_failed:
                 return
@@ -218,21 +265,21 @@ class Runner:
                 ledger.checksum(text),
                 folders.issue_lease(self.folder),
                 self.flight.packed,
-                self.draws,
+                self.spec,
                 stream.apart() if stream else None,
-                self.orders.keep,
+                self.options.keep,
             )
             ranges = self._ranges(left, crew.workers)
             with closing(crew.map(job, run_range, ranges)) as results:
-                for flown in _in_order(results, done) if stream else results:
+                for result in _in_order(results, done) if stream else results:
                     if stream:
-                        assert flown.apart is not None
-                        self._sound = False
-                        stream.take(flown.apart)
-                    self._receive(flown)
-                    self._sound = True
+                        assert result.accumulator is not None
+                        self._consistent = False
+                        stream.take(result.accumulator)
+                    self._receive(result)
+                    self._consistent = True
                     self._save_at_times()
-                    tell()
+                    report()
                     if self.too_many_failed:
                         break
         finally:
@@ -240,71 +287,79 @@ class Runner:
         folders.remove_temporary_shards(self.folder)
 
     def _ranges(self, left: CaseSelection, workers: int) -> Iterator[tuple[int, int]]:
-        """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
-        a few for every worker."""
-        grain = GRAIN if self.orders.stats_only else 1
-        most = max(grain, -(-left.count // (_FEW * workers)))
-        most = min(most, self.size if not self.orders.stats_only else _COUNTED * GRAIN)
+        """Ranges of the remaining cases: a few seconds each, and at least a few for each worker."""
+        block_size = GRAIN if self.options.stats_only else 1
+        max_size = max(block_size, -(-left.count // (_RANGES_PER_WORKER * workers)))
+        max_size = min(
+            max_size, self.size if not self.options.stats_only else _BLOCKS_PER_RANGE * GRAIN
+        )
         for first, end in left.ranges:
             start = first
             while start < end:
-                size = min(most, max(_FIRST, int(_PART_S / self._seconds)))
-                stop = min(end, start + -(-size // grain) * grain)
+                size = min(max_size, max(_FIRST, int(_SHARD_S / self._case_s)))
+                stop = min(end, start + -(-size // block_size) * block_size)
                 yield start, stop
                 start = stop
 
-    def _receive(self, flown: RangeResult) -> None:
-        """Take what a worker has flown."""
-        if flown.parts:
+    def _receive(self, result: RangeResult) -> None:
+        """Add the result of a worker."""
+        if result.shards:
             assert self.folder is not None
-            shards.record_shards(self.folder, flown.parts)
-        if flown.chosen and self.rows:
-            self.rows.chosen.take(flown.chosen)
-        self.tally += flown.tally
-        self.flown += flown.cases
-        self.held += flown.cases
-        self.failures += flown.tally.failures
-        for stage, seconds in flown.timing.items():
+            shards.record_shards(self.folder, result.shards)
+        if result.selection and self.rows:
+            self.rows.selection.take(result.selection)
+        self.summary += result.summary
+        self.n_run += result.cases
+        self.n_stored += result.cases
+        self.failures += result.summary.failures
+        for stage, seconds in result.timing.items():
             self.timing[stage] += seconds
-        spent = flown.timing["sample"] + flown.timing["kernel"]
-        self._seconds = max(self._seconds, spent / flown.cases)
-        self.kinds[flown.kind] += flown.cases
+        spent = result.timing["sample"] + result.timing["kernel"]
+        self._case_s = max(self._case_s, spent / result.cases)
+        self.worker_kinds[result.kind] += result.cases
 
-    def _foretell(self, seconds: float) -> None:
-        """Say once, of a long run, what it takes at so many seconds a case."""
-        if not self._foretold:
-            self._foretold = True
-            said = self.forecast.sentence(seconds, bool(self.folder) and not self.orders.stats_only)
-            if said and self.orders.announce:
-                self.orders.announce(said)
+    def _report_forecast(self, seconds: float) -> None:
+        """Announce once, for a long run, the time it will take."""
+        if not self._forecast_reported:
+            self._forecast_reported = True
+            text = self.forecast.sentence(
+                seconds, bool(self.folder) and not self.options.stats_only
+            )
+            if text and self.options.announce:
+                self.options.announce(text)
+
+    @property
+    def n_complete(self) -> int:
+        """Cases run so far, those of the resumed run included."""
+        return self.previous.n_stored + self.n_stored
 
     @property
     def too_many_failed(self) -> bool:
-        """Whether more cases failed than may."""
-        failed = self.earlier.tally.failures + self.failures
-        return self.orders.max_failures is not None and failed > self.orders.max_failures
+        """True if more cases failed than allowed."""
+        failed = self.previous.summary.failures + self.failures
+        return self.options.max_failures is not None and failed > self.options.max_failures
 
     def _hand_over(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Let the sink take the pieces, beside what is flown next. One list at a time waits, so
-        memory is bounded. Returns a new list."""
+        """Let the sink write chunks in the background; returns a new list. One list at most waits,
+        so memory is bounded."""
         if chunks:
             self._wait()
-            self._taking = self._beside.submit(self._take, chunks)
+            self._writing = self._writer.submit(self._take, chunks)
         return []
 
     def _take(self, chunks: list[Chunk]) -> None:
         start = time.perf_counter()
-        self._sound = False
+        self._consistent = False
         self.sink.take(chunks)
-        self.held += sum(len(chunk.drawn) for chunk in chunks)
-        self.tally = sum((chunk.tally for chunk in chunks), self.tally)
-        self._sound = True
+        self.n_stored += sum(len(chunk.inputs) for chunk in chunks)
+        self.summary = sum((chunk.summary for chunk in chunks), self.summary)
+        self._consistent = True
         self._save_at_times()
         self.timing["write"] += time.perf_counter() - start
 
     def _wait(self) -> None:
-        """Wait for what is being taken; raises what went wrong."""
-        taking, self._taking = self._taking, None
+        """Wait for the pending write; raises its error."""
+        taking, self._writing = self._writing, None
         if taking:
             taking.result()
 
@@ -313,69 +368,68 @@ class Runner:
             self.save()
 
     def save(self) -> None:
-        """Write what is counted so far, if cases are let go: where an interrupted run goes on
-        from."""
+        """Write the accumulators of a run of statistics, from which an interrupted run is resumed."""
         sink = self.sink
-        if self.folder is None or not (isinstance(sink, StatisticsSink) and self._sound):
+        if self.folder is None or not (isinstance(sink, StatisticsSink) and self._consistent):
             return
-        about = sink.about(self.draws, self.tally)
+        about = sink.about(self.spec, self.summary)
         if self.rows:
             rows = sum(part.cases for part in shards.entries(self.folder, folders.SELECTED))
             about["rows"] = str(rows)
-        arrays = [*sink.stream.state(), *(self.rows.chosen.state() if self.rows else ())]
-        shards.write_accumulators(self.folder, self.earlier.held + self.held, arrays, about)
+        arrays = [*sink.stream.state(), *(self.rows.selection.state() if self.rows else ())]
+        shards.write_accumulators(self.folder, self.n_complete, arrays, about)
         self._saved = time.monotonic()
 
     def _restore(self, arrays: Iterable[np.ndarray]) -> None:
-        """Go on from what was counted. Raises StoreError if it is of another run."""
+        """Load accumulators. Raises StoreError if they belong to another run."""
         assert isinstance(self.sink, StatisticsSink)
-        held = iter(arrays)
+        remaining = iter(arrays)
         try:
-            with np.errstate(invalid="raise"):  # where what is to be whole is no number
-                self.sink.stream.restore(held)
+            with np.errstate(invalid="raise"):  # NaN where an integer is expected
+                self.sink.stream.restore(remaining)
                 if self.rows:
-                    self.rows.chosen.restore(held)
+                    self.rows.selection.restore(remaining)
         except (ValueError, ArithmeticError, StopIteration) as error:
             raise folders.StoreError(
                 f"{self.folder}: {error}; fly it with {switch('overwrite')}"
             ) from None
 
     def finish(self) -> None:
-        """Let go of rows that are not to be kept, now that all are known."""
+        """Remove selected rows that no rule keeps, now that all cases are known."""
         self._wait()
         if self.rows:
-            self.save()  # later rows would be kept twice
+            self.save()  # or rows of later cases would be saved twice
             self.rows.finish()
 
     def write_manifest(self, complete: bool) -> None:
-        """Say what the folder holds, in it."""
+        """Write the manifest of the folder."""
         assert self.folder is not None
         campaign = self.campaign
         manifest = {
             "campaign": campaign.name,
             "digest": campaign.digest,
-            "seed": self.draws.seed,
+            "seed": self.spec.seed,
             "sampler": campaign.scene.run.sampler,
             "settings": campaign.settings,
-            "cases": self.draws.numbers.count,
-            **self._which,
+            "cases": self.spec.numbers.count,
+            **self._selection_entries,
             "complete": complete,
-            "stats_only": self.orders.stats_only,
-            **({"keep": self.orders.keep.text} if self.orders.keep else {}),
-            "n_stored": 0 if self.orders.stats_only else self.earlier.held + self.held,
-            "failures": self.tally.failures,
-            "implausible_inertias": self.tally.implausible,
+            "stats_only": self.options.stats_only,
+            **({"keep": self.options.keep.text} if self.options.keep else {}),
+            "n_stored": 0 if self.options.stats_only else self.n_complete,
+            "failures": self.summary.failures,
+            "implausible_inertias": self.summary.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
             "rarely_drawn": not_shown(self.occurred),
-            "min_at_end": self.tally.min_at_end,
-            **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
-            "missing": self.tally.missing,
-            **({"until": self._known} if self._known else {}),
-            "sessions": [*self.earlier.sessions, self._session()],
+            "min_at_end": self.summary.min_at_end,
+            **({"stopping_rule": self.options.until.text} if self.options.until else {}),
+            "missing": self.summary.missing,
+            **({"until": self._stopping_text} if self._stopping_text else {}),
+            "sessions": [*self.previous.sessions, self._session()],
         }
         try:
-            text = shards.campaign_text(campaign.file, cases=self.draws.total, seed=self.draws.seed)
+            text = shards.campaign_text(campaign.file, cases=self.spec.total, seed=self.spec.seed)
             manifests.write_manifest(self.folder, manifest, text)
         except OSError as error:
             raise folders.StoreError(
@@ -383,102 +437,106 @@ class Runner:
             ) from None
 
     @property
-    def _which(self) -> dict[str, Any]:
-        """Which cases are wanted, unless they are the first ones, and of how many."""
-        told = self.draws.told
-        return {"numbers": told, "of": self.draws.total} if told else {}
+    def _selection_entries(self) -> dict[str, Any]:
+        """Manifest entries of the case numbers, unless all cases of the sample are wanted."""
+        text = self.spec.text
+        return {"numbers": text, "of": self.spec.total} if text else {}
 
     def _session(self) -> dict[str, Any]:
-        """What this command did, on what."""
+        """Manifest entry of this command."""
         return {
-            "cases_flown": self.flown,
+            "cases_flown": self.n_run,
             "started": self.started.isoformat(timespec="seconds"),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing_s": {k: round(v, 6) for k, v in self.timing.items()},
-            "threads": self.orders.threads or os.cpu_count(),
-            **({"workers": dict(self.kinds)} if self.kinds else {}),
+            "threads": self.options.threads or os.cpu_count(),
+            **({"workers": dict(self.worker_kinds)} if self.worker_kinds else {}),
             **manifests.versions(),
         }
 
     @property
     def accuracy(self) -> AchievedAccuracy:
-        """Error of the run: the largest of its cases and of the trial cases."""
-        return accuracy(self.flight, self.tally)
+        """Numerical error of the run."""
+        return accuracy(self.flight, self.summary)
 
     def _accuracy(self) -> dict[str, Any]:
-        return accuracy_told(self.campaign, self.flight, self.tally)
+        return accuracy_entries(self.campaign, self.flight, self.summary)
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know of the run."""
-        told, fixed = self.accuracy, self.campaign.scene.solver.step is not None
-        note = implausible_note(self.tally.implausible, self.earlier.held + self.held)
-        found = [
+        """Notes on the run for the user."""
+        achieved, fixed = self.accuracy, self.campaign.scene.solver.step is not None
+        note = implausible_note(self.summary.implausible, self.n_complete)
+        notes = [
             *([note] if note else []),
-            *mixed(self.kinds),
-            *sampled(self.campaign, self.draws.numbers),
+            *mixed(self.worker_kinds),
+            *sampled(self.campaign, self.spec.numbers),
             *not_shown(self.occurred),
-            *unmet(told, fixed),
-            *unsettled(self.tally.unsettled, self.tally.finer),
-            *still_near(self.tally.min_at_end),
+            *unmet(achieved, fixed),
+            *unsettled(self.summary.unconverged, self.summary.refined),
+            *still_near(self.summary.min_at_end),
             *missing_notes(
                 self.campaign,
-                self.tally.missing,
-                self.earlier.held + self.held - self.tally.failures,
+                self.summary.missing,
+                self.n_complete - self.summary.failures,
             ),
-            *self._stopped,
-            *failed(self.tally.failures, self.earlier.held + self.held, self.orders.max_failures),
+            *self._stopping_notes,
+            *failed(self.summary.failures, self.n_complete, self.options.max_failures),
         ]
-        return found + [note for note in self.flight.notes if note not in found]
+        return notes + [note for note in self.flight.notes if note not in notes]
 
-    def is_known(self, until: Until, end: int, looks: int) -> bool:
-        """Whether cases up to ``end`` are enough to know a statistic, which is looked at so many
-        times at most; these are then all that are wanted. Cases beyond, which a resumed run may
-        hold, were flown as those before them were not enough."""
-        summary = self.kept().summary
-        held = self.earlier.held + self.held
-        if held > end:
+    def statistic_is_known(self, until: Until, end: int, n_looks: int) -> bool:
+        """Return True if the cases up to ``end`` - 1 give a statistic as precisely as ``until``
+        asks.
+
+        ``n_looks`` is the maximum number of such checks. The run is then reduced to these cases. A
+        resumed run can hold more cases than ``end``: fewer were not enough, so the result is False.
+        """
+        summary = self.output().summary
+        if self.n_complete > end:
             return False
-        if self.orders.stats_only:  # to be asked would end its grain of cases here
+        if self.options.stats_only:  # reading them closes the accumulation block
             summary = copy.deepcopy(summary)
         table = with_errors(self.campaign, self.accuracy.errors, summary.statistics())
         within = reach(table, until.metric) if until.metric in table.index else 0.0
-        look = until.look(summary, looks, self.occurred, within)
-        self._known = until.sentence(look, held, self.draws.numbers.count)
-        self._stopped = [] if look.enough else [self._known]
+        look = until.look(summary, n_looks, self.occurred, within)
+        self._stopping_text = until.sentence(look, self.n_complete, self.spec.numbers.count)
+        self._stopping_notes = [] if look.enough else [self._stopping_text]
         if look.enough:
-            self.wanted = self.held
-            self.draws = SampleSpec(self.draws.seed, CaseSelection.first(held), held)
-            if self.orders.announce:
-                self.orders.announce(self._known)
+            self.n_wanted = self.n_stored
+            self.spec = SampleSpec(
+                self.spec.seed, CaseSelection.first(self.n_complete), self.n_complete
+            )
+            if self.options.announce:
+                self.options.announce(self._stopping_text)
         return look.enough
 
     @property
     def occurred(self) -> list[Occurrence]:
-        """How often values occurred that the file gives a probability."""
-        return occurrences(self.campaign.rare_values, self.tally.occurred)
+        """Occurrences of values that have a probability in the file."""
+        return occurrences(self.campaign.rare_values, self.summary.occurred)
 
-    def kept(self) -> RunOutput:
-        """What the run leaves of what is flown so far."""
+    def output(self) -> RunOutput:
+        """Statistics, rows and histories so far."""
         self._wait()
-        return self.sink.kept()
+        return self.sink.output()
 
 
 def _in_order(results: Iterable[RangeResult], first: int) -> Iterator[RangeResult]:
-    """Results as their cases follow each other, from the ``first``."""
+    """Sort results of ranges by case number, starting at ``first``."""
     waiting: dict[int, RangeResult] = {}
-    for flown in results:
-        waiting[flown.first] = flown
+    for result in results:
+        waiting[result.first] = result
         while first in waiting:
             following = waiting.pop(first)
             yield following
             first += following.cases
 
 
-def implausible_note(broken: int, drawn: int) -> str:
-    """The sentence that counts inertias no solid body has; empty if there is none."""
+def implausible_note(broken: int, cases: int) -> str:
+    """Note on cases with an inertia that no solid body has; empty if there are none."""
     return (
-        f"{broken} of {drawn} drawn cases have an inertia that breaks the triangle inequality, "
+        f"{broken} of {cases} sampled cases have an inertia that breaks the triangle inequality, "
         "which no solid body has"
         if broken
         else ""

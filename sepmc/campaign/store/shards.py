@@ -332,12 +332,12 @@ def read_summaries(folder: Path) -> Iterator[str]:
     `sepmc.campaign.execution.batch_summary.BatchSummary.text`."""
     for one in entries(folder, folders.CASES):
         _, said = read_metadata(_path(folder, one))
-        if b"tally" not in said:
+        if b"summary" not in said:
             raise StoreError(
                 f"{folder}: was flown by a version of sepmc that counted less, so its cases cannot "
                 f"be continued; {another_place()}"
             )
-        yield said[b"tally"].decode(errors="replace")
+        yield said[b"summary"].decode(errors="replace")
 
 
 class MissingColumnError(StoreError, KeyError):
