@@ -18,7 +18,7 @@ from sepmc.campaign.execution import previous_run
 from sepmc.campaign.execution.chunk import SampleSpec
 from sepmc.campaign.execution.diagnostics import together
 from sepmc.campaign.execution.forecast import forecast
-from sepmc.campaign.execution.limit_state import target
+from sepmc.campaign.execution.limit_state import limit_state
 from sepmc.campaign.execution.rare_event import (
     DEFAULT_FLIGHTS,
     RareEventEstimate,
@@ -320,7 +320,7 @@ class Campaign(Definition):
             orders.until,
         )
         earlier, wanted = (
-            previous_run.earlier(self, folder, draws, stats_only, announce)
+            previous_run.read_previous(self, folder, draws, stats_only, announce)
             if folder and resume
             else (PreviousRun(), numbers)
         )
@@ -435,7 +435,7 @@ class Campaign(Definition):
             If ``out`` cannot be used as asked, or the requirement cannot be sought.
         """
         check_threads(threads)
-        target(self, text("requirement", requirement, "a name"))
+        limit_state(self, text("requirement", requirement, "a name"))
         if resume and out is None:
             raise InputError("resume: needs out, the folder of the estimate")
         into = nullcontext() if out is None else folders.opened(place(out), overwrite, resume)

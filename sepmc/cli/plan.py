@@ -45,7 +45,8 @@ def tell_plan(
         disk += f" and {size_text(n * takes.history)} of histories" if separation else ""
     say(f"  disk      {disk}")
     say(
-        f"  memory    {size_text(takes.memory_bytes)}, in chunks of {min(n, takes.shard_size)} cases"
+        f"  memory    {size_text(takes.memory_bytes)}, in shards of "
+        f"{min(n, takes.shard_size)} cases"
     )
     text = kernel_text(loaded, history=bool(separation))
     missing, pieces = units_to_compile(text)

@@ -51,7 +51,7 @@ def tell_rare(requirement: str, given: Mapping[str, Any]) -> int:
     from sepmc.campaign.store import folders, manifests
 
     aim, most = (
-        limit_state.target(loaded, requirement),
+        limit_state.limit_state(loaded, requirement),
         given["cases"] or rare_event.DEFAULT_FLIGHTS,
     )
     overwrite, resume, folder = given["overwrite"], given["resume"], given["out"]

@@ -11,7 +11,7 @@ import sepmc
 from sepmc.analysis.requirements import missing_text
 from sepmc.analysis.row_statistics import Rows
 from sepmc.campaign import campaign as campaigns
-from sepmc.campaign.execution.limit_state import MarginEvaluator, target
+from sepmc.campaign.execution.limit_state import MarginEvaluator, limit_state
 from sepmc.campaign.execution.missing_events import expected_events
 from sepmc.campaign.store.manifests import read_manifest
 from sepmc.cli import app
@@ -210,10 +210,10 @@ def test_rare_events_count_them_too(file):
     campaign = sepmc.load(file)
     with flown_plainly():
         flight = campaigns.select_steps(campaign)  # by few trial cases
-        flights = MarginEvaluator(campaign, flight, target(campaign, "calm"), _nothing, None)
+        flights = MarginEvaluator(campaign, flight, limit_state(campaign, "calm"), _nothing, None)
         margin, _ = flights.margins(np.linspace(-2.0, 2.0, 21)[:, None])
-    assert 0 < np.isnan(margin).sum() == flights.lacking < 21
-    assert flights.summary.missing["event.far"] == flights.lacking
+    assert 0 < np.isnan(margin).sum() == flights.n_without_outcome < 21
+    assert flights.summary.missing["event.far"] == flights.n_without_outcome
     assert flights.summary.failures == 0
 
 

@@ -17,7 +17,7 @@ import sepmc
 from sepmc.analysis import subset_simulation
 from sepmc.campaign import cases
 from sepmc.campaign.execution import flight_log
-from sepmc.campaign.execution.limit_state import LimitState, target
+from sepmc.campaign.execution.limit_state import LimitState, limit_state
 from sepmc.campaign.store import manifests, shards
 from sepmc.campaign.store.folders import StoreError
 from sepmc.cli import app
@@ -261,7 +261,7 @@ def test_what_else_is_refused(spinning, pair, tmp_path):
 
 def test_a_contact_is_approached_by_its_clearance():
     residual = sepmc.load("residual-thrust")
-    aim = target(residual, "no_recontact")
+    aim = limit_state(residual, "no_recontact")
     assert aim.column.name == "gap_clearance_mm"
     assert aim.sentence == "requirement.no_recontact: no gap_recontact"
     item = Requirement(name="x", metric="gap_recontact", at_most=0.0)
@@ -276,7 +276,7 @@ def test_a_contact_is_approached_by_its_clearance():
     other = {"name": "x", "metric": "gap_recontact", "at_least": 1.0}
     touching = residual.with_settings({"requirement": [other]})
     with pytest.raises(InputError, match="can be sought with at_most = 0 only: that it is 0"):
-        target(touching, "x")
+        limit_state(touching, "x")
 
 
 def test_threads_change_nothing():

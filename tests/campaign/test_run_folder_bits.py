@@ -58,7 +58,7 @@ def test_calls_and_parts_change_nothing(campaign, result, tmp_path, monkeypatch)
 
 
 def test_a_part_has_a_bound_in_memory(campaign, result, tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "_ROOM", 10_000)
+    monkeypatch.setattr(forecast, "_SHARD_BYTES", 10_000)
     same(campaign.run(cases=50, seed=7, out=tmp_path / "run"), result)
     assert len(list((tmp_path / "run" / "cases").iterdir())) > 3
 

@@ -68,8 +68,8 @@ class Forecast:
                 f", {setting('run.history_step_s', 0)} no histories ({100 * fraction:.0f} % of it)"
             )
         raise StoreError(
-            f"{folder}: {self.cases} cases take {size_text(min_bytes)} to {size_text(max_bytes)}, and "
-            f"{size_text(free)} are free there; {advice}, or choose another {option('out')}"
+            f"{folder}: {self.cases} cases take {size_text(min_bytes)} to {size_text(max_bytes)}, "
+            f"and {size_text(free)} are free there; {advice}, or choose another {option('out')}"
         )
 
     def sentence(self, seconds: float, on_disk: bool) -> str:
@@ -77,9 +77,9 @@ class Forecast:
         time, max_bytes = self.cases * seconds, self.disk_bytes[1] if on_disk else 0.0
         if time < _LONG_S and max_bytes < _LARGE:
             return ""
-        disk_bytes = f", up to {size_text(max_bytes)} on disk" if on_disk else ""
+        disk = f", up to {size_text(max_bytes)} on disk" if on_disk else ""
         return (
-            f"about {time_text(time)} for {self.cases} cases ({1e6 * seconds:.3g} us each){disk_bytes}, "
+            f"about {time_text(time)} for {self.cases} cases ({1e6 * seconds:.3g} us each){disk}, "
             f"{size_text(self.memory_bytes)} in memory"
         )
 

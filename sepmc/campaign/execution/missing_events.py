@@ -62,8 +62,8 @@ def count_missing(
 def missing_notes(campaign: Definition, counts: Mapping[str, int], ok: int) -> list[str]:
     """Notes on the counts of `count_missing` among ``ok`` ok cases."""
     return [
-        f"{_description(campaign.scene, key)} in {count} of {ok} ok cases: outcomes that wait for it "
-        "are missing there, and do not pass a requirement"
+        f"{_description(campaign.scene, key)} in {count} of {ok} ok cases: outcomes that wait for "
+        "it are missing there, and do not pass a requirement"
         for key, count in counts.items()
     ]
 

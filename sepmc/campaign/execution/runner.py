@@ -368,7 +368,7 @@ class Runner:
             self.save()
 
     def save(self) -> None:
-        """Write the accumulators of a run of statistics, from which an interrupted run is resumed."""
+        """Write the accumulators of a run of statistics, from which it can be resumed."""
         sink = self.sink
         if self.folder is None or not (isinstance(sink, StatisticsSink) and self._consistent):
             return
