@@ -50,8 +50,6 @@ def emit_min_norm(out: Text, c: Context, segment: Segment) -> None:
     s.scope.write(text)
     sizes = f"SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l"
     text.lanes()(f"linear.solve_min_norm(w, {sizes})")
-        f"linear.solve_min_norm(w, SYSTEM + l, {count}, SYSTEM_SCRATCH, MIN_NORM_MULTIPLIERS + l)"
-    )
 
 
 def before_wrenches(text: Text, c: Context, segment: Segment) -> None:
