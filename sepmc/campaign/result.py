@@ -149,11 +149,11 @@ class Result:
 
     def laws(self) -> pd.DataFrame:
         """Shape of every outcome that is a number, and the law nearest to it, a row each; see
-        `sepmc.analysis.distributions.laws`."""
+        `sepmc.analysis.distributions.fit_distributions`."""
         table = self.statistics()
         numbers = [name for name in self.outcomes if not is_yes_or_no(name)]
         alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
-        return distributions.laws(self._rows(), numbers, alike)
+        return distributions.fit_distributions(self._rows(), numbers, alike)
 
     def causes(self, name: str) -> list[failure_attribution.Cause]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have

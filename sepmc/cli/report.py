@@ -168,11 +168,11 @@ def tell_laws(folder: Path, loaded: Campaign, named: tuple[str, ...]) -> None:
         if name not in every:
             raise folders.StoreError(f"{name}: is yes or no, so it has no law")
     alike = [name for name in every if constant_outcomes.is_constant(table, name)]
-    found = distributions.laws(shards.CaseColumns(folder), every, alike)
+    found = distributions.fit_distributions(shards.CaseColumns(folder), every, alike)
     told = list(named) or telling_outcomes(loaded, table)[:_TOLD]
     units = {c.name: c.unit for c in loaded.outcome_columns}
     sampler = loaded.scene.run.sampler
-    folded(distributions.text(found.loc[told], table, units, screen_width(), sampler))
+    folded(distributions.render_fits(found.loc[told], table, units, screen_width(), sampler))
     folders.write_text(folder / "laws.csv", found.to_csv())
     manifests.note(folder, [folder / "laws.csv"])
     click.echo(folder / "laws.csv")

@@ -172,7 +172,9 @@ def test_drivers_and_laws_of_noise():
     within = constant_outcomes.reach(table, "y_mm")
     with pytest.raises(ValueError, match="is constant, as its values differ by"):
         sensitivity.drivers(cases, ["in_x"], "y_mm", within=within)
-    assert distributions.laws(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+    assert (
+        distributions.fit_distributions(cases, ["y_mm"], ["y_mm"]).at["y_mm", "law"] == "constant"
+    )
     table = constant_outcomes.with_constants(statistics(cases, ["y_mm"]), {"y_mm": (1e-11, 1.0)})
     assert constant_outcomes.reach(table, "y_mm") == 0.0
     found = sensitivity.drivers(cases, ["in_x"], "y_mm", within=0.0)
