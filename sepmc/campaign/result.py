@@ -155,9 +155,9 @@ class Result:
         alike = [name for name in numbers if constant_outcomes.is_constant(table, name)]
         return distributions.fit_distributions(self._rows(), numbers, alike)
 
-    def causes(self, name: str) -> list[failure_attribution.Cause]:
+    def causes(self, name: str) -> list[failure_attribution.Attribution]:
         """Inputs and pairs of inputs that set the cases apart which violate a requirement, or have
-        a status; see `sepmc.analysis.failure_attribution.causes`."""
+        a status; see `sepmc.analysis.failure_attribution.attribute_failures`."""
         rows, known = self._rows(), {item.name: item for item in self.campaign.file.requirements}
         statuses = [status.label for status in Status if status is not Status.OK]
         if name not in known and name not in statuses:
@@ -165,7 +165,7 @@ class Result:
             raise InputError(f"{name}: no such requirement or status; {said}")
         item = known.get(name) or Requirement(name=name, metric=name)
         others, design = list(known.values()), self.campaign.design
-        return failure_attribution.of_requirement(item, rows, self._inputs, others, design)
+        return failure_attribution.attribute_violations(item, rows, self._inputs, others, design)
 
     @property
     def _inputs(self) -> list[str]:

@@ -71,7 +71,7 @@ class Driven:
     sentence on how many these are; the paths of inputs in the file, by column."""
 
     drivers: dict[str, pd.DataFrame]
-    causes: dict[str, list[failure_attribution.Cause]]
+    causes: dict[str, list[failure_attribution.Attribution]]
     violated: dict[str, str]
     keys: dict[str, str]
     design: str = "random"
@@ -84,7 +84,7 @@ class Driven:
                 for name, table in self.drivers.items()
             ],
             [
-                failure_attribution.text(
+                failure_attribution.render_attribution(
                     said, self.causes[name], self.keys, width=width, design=self.design
                 )
                 for name, said in self.violated.items()
@@ -123,7 +123,7 @@ def find_drivers(
     items = [*loaded.file.requirements, *(Requirement(name=each, metric=each) for each in failed)]
     required = loaded.file.requirements
     apart = {
-        item.name: failure_attribution.of_requirement(
+        item.name: failure_attribution.attribute_violations(
             item, rows, list(keys), required, loaded.design
         )
         for item in items
@@ -137,7 +137,9 @@ def find_drivers(
             left = f" ({unknown} others {lack})" if unknown else ""
             violated[item.name] = f"{item.name}, {count} of {there.sum()} cases{left}"
         if item.metric in table.index:
-            count, of = failure_attribution.of_missing(item.metric, rows, list(keys), loaded.design)
+            count, of = failure_attribution.attribute_missing(
+                item.metric, rows, list(keys), loaded.design
+            )
             if count:
                 name = f"{item.name}, missing"
                 violated[name] = f"{item.name}, {count} ok cases without {item.metric}"
@@ -197,7 +199,8 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
         folders.write_text(folder / "drivers.csv", table.to_csv(index=False))
         written.insert(0, folder / "drivers.csv")
     folders.write_text(
-        folder / "causes.csv", failure_attribution.table(driven.causes).to_csv(index=False)
+        folder / "causes.csv",
+        failure_attribution.attribution_table(driven.causes).to_csv(index=False),
     )
     if plots:
         written += draw_drivers(driven, folder, loaded, folder)

@@ -10,8 +10,8 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy import stats
 
 import sepmc
-from sepmc.analysis.failure_attribution import causes
-from sepmc.analysis.failure_attribution import text as causes_text
+from sepmc.analysis.failure_attribution import attribute_failures
+from sepmc.analysis.failure_attribution import render_attribution as causes_text
 from sepmc.analysis.sensitivity import drivers, foremost, text
 from sepmc.campaign.cases import Sampling, probabilities, size_fault
 from sepmc.cli import app
@@ -204,7 +204,7 @@ def test_planted_causes():
     first = 0
     for seed in range(100):
         cases, violates, cause = planted(seed)
-        found = causes(cases, list(cases), violates)
+        found = attribute_failures(cases, list(cases), violates)
         first += bool(found) and found[0].inputs == cause
         for one in found[:1]:
             assert one.inside / one.cases > violates.mean()
@@ -220,15 +220,20 @@ def test_nothing_is_made_up():
     rng = np.random.default_rng(1)
     for _ in range(100):
         cases = {f"x{k}": rng.random(2000) for k in range(12)}
-        assert causes(cases, list(cases), rng.random(2000) < 10.0 ** rng.uniform(-2.5, -0.5)) == []
-    assert causes(cases, list(cases), np.zeros(2000, dtype=bool)) == []
+        assert (
+            attribute_failures(
+                cases, list(cases), rng.random(2000) < 10.0 ** rng.uniform(-2.5, -0.5)
+            )
+            == []
+        )
+    assert attribute_failures(cases, list(cases), np.zeros(2000, dtype=bool)) == []
 
 
 def test_discrete_inputs():
     """A failed spring behind all violations: its values are the parts."""
     rng = np.random.default_rng(2)
     fails, other = (rng.random(5000) < 0.02).astype(float), rng.random(5000)
-    (found,) = causes({"fails": fails, "other": other}, ["fails", "other"], fails > 0.5)
+    (found,) = attribute_failures({"fails": fails, "other": other}, ["fails", "other"], fails > 0.5)
     assert found.inputs == ("fails",)
     assert found.region == ((1.0, 1.0),)
     assert (found.inside, found.cases) == (found.violations, found.violations)
@@ -242,7 +247,7 @@ def test_causes_by_themselves_are_no_pairs():
     fails, thrust, other = (rng.random(8000) < 0.02).astype(float), *rng.random((2, 8000))
     violates = (fails > 0.5) | (thrust < 0.05) | (rng.random(8000) < 0.01)
     cases = {"fails": fails, "thrust": thrust, "other": other}
-    found = causes(cases, list(cases), violates)
+    found = attribute_failures(cases, list(cases), violates)
     assert sorted(one.inputs for one in found) == [("fails",), ("thrust",)]
     told = causes_text("late", found, {"fails": "spring.aft.fails"})
     assert "spring.aft.fails tells" in told
@@ -259,7 +264,7 @@ def test_a_pair_where_most_cases_violate():
     rng = np.random.default_rng(10)
     a, b, other = rng.random((3, 6000))
     violates = rng.random(6000) < np.where((a > 0.5) == (b > 0.5), 0.9, 0.65)
-    (found,) = causes({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
+    (found,) = attribute_failures({"a": a, "b": b, "other": other}, ["a", "b", "other"], violates)
     assert found.inputs == ("a", "b")
 
 
@@ -271,7 +276,7 @@ def test_the_region_of_a_cause_is_no_chance_cell():
     violates = (a > 0.5) & (b > 0.5) & (rng.random(6000) < 0.4)
     rare = np.zeros(6000)
     rare[np.flatnonzero(violates)[:2]] = 1.0
-    found = causes({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
+    found = attribute_failures({"a": a, "b": b, "rare": rare}, ["a", "b", "rare"], violates)
     assert found[0].inputs == ("a", "b")
     assert all(low >= 0.45 for low, _ in found[0].region)
     assert not any("rare" in one.inputs for one in found)
