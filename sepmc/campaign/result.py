@@ -137,13 +137,13 @@ class Result:
 
     def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see
-        `sepmc.analysis.sensitivity.drivers`, which raises ValueError if the outcome does not vary
-        by more than its numerical error."""
+        `sepmc.analysis.sensitivity.input_sensitivities`, which raises ValueError if the outcome
+        does not vary by more than its numerical error."""
         if outcome not in self.outcomes:
             raise InputError(f"{outcome}: no such outcome; {nearest(outcome, self.outcomes)}")
         design, correlated = self.campaign.design, self.campaign.correlated
         within = constant_outcomes.reach(self.statistics(), outcome)
-        return sensitivity.drivers(
+        return sensitivity.input_sensitivities(
             self._rows(), self._inputs, outcome, design, indices, correlated, within
         )
 

@@ -80,7 +80,7 @@ class Driven:
         """Both as a screen of so many characters shows them."""
         return (
             [
-                sensitivity.text(table, name, self.keys, width=width)
+                sensitivity.render_sensitivities(table, name, self.keys, width=width)
                 for name, table in self.drivers.items()
             ],
             [
@@ -107,7 +107,7 @@ def find_drivers(
     found = {}
     for name in named or telling_outcomes(loaded, table)[:_DRIVEN]:
         try:
-            found[name] = sensitivity.drivers(
+            found[name] = sensitivity.input_sensitivities(
                 rows,
                 list(keys),
                 name,
@@ -190,7 +190,7 @@ def tell_drivers(folder: Path, loaded: Campaign, named: tuple[str, ...], plots: 
     written = [folder / "causes.csv"]
     if driven.drivers:
         noted = {
-            name: table.assign(note=" ".join(sensitivity.remarks(table, driven.keys)))
+            name: table.assign(note=" ".join(sensitivity.index_notes(table, driven.keys)))
             for name, table in driven.drivers.items()
         }
         table = pd.concat(noted, names=["outcome", "input"]).reset_index()
