@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from scipy.stats import multivariate_normal, norm
 
 from sepmc.analysis.rare_values import count, occurrences, rare_values
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.cases import Sampling, draw
@@ -160,7 +160,7 @@ def stopped(problem, seed, most=CASES):
         counts += count(values, drawn)
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
         found = occurrences(values, counts.tolist())
-        look = until.look(Rows(rows, OUTCOMES, [], {}), len(every), found)
+        look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)
         if look.enough:
             break
     return numbers.end, look

@@ -16,7 +16,7 @@ from textwrap import fill
 import numpy as np
 import pandas as pd
 
-from sepmc.analysis.requirements import violating
+from sepmc.analysis.requirements import violation_masks
 from sepmc.analysis.statistics import WIDTH, column, ok_rows
 from sepmc.analysis.variance_indices import PATTERNS
 from sepmc.scene.model import Requirement
@@ -102,11 +102,11 @@ def attribute_violations(
     design: str = "random",
 ) -> list[Attribution]:
     """Causes of the violations of a requirement among the cases of which it is known; ``others`` as
-    for `violating`. None of a patterned ``design``, whose cases the G-test does not hold for: of 40
-    Sobol campaigns each named a pair of inputs without effect, 3 a single one."""
+    for `violation_masks`. None of a patterned ``design``, whose cases the G-test does not hold for:
+    of 40 Sobol campaigns each named a pair of inputs without effect, 3 a single one."""
     if design in PATTERNS:
         return []
-    violates, known = violating(requirement, cases, others)
+    violates, known = violation_masks(requirement, cases, others)
     return attribute_failures(
         {name: column(cases, name)[known] for name in inputs}, inputs, violates[known]
     )

@@ -32,7 +32,7 @@ from sepmc.scene.model import VIOLATION, Requirement
 from sepmc.schema import is_yes_or_no
 
 _KEPT = "\N{NO-BREAK SPACE}"
-ALL = "all cases"
+ALL_CASES = "all cases"
 PASS, FAIL, NOT_SHOWN, NONE = "pass", "fail", "not shown", "no verdict"
 # Cases nearest to a bound of which it is known how near: more of them within the numerical error
 # leave no verdict.
@@ -44,12 +44,12 @@ _NEAR = 65536
 Errors = Mapping[str, tuple[float, float]]
 
 
-class Tally:
+class RequirementCounter:
     """Counts the cases that violate a requirement, as they pass by in their order."""
 
     def __init__(self, requirement: Requirement):
         self.requirement = requirement
-        self.others: list[Tally] = []  # whose violations are its own
+        self.others: list[RequirementCounter] = []  # whose violations are its own
         self.cases = self.violations = self.missing = 0
         self.worst = (math.nan, -1)  # value and case
         self.first = self.first_unknown = -1  # case that violates, by its outcome or for want of it
@@ -104,7 +104,7 @@ class Tally:
         value, case = next(arrays).tolist()
         self.worst, self._near = (value, int(case)), next(arrays)
 
-    def take(self, others: "Tally") -> None:
+    def take(self, others: "RequirementCounter") -> None:
         """Take cases that come next, which another tally of the same requirement counted."""
         self.cases += others.cases
         self.violations += others.violations
@@ -163,24 +163,24 @@ class Tally:
         return self.violations - below, self.violations + len(near) - below
 
 
-def tallies(requirements: Sequence[Requirement]) -> list[Tally]:
+def requirement_counters(requirements: Sequence[Requirement]) -> list[RequirementCounter]:
     """A tally of each requirement, in their order."""
-    found = [Tally(item) for item in requirements]
+    found = [RequirementCounter(item) for item in requirements]
     for tally in found:
         if tally.requirement.metric == VIOLATION:
             tally.others = [other for other in found if other.requirement.metric != VIOLATION]
     return found
 
 
-def tally_all(
-    all_tallies: Sequence[Tally],
+def count_cases(
+    all_tallies: Sequence[RequirementCounter],
     numbers: np.ndarray,
     ok: np.ndarray,
     values: Callable[[str], np.ndarray | None],
     met: Callable[[str], np.ndarray],
 ) -> None:
     """Take cases into all tallies: ``values`` gives an outcome (n,) by its name, None of a status,
-    ``met`` which cases (n,) have a status; the others as for `Tally.add`."""
+    ``met`` which cases (n,) have a status; the others as for `RequirementCounter.add`."""
     counted = [
         tally.add(numbers, ok, values(tally.requirement.metric), met(tally.requirement.metric))
         for tally in all_tallies
@@ -204,13 +204,13 @@ def margins(values: np.ndarray, requirement: "Requirement | Verdict") -> np.ndar
     return np.minimum(below, above)
 
 
-def violating(
+def violation_masks(
     requirement: Requirement, cases: Mapping[str, Any], others: Sequence[Requirement] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which cases of a table (n_cases,) violate a requirement, and of which of them it is known;
     ``others`` are those that a requirement on `VIOLATION` is about."""
     if requirement.metric == VIOLATION:
-        found = [violating(one, cases) for one in others if one.metric != VIOLATION]
+        found = [violation_masks(one, cases) for one in others if one.metric != VIOLATION]
         ended = ok_rows(cases)  # of others it is known what they are, but not what they would be
         found = [(one, there & (ended | one)) for one, there in found]
         violates = np.any([one & there for one, there in found], axis=0)
@@ -273,7 +273,9 @@ class Verdict:
         return asdict(self)
 
 
-def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.ndarray]) -> float:
+def design_value(
+    tally: RequirementCounter, count: int, ranked: Callable[[np.ndarray], np.ndarray]
+) -> float:
     """The design value among so many outcomes, of two bounds `margins`, ``ranked`` by rising
     places; NaN if there is none."""
     item = tally.requirement
@@ -285,7 +287,7 @@ def design_value(tally: Tally, count: int, ranked: Callable[[np.ndarray], np.nda
     return math.nan if place is None else float(ranked(np.array([place]))[0])
 
 
-def doubt(audit: pd.DataFrame, sampler: str) -> str:
+def no_verdict_reason(audit: pd.DataFrame, sampler: str) -> str:
     """Why the cases of a run can show nothing, whatever they are; empty if they can."""
     if (audit["beyond"] > 0).any():
         return "the audit failed"
@@ -297,7 +299,9 @@ def doubt(audit: pd.DataFrame, sampler: str) -> str:
     return ""
 
 
-def judge(tally: Tally, errors: Errors, design: float, none: str = "", lacking: int = 0) -> Verdict:
+def judge(
+    tally: RequirementCounter, errors: Errors, design: float, none: str = "", lacking: int = 0
+) -> Verdict:
     """The verdict on a requirement.
 
     Parameters
@@ -305,7 +309,7 @@ def judge(tally: Tally, errors: Errors, design: float, none: str = "", lacking: 
     tally : of all cases
     errors : of outcomes
     design : the `design_value`; NaN if there is none
-    none : why there can be no verdict; see `doubt`
+    none : why there can be no verdict; see `no_verdict_reason`
     lacking : cases that came to their end without the outcome
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
@@ -359,7 +363,9 @@ def _error_at(item: Requirement, errors: Errors) -> float:
     return share * max(*bounds, scale)
 
 
-def _verdict(tally: Tally, parts: Sequence[tuple[Tally, float]], none: str) -> tuple[str, str]:
+def _verdict(
+    tally: RequirementCounter, parts: Sequence[tuple[RequirementCounter, float]], none: str
+) -> tuple[str, str]:
     """The verdict, and why there is none, if ``parts``, what it is about, have such errors."""
     item, n = tally.requirement, tally.cases
     if not n:
@@ -400,26 +406,26 @@ def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
     return FAIL if as_many <= rarely else NOT_SHOWN
 
 
-def table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
+def verdict_table(verdicts: Sequence[Verdict]) -> pd.DataFrame:
     """Verdicts by the name of their requirement."""
     names = [field.name for field in fields(Verdict)]
     rows = [verdict.to_dict() for verdict in verdicts]
     return pd.DataFrame(rows, columns=pd.Index(names)).set_index("name")
 
 
-def text(
+def render_verdicts(
     verdicts: Sequence[Verdict],
     units: Mapping[str, str],
     width: int = WIDTH,
-    of: str = ALL,
+    of: str = ALL_CASES,
 ) -> str:
     """Verdicts as an engineer reads them in a terminal, ``of`` the cases that there are; nothing if
     nothing is required."""
-    told = (_told(v, units.get(v.metric, ""), width, of) for v in verdicts)
+    told = (_render_verdict(v, units.get(v.metric, ""), width, of) for v in verdicts)
     return "\n".join(["requirements", *told])
 
 
-def lacking(verdicts: Sequence[Verdict]) -> str:
+def render_cases_needed(verdicts: Sequence[Verdict]) -> str:
     """The sentence on what some cases, chosen from others, lack to show what is required of them;
     empty if nothing is: they are as rare as what they were chosen by."""
     few = [v for v in verdicts if v.verdict == NOT_SHOWN]
@@ -433,7 +439,7 @@ def lacking(verdicts: Sequence[Verdict]) -> str:
     )
 
 
-def sentence(item: Requirement | Verdict, unit: str, of: str = ALL) -> str:
+def requirement_sentence(item: Requirement | Verdict, unit: str, of: str = ALL_CASES) -> str:
     """A requirement in words, ``of`` the cases that it is held to."""
     bound = " and ".join(
         f"{sign} {number:g}{_spaced(unit)}"
@@ -449,19 +455,19 @@ def sentence(item: Requirement | Verdict, unit: str, of: str = ALL) -> str:
     )
 
 
-def _told(v: Verdict, unit: str, width: int, of: str) -> str:
+def _render_verdict(v: Verdict, unit: str, width: int, of: str) -> str:
     required, confidence = _percent(v.probability), _percent(v.confidence)
     lines = [
-        sentence(v, unit, of),
+        requirement_sentence(v, unit, of),
         f"{v.violations} of {v.cases} cases violate it, "
         + (f"{v.allowed} may" if v.allowed >= 0 else "where even none would not show it")
-        + (f"; {missing_text(v)}" if v.missing else ""),
+        + (f"; {render_missing(v)}" if v.missing else ""),
     ]
     if v.verdict == NONE:
         lines.insert(1, v.why)
     else:
         lines[-1] += f"; of {of} {_violating(v)} do ({confidence})"
-    if v.verdict == NOT_SHOWN and of == ALL:
+    if v.verdict == NOT_SHOWN and of == ALL_CASES:
         lines.append(f"{v.more} more cases, none of which violates it, would show it")
     if v.worst is not None:
         said = f"worst {_number(v.worst)}{_spaced(unit)} (case {v.worst_case})"
@@ -480,7 +486,7 @@ def _told(v: Verdict, unit: str, width: int, of: str) -> str:
     )
 
 
-def missing_text(v: Verdict) -> str:
+def render_missing(v: Verdict) -> str:
     """Of how many cases that count as violations nothing is known, and why."""
     ended = v.missing - v.lacking
     if v.metric == VIOLATION:
@@ -506,9 +512,9 @@ def _designed(v: Verdict, unit: str) -> str:
 def _violating(v: Verdict) -> str:
     """What share of all cases violates a requirement."""
     return (
-        f"> {share_text(v.share_at_least, math.floor)}"
+        f"> {format_proportion(v.share_at_least, math.floor)}"
         if v.verdict == FAIL
-        else f"< {share_text(v.share_at_most, math.ceil)}"
+        else f"< {format_proportion(v.share_at_most, math.ceil)}"
     )
 
 
@@ -520,7 +526,7 @@ def _spaced(unit: str) -> str:
     return f" {unit}" if unit not in ("", "1") else ""
 
 
-def share_text(share: float, rounding: Callable[[float], int] = round) -> str:
+def format_proportion(share: float, rounding: Callable[[float], int] = round) -> str:
     """A share of cases in two digits; of a bound that is to hold as it is printed, by another
     ``rounding``."""
     if 0.0 < share < 1.0:

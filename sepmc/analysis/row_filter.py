@@ -22,7 +22,7 @@ _TESTS = {
 }
 
 
-def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
+def filter_names(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[str, str]:
     """What the columns of numbers of a case table can be called: by their names, and inputs by
     their keys and paths."""
     found = {name: name for name in columns if name != "status"}
@@ -31,7 +31,7 @@ def names_of(dispersions: Sequence[Dispersion], columns: Sequence[str]) -> dict[
     return found
 
 
-def where(
+def matching_rows(
     rows: Mapping[str, np.ndarray], columns: Mapping[str, str], asked: Sequence[str]
 ) -> np.ndarray:
     """Which cases (n,) meet all of what is ``asked``: terms such as ``joint.pins.fails=1`` or
@@ -55,7 +55,7 @@ def where(
     return found
 
 
-def outcomes_of(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
+def filter_outcomes(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
     """Columns by which cases are chosen that are no inputs."""
     terms = [_read(columns, term, text) for text in asked for term in _OR.split(text)]
     found = dict.fromkeys(name for known, _, _ in terms for name in known)
@@ -75,7 +75,7 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
     match = _TERM.fullmatch(term)
     if not match:
         raise InputError(
-            f"given = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
+            f"where = {text}: must be NAME=VALUE, with =, !=, <, <=, > or >=; "
             "several with 'or' between them"
         )
     name, test, value = match.groups()
@@ -84,13 +84,13 @@ def _read(columns: Mapping[str, str], term: str, text: str) -> tuple[list[str], 
         offered = [each for each in columns if not _unit_left_out(each, columns)]
         keys = [each for each in offered if "." in each]
         offered = keys if "." in name and keys else offered
-        raise InputError(f"given = {text}: no such input or outcome; {nearest(name, offered)}")
+        raise InputError(f"where = {text}: no such input or outcome; {nearest(name, offered)}")
     try:
         number = float(value)
     except ValueError:
         number = np.nan
     if np.isnan(number):
-        raise InputError(f"given = {text}: {value!r} must be a number")
+        raise InputError(f"where = {text}: {value!r} must be a number")
     return known, test, number
 
 
@@ -100,7 +100,7 @@ def _unit_left_out(name: str, columns: Mapping[str, str]) -> str:
     return columns[name].removeprefix(stem) if columns[name].startswith(stem) else ""
 
 
-def units_taken(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
+def assumed_units(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
     """Sentences on the units of numbers of terms that name an input without one."""
     terms = [_TERM.fullmatch(term) for text in asked for term in _OR.split(text)]
     names = [each for term in terms if term for each in fnmatch.filter(columns, term[1])]
@@ -112,7 +112,7 @@ def units_taken(columns: Mapping[str, str], asked: Sequence[str]) -> list[str]:
     ]
 
 
-def in_words(asked: Sequence[str]) -> str:
+def describe_filter(asked: Sequence[str]) -> str:
     """What is asked, as it is told."""
     several = len(asked) > 1
     return " and ".join(f"({each})" if several and _OR.search(each) else each for each in asked)

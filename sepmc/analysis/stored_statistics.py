@@ -12,7 +12,7 @@ _COLUMNS = ["outcome", "from", "to", "cases"]
 
 
 @dataclass(frozen=True)
-class Told:
+class StoredStatistics:
     """A ``table`` of statistics by outcome, and the ``bins`` of histograms."""
 
     table: pd.DataFrame
@@ -21,12 +21,12 @@ class Told:
     def statistics(
         self, reference: Mapping[str, Mapping[str, float]] | None = None
     ) -> pd.DataFrame:
-        """As `sepmc.analysis.streaming.Stream.statistics`; the reference is in it as it was
-        told."""
+        """As `sepmc.analysis.streaming.StreamingStatistics.statistics`; the reference is in it as
+        it was told."""
         return self.table
 
     def histogram(self, name: str) -> Histogram | None:
-        """As `sepmc.analysis.streaming.Stream.histogram`."""
+        """As `sepmc.analysis.streaming.StreamingStatistics.histogram`."""
         row = np.asarray(self.table.loc[[name], ["n", "mean", "sigma", "min", "max"]], dtype=float)
         n, mean, sigma, low, high = row[0].tolist()
         if not n or not np.isfinite(mean):
@@ -37,7 +37,7 @@ class Told:
         return Histogram(int(n), mean, sigma, low, high, edges, counts)
 
 
-def bins_of(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
+def histogram_table(histograms: Mapping[str, Histogram | None]) -> pd.DataFrame:
     """Histograms as a table: a row for each bin."""
     parts = [
         pd.DataFrame({"outcome": name, "from": h.edges[:-1], "to": h.edges[1:], "cases": h.counts})

@@ -16,8 +16,8 @@ from sepmc.analysis import (
     requirements,
     sensitivity,
 )
-from sepmc.analysis.row_filter import in_words, names_of, where
-from sepmc.analysis.row_statistics import by_case
+from sepmc.analysis.row_filter import describe_filter, filter_names, matching_rows
+from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.statistics import ok_rows, statistics
 from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.definition import Case
@@ -94,7 +94,7 @@ class Result:
         ValueError
             If only statistics were kept, ``stats_only=True``.
         """
-        return by_case(self.table)
+        return index_by_case(self.table)
 
     def histories(self) -> pd.DataFrame | None:
         """Separation over time in long form (case, time_s, ...), or None if ``run.history_step_s``
@@ -113,12 +113,17 @@ class Result:
             rows, outcomes = self._rows(), self.campaign.summarised[0]
             for term in given:
                 text("given", term, "joint.bolt.fails=1")
-            held = where(rows, names_of(self.campaign.file.dispersions, list(rows)), given)
+            held = matching_rows(
+                rows, filter_names(self.campaign.file.dispersions, list(rows)), given
+            )
             if not held.any():
-                warn(f"{in_words(given)}: holds in none of {len(held)} cases", RunWarning)
+                warn(f"{describe_filter(given)}: holds in none of {len(held)} cases", RunWarning)
             elif not ok_rows(rows)[held].any():
                 none = "none of them came to its end as asked, so there are no statistics"
-                warn(f"{in_words(given)}: {held.sum()} of {len(held)} cases; {none}", RunWarning)
+                warn(
+                    f"{describe_filter(given)}: {held.sum()} of {len(held)} cases; {none}",
+                    RunWarning,
+                )
             kept = {name: rows[name][held] for name in ("case", "status", *outcomes)}
             return with_errors(self.campaign, self._errors, statistics(kept, outcomes))
         table = self.kept.summary.statistics(self.campaign.reference)
@@ -133,7 +138,7 @@ class Result:
         `sepmc.analysis.requirements.Verdict`."""
         errors = with_scales(self.campaign, self._errors, self.kept.summary.statistics())
         sampler, audited = self.campaign.scene.run.sampler, self.kept.summary.audit()
-        return requirements.table(self.kept.summary.verdicts(errors, audited, sampler))
+        return requirements.verdict_table(self.kept.summary.verdicts(errors, audited, sampler))
 
     def drivers(self, outcome: str, indices: bool = True) -> pd.DataFrame:
         """How much each input drives an outcome, a row each; see

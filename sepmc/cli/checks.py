@@ -105,7 +105,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
                 step_selection.kernel_text(loaded, history=loaded.scene.run.history_step > 0.0)
             )
             return
-        from sepmc.analysis.requirements import sentence
+        from sepmc.analysis.requirements import requirement_sentence
         from sepmc.campaign.execution.chunks import implausible_note
         from sepmc.campaign.execution.diagnostics import of_file, sampled
         from sepmc.kernel.spec.describe import lines
@@ -152,7 +152,7 @@ def check(file: str, settings: tuple[str, ...], code: bool, no_flight: bool) -> 
         )
         click.echo(f"  required     {len(required) or 'nothing'}")
         for item in required:
-            click.echo("    " + sentence(item, units.get(item.metric, "")))
+            click.echo("    " + requirement_sentence(item, units.get(item.metric, "")))
         broken = drawn = 0
         for first, end in islice(numbers.pieces(_DRAWN), _TIMES):
             broken += loaded.implausible_inertias(loaded.draw(first, end - first, None, total))

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sepmc.analysis.requirements import Verdict
-    from sepmc.analysis.row_statistics import Rows
-    from sepmc.analysis.stored_statistics import Told
-    from sepmc.analysis.streaming import Stream
+    from sepmc.analysis.row_statistics import TableStatistics
+    from sepmc.analysis.stored_statistics import StoredStatistics
+    from sepmc.analysis.streaming import StreamingStatistics
     from sepmc.campaign.campaign import Campaign
 
 
@@ -48,7 +48,7 @@ _BANDED = 20_000
 def draw_figures(
     folder: Path,
     loaded: "Campaign",
-    summary: "Rows | Stream | Told",
+    summary: "TableStatistics | StreamingStatistics | StoredStatistics",
     table: "pd.DataFrame | None" = None,
     every: bool = False,
     say: Callable[[str], None] = click.echo,

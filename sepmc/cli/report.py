@@ -20,7 +20,7 @@ from sepmc.analysis import (
     sensitivity,
 )
 from sepmc.analysis.requirements import FAIL
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import (
     WIDTH,
     audit_text,
@@ -29,7 +29,7 @@ from sepmc.analysis.statistics import (
     share_lines,
     summary_text,
 )
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import OF_ITS_SIZE
 from sepmc.campaign.label import of_run, of_settings
@@ -95,7 +95,7 @@ class Driven:
 def find_drivers(
     folder: Path,
     loaded: Campaign,
-    summary: Rows | Stream,
+    summary: TableStatistics | StreamingStatistics,
     table: pd.DataFrame,
     named: tuple[str, ...] = (),
 ) -> Driven:
@@ -130,7 +130,7 @@ def find_drivers(
     }
     violated = {}
     for item in items:
-        violates, there = failure_attribution.violating(item, rows, required)
+        violates, there = failure_attribution.violation_masks(item, rows, required)
         if count := int((violates & there).sum()):
             unknown = rows.rows - int(there.sum())
             lack = "are not known to" if item.metric == VIOLATION else "have no such outcome"
@@ -147,7 +147,9 @@ def find_drivers(
     return Driven(found, apart, violated, keys, loaded.design)
 
 
-def _statistics(folder: Path, loaded: Campaign, summary: Rows | Stream) -> pd.DataFrame:
+def _statistics(
+    folder: Path, loaded: Campaign, summary: TableStatistics | StreamingStatistics
+) -> pd.DataFrame:
     """`statistics_of` a run by the manifest of its folder."""
     return statistics_of(loaded, summary, manifests.read_manifest(folder).get("accuracy") or {})
 
@@ -235,7 +237,7 @@ def draw_drivers(
     every = np.zeros(cases.rows, dtype=bool)
     for item in loaded.file.requirements:
         violates = np.logical_and(
-            *failure_attribution.violating(item, cases, loaded.file.requirements)
+            *failure_attribution.violation_masks(item, cases, loaded.file.requirements)
         )
         by_metric[item.metric] = by_metric.get(item.metric, False) | violates
         every |= violates

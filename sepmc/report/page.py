@@ -16,10 +16,10 @@ from sepmc.analysis.requirements import (
     NOT_SHOWN,
     PASS,
     Verdict,
+    format_proportion,
     has_two_bounds,
-    missing_text,
-    sentence,
-    share_text,
+    render_missing,
+    requirement_sentence,
 )
 from sepmc.analysis.statistics import groups, rounded
 
@@ -143,14 +143,17 @@ def _verdict(v: Verdict, unit: str) -> dict[str, Any]:
     return {
         "verdict": v.verdict.upper(),
         "style": _STYLES.get(v.verdict, "other"),
-        "sentence": sentence(v, unit),
+        "sentence": requirement_sentence(v, unit),
         "why": f"{v.more} more cases without a violation would show it"
         if v.verdict == NOT_SHOWN
         else v.why,
         "violations": f"{v.violations} of {v.cases}",
-        "missing": missing_text(v) if v.missing else "",
+        "missing": render_missing(v) if v.missing else "",
         "allowed": v.allowed if v.allowed >= 0 else "too few cases",
-        "share": f"{share_text(v.share_low, math.floor)} to {share_text(v.share_high, math.ceil)}",
+        "share": " to ".join(
+            format_proportion(*end)
+            for end in ((v.share_low, math.floor), (v.share_high, math.ceil))
+        ),
         "worst": f"case {v.worst_case}"
         if v.worst is None and v.worst_case is not None
         else shown(v.worst, f" ({v.worst_case})"),

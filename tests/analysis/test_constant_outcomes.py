@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import statistics, summary_text
 from sepmc.analysis.stopping import StoppingRule
 from sepmc.campaign.campaign import Campaign
@@ -201,7 +201,7 @@ def test_a_constant_is_known_as_soon_as_it_is_looked_at():
     """The mean of noise about zero is known to its numerical error, not to a share of itself."""
     x = 1e-17 * np.random.default_rng(3).standard_cauchy(4096)
     cases = {"case": np.arange(4096), "status": np.full(4096, "ok"), "y_mm": x}
-    summary = Rows(cases, ["y_mm"], [], {})
+    summary = TableStatistics(cases, ["y_mm"], [], {})
     within = 2.0 * float(np.abs(x).max())
     look = StoppingRule("y_mm", "mean", 1e-3, relative=False, text="y_mm:0.001").look(
         summary, 4, [], within

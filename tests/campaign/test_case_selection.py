@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 import sepmc
 from sepmc.analysis.proportions import interval
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import Numbers, read
 from sepmc.campaign.execution.step_selection import kernel_text
@@ -315,7 +315,7 @@ def test_intervals_that_until_looks_at():
     longer side is to be short enough."""
     x = np.random.default_rng(3).normal(2.0, 0.1, 400)
     rows = {"case": np.arange(400), "status": np.full(400, "ok", dtype=object), "speed_m_s": x}
-    summary, names = Rows(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
+    summary, names = TableStatistics(rows, ["speed_m_s"], [], {}), ["speed_m_s"]
     row = summary.statistics().loc["speed_m_s"]
     half = stdtrit(399, 0.975) * row["mean_se"]
     assert parse_stopping_rule("speed_m_s:1", names).known(summary) == pytest.approx(

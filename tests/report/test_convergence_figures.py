@@ -7,7 +7,7 @@ from PIL import Image
 from scipy import stats
 
 from sepmc.analysis.proportions import interval
-from sepmc.analysis.requirements import Tally, judge
+from sepmc.analysis.requirements import RequirementCounter, judge
 from sepmc.report import convergence_figures
 from sepmc.report.convergence_figures import _beyond, beyond_figure, convergence_figure, running
 from sepmc.report.style import PRINTED, SCREEN, dots, sheet
@@ -56,7 +56,7 @@ def test_between_two_bounds_one_panel_shows_both_sides(tmp_path, monkeypatch):
     one = Requirement(name="one", metric="x", at_most=180.0, probability=0.9)
     verdicts = []
     for item in (two, one):
-        tally = Tally(item)
+        tally = RequirementCounter(item)
         tally.add(np.arange(200), np.ones(200, dtype=bool), x, np.zeros(200, dtype=bool))
         verdicts.append(judge(tally, {"x": (0.0, 1.0)}, np.nan))
     beyond_figure({"x": x}, verdicts, tmp_path, {"x": "mm"}, "title")

@@ -17,10 +17,10 @@ from typing import Any, Self
 import numpy as np
 
 from sepmc.analysis.constant_outcomes import reach
-from sepmc.analysis.quantile_sketch import ROOM
+from sepmc.analysis.quantile_sketch import EXACT_VALUES
 from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
 from sepmc.analysis.stopping import StoppingRule
-from sepmc.analysis.streaming import GRAIN
+from sepmc.analysis.streaming import ACCUMULATION_BLOCK
 from sepmc.campaign.case_selection import Numbers
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.accuracy import Achieved, with_errors
@@ -197,7 +197,7 @@ class Chunks:
         done = 0
         if stream:
             held = self.earlier.held
-            done = min(max(ROOM, held + -held % GRAIN), numbers.end)
+            done = min(max(EXACT_VALUES, held + -held % ACCUMULATION_BLOCK), numbers.end)
             self.fly(held, done, tell)
             self._wait()
             if self.too_many_failed:
@@ -234,9 +234,9 @@ class Chunks:
     def _ranges(self, left: Numbers, workers: int) -> Iterator[tuple[int, int]]:
         """Ranges of what is left, each of which a worker flies in a few seconds, but no fewer than
         a few for every worker."""
-        grain = GRAIN if self.orders.stats_only else 1
+        grain = ACCUMULATION_BLOCK if self.orders.stats_only else 1
         most = max(grain, -(-left.count // (_FEW * workers)))
-        most = min(most, self.size if not self.orders.stats_only else _COUNTED * GRAIN)
+        most = min(most, self.size if not self.orders.stats_only else _COUNTED * ACCUMULATION_BLOCK)
         for first, end in left.ranges:
             start = first
             while start < end:

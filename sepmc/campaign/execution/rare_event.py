@@ -16,8 +16,8 @@ import pandas as pd
 
 from sepmc import schema
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.requirements import share_text
-from sepmc.analysis.row_statistics import by_case
+from sepmc.analysis.requirements import format_proportion
+from sepmc.analysis.row_statistics import index_by_case
 from sepmc.analysis.subset_simulation import Estimate, Level
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
@@ -85,7 +85,7 @@ class Rare:
 
     def to_pandas(self) -> pd.DataFrame:
         """The cases of the last level, one a row, by their number."""
-        return by_case(self.rows)
+        return index_by_case(self.rows)
 
     def to_dict(self) -> dict[str, Any]:
         """What ``rare.json`` holds."""
@@ -296,7 +296,7 @@ def _notes(flights: Flights, known: Estimate, all_of: Estimate, values: list[Sel
             f"{flights.count - ended} of {flights.count} flown cases did not come to their end"
             f"{of_ok}: it is not known "
             "whether they violate, and they do not count as violations; probability of such cases "
-            f"{share_text(unknown)}"
+            f"{format_proportion(unknown)}"
         )
     found += [
         f"{cases} flown cases are beyond the bound of {name}, {schema.AUDIT_BOUNDS[name]:g}: the "
@@ -329,7 +329,7 @@ def _near(flight: Flight, aim: Target, share: float, found: Estimate) -> list[st
     if doubtful > _NEAR * found.probability:
         said.append(
             f"cases nearer to the bound than the numerical error of {error:.1e} have a probability "
-            f"of {share_text(doubtful)}: ask for a finer solver.accuracy"
+            f"of {format_proportion(doubtful)}: ask for a finer solver.accuracy"
         )
     thresholds = np.array([level.threshold for level in found.levels])
     if len(thresholds) > 1 and error > _NEAR * np.abs(np.diff(thresholds)).min():

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sepmc.analysis.row_statistics import Rows
+from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import column, ok_rows
-from sepmc.analysis.streaming import Stream
+from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.integration import Flight, Say, fly, history_rows
 from sepmc.campaign.execution.step_selection import kernel_text, left_to_compile, plan_flight
@@ -106,7 +106,7 @@ def near(cases: shards.CaseColumns, asked: str) -> tuple[int, str]:
 
 
 def worst(
-    summary: Rows | Stream, campaign: Definition, errors: dict, asked: str
+    summary: TableStatistics | StreamingStatistics, campaign: Definition, errors: dict, asked: str
 ) -> tuple[int, str]:
     """The worst case of a requirement, which is named, or by its metric, and what it is; of an
     outcome that is yes or no, of a status or of a violation, the first that violates it."""

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from sepmc import __version__
-from sepmc.analysis.row_statistics import Rows, summarise
-from sepmc.analysis.streaming import Apart, Stream
+from sepmc.analysis.row_statistics import TableStatistics, summarise
+from sepmc.analysis.streaming import PartialStatistics, StreamingStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch import Draws, Piece
 from sepmc.campaign.execution.batch_summary import Tally
@@ -29,7 +29,7 @@ class Kept:
     """What a run leaves: its statistics, and its rows and histories where they are kept; of a
     folder, the parts that hold histories."""
 
-    summary: Rows | Stream
+    summary: TableStatistics | StreamingStatistics
     rows: Mapping[str, np.ndarray] | None = None
     histories: Mapping[str, np.ndarray] | None = None
     history_parts: Sequence[Entry] = ()
@@ -68,7 +68,7 @@ class InMemory:
         """Statistics, rows and histories."""
         rows = _join(self.parts)
         return Kept(
-            Rows(rows, *self.campaign.summarised),
+            TableStatistics(rows, *self.campaign.summarised),
             rows,
             _join(self.histories) if self.histories else None,
         )
@@ -195,7 +195,7 @@ class InStatistics:
 
     def __init__(self, campaign: Definition, kept: KeptRows | None = None):
         self.campaign, self.rows = campaign, kept
-        self.stream = Stream(*campaign.summarised)
+        self.stream = StreamingStatistics(*campaign.summarised)
 
     def take(self, pieces: list[Piece]) -> None:
         """Add the cases of the pieces to the statistics."""
@@ -214,7 +214,9 @@ class InStatistics:
         return Kept(self.stream)
 
 
-def add_to(stream: Stream | Apart, campaign: Definition, pieces: list[Piece]) -> None:
+def add_to(
+    stream: StreamingStatistics | PartialStatistics, campaign: Definition, pieces: list[Piece]
+) -> None:
     """Add the cases of pieces to statistics."""
     first, count = pieces[0].first, sum(len(piece.drawn) for piece in pieces)
     stream.add(np.arange(first, first + count), _codes(pieces), _results(campaign, pieces))

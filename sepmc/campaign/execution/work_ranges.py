@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from sepmc import __version__
-from sepmc.analysis.streaming import Apart
+from sepmc.analysis.streaming import PartialStatistics
 from sepmc.campaign.definition import Definition
 from sepmc.campaign.execution.batch import Draws, fly_piece
 from sepmc.campaign.execution.batch_summary import Tally
@@ -35,7 +35,7 @@ class Job:
     word: str
     flight: Flight
     draws: Draws
-    apart: Apart | None = None
+    apart: PartialStatistics | None = None
     keep: Keep | None = None
 
     @property
@@ -55,7 +55,7 @@ class Flown:
     timing: dict[str, float]
     kind: str
     parts: tuple[ledger.Entry, ...] = ()
-    apart: Apart | None = None
+    apart: PartialStatistics | None = None
     chosen: Chosen | None = None
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sepmc.analysis.requirements import margins, violating
+from sepmc.analysis.requirements import margins, violation_masks
 from sepmc.scene.messages import InputError, nearest
 from sepmc.scene.model import Requirement
 from sepmc.schema import Column, Status
@@ -118,7 +118,7 @@ class Chosen:
             _say(why, ~ok, FAILED)
         if VIOLATING in self.keep.rules:
             for one in self.requirements:
-                known = np.logical_and(*violating(one, rows, self.requirements))
+                known = np.logical_and(*violation_masks(one, rows, self.requirements))
                 _say(why, known, f"{VIOLATING} {one.name}")
         if EVERY in self.keep.rules:
             _say(why, numbers % self.keep.every == 0, EVERY)
