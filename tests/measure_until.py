@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import multivariate_normal, norm
 
-from sepmc.analysis.rare_values import count, occurrences, rare_values
+from sepmc.analysis.rare_values import count_values, occurrences, rare_values
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import Numbers
@@ -157,7 +157,7 @@ def stopped(problem, seed, most=CASES):
     for numbers in every:
         drawn, table = problem.rows(seed, *numbers.ranges[0])
         tables.append(table)
-        counts += count(values, drawn)
+        counts += count_values(values, drawn)
         rows = {name: np.concatenate([t[name] for t in tables]) for name in table}
         found = occurrences(values, counts.tolist())
         look = until.look(TableStatistics(rows, OUTCOMES, [], {}), len(every), found)

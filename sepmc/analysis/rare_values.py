@@ -20,7 +20,7 @@ from sepmc.wording import option
 
 # Times that a value is to be drawn before a mean or a sigma is believed: with fewer, intervals of a
 # mean that the value decides hold the true one too seldom (tests/measure_until.py).
-TIMES = 10
+MIN_OCCURRENCES = 10
 _COMMON = 0.05  # probability from which on a value that was drawn at all shows in the intervals
 _ABOVE = 1.001  # times the probability of independent parameters, of a pair that is counted
 _NAMED = 3  # values that a sentence names
@@ -30,18 +30,19 @@ _FARTHEST = 40.0  # score beyond which nothing lies
 
 
 @dataclass(frozen=True)
-class Rare:
+class RareValue:
     """One value of a discrete distribution, or a pair of values of two that correlate.
 
     ``places`` are those of its parameters among all that are dispersed, ``values`` in the units of
-    their keys. ``enough`` is how often it is to occur: `TIMES`, or as often as a plan holds it.
+    their keys. ``enough`` is how often it is to occur: `MIN_OCCURRENCES`, or as often as a plan
+    holds it.
     """
 
     name: str
     places: tuple[int, ...]
     values: tuple[float, ...]
     probability: float
-    enough: int = TIMES
+    enough: int = MIN_OCCURRENCES
 
     @property
     def cases(self) -> int:
@@ -52,21 +53,27 @@ class Rare:
 class Occurrence(NamedTuple):
     """How often a value occurred among so many cases."""
 
-    of: Rare
+    of: RareValue
     times: int
     cases: int
 
 
 def rare_values(
     dispersions: Sequence[Dispersion], copulas: Sequence[Copula] = ()
-) -> tuple[Rare, ...]:
+) -> tuple[RareValue, ...]:
     """Values and pairs of values that a file gives a probability below 1."""
     laws = [law if law.law == "discrete" else None for law in dispersions]
     found = [
-        Rare(f"{law.parameter.key} = {value:g}", (place,), (value,), share, _enough(law, share))
+        RareValue(
+            f"{law.parameter.key} = {value:g}",
+            (place,),
+            (value,),
+            share,
+            _required_count(law, share),
+        )
         for place, law in enumerate(laws)
         if law
-        for value, share in _shares(law).items()
+        for value, share in _probabilities(law).items()
         if share < 1.0
     ]
     for copula in copulas:
@@ -80,11 +87,11 @@ def rare_values(
                         f"{one.parameter.key} = {values[0]:g} with "
                         f"{two.parameter.key} = {values[1]:g}"
                     )
-                    found.append(Rare(name, places, values, share))
+                    found.append(RareValue(name, places, values, share))
     return tuple(found)
 
 
-def _shares(law: Dispersion) -> dict[float, float]:
+def _probabilities(law: Dispersion) -> dict[float, float]:
     """Probability of each value of a discrete distribution that has one, in the order of the
     file."""
     found: dict[float, float] = {}
@@ -94,9 +101,9 @@ def _shares(law: Dispersion) -> dict[float, float]:
     return found
 
 
-def _enough(law: Dispersion, share: float) -> int:
+def _required_count(law: Dispersion, share: float) -> int:
     """Times that a value is to occur; no more than a plan holds it."""
-    return min(TIMES, round(share * sum(law.weights))) if law.column else TIMES
+    return min(MIN_OCCURRENCES, round(share * sum(law.weights))) if law.column else MIN_OCCURRENCES
 
 
 def _pairs(
@@ -115,7 +122,7 @@ def _pairs(
     for (i, j), part in np.ndenumerate(np.diff(np.diff(below, axis=0), axis=1)):
         values = one.numbers[i], two.numbers[j]
         together[values] = together.get(values, 0.0) + float(part)
-    alone = _shares(one), _shares(two)
+    alone = _probabilities(one), _probabilities(two)
     for values, share in together.items():
         if share > _ABOVE * alone[0].get(values[0], 1.0) * alone[1].get(values[1], 1.0):
             yield values, share
@@ -137,7 +144,7 @@ def _both_below(h: np.ndarray, k: np.ndarray, correlation: float) -> np.ndarray:
     return np.asarray(found)
 
 
-def count(values: Sequence[Rare], drawn: np.ndarray) -> tuple[int, ...]:
+def count_values(values: Sequence[RareValue], drawn: np.ndarray) -> tuple[int, ...]:
     """Rows of a case table (n, d): all of them, and those in which each value occurs. Counts of
     tables that follow each other add up."""
     single = {each.places[0] for each in values if len(each.places) == 1}
@@ -156,23 +163,23 @@ def count(values: Sequence[Rare], drawn: np.ndarray) -> tuple[int, ...]:
     )
 
 
-def occurrences(values: Sequence[Rare], counts: Sequence[int]) -> list[Occurrence]:
-    """How often each value occurred, by what `count` counted."""
+def occurrences(values: Sequence[RareValue], counts: Sequence[int]) -> list[Occurrence]:
+    """How often each value occurred, by what `count_values` counted."""
     cases, *each = counts or (0, *(0 for _ in values))
     return [Occurrence(of, k, cases) for of, k in zip(values, each, strict=True)]
 
 
-def seldom(found: Sequence[Occurrence]) -> list[Occurrence]:
+def undersampled(found: Sequence[Occurrence]) -> list[Occurrence]:
     """Of occurrences those that are too few to show what their value does, the most probable
     first."""
     few = [one for one in found if one.times < one.of.enough]
     return sorted(few, key=lambda one: -one.of.probability)
 
 
-def not_shown(found: Sequence[Occurrence]) -> list[str]:
+def render_undersampled(found: Sequence[Occurrence]) -> list[str]:
     """The sentence that names values that statistics say nothing of, as they did not occur, or too
     seldom; none if all occurred."""
-    few = [one for one in seldom(found) if not one.times or one.of.probability < _COMMON]
+    few = [one for one in undersampled(found) if not one.times or one.of.probability < _COMMON]
     if not few:
         return []
     first, *others = (

@@ -17,7 +17,7 @@ import pandas as pd
 
 from sepmc.analysis.constant_outcomes import known_value
 from sepmc.analysis.proportions import CONFIDENCE, interval
-from sepmc.analysis.rare_values import Occurrence, Rare, seldom
+from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
 from sepmc.analysis.statistics import PERCENTILES, student
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
@@ -74,7 +74,7 @@ class StoppingRule:
         """Whether it is a mean or a sigma, which values that did not occur would change."""
         return self.statistic in ("mean", "sigma")
 
-    def first(self, values: Sequence[Rare]) -> int:
+    def first(self, values: Sequence[RareValue]) -> int:
         """Cases after which is looked first; it is looked again whenever they have doubled. For a
         mean or a sigma each of the rare ``values`` is expected to have occurred often enough."""
         if not self.is_moment:
@@ -82,7 +82,7 @@ class StoppingRule:
         count, needed = _FIRST_OF_MOMENTS, max((each.cases for each in values), default=0)
         return count << max(0, math.ceil(math.log2(max(needed, 1) / count)))
 
-    def check(self, values: Sequence[Rare], cases: int) -> None:
+    def check(self, values: Sequence[RareValue], cases: int) -> None:
         """Raise InputError if so many cases are not expected to show what a mean or a sigma takes:
         all the rare ``values``."""
         rarest = max(values, key=lambda each: each.cases, default=None)
@@ -144,7 +144,7 @@ class StoppingRule:
 
     def _lack(self, summary: _Summary, found: Sequence[Occurrence], within: float) -> str:
         """What cases lack to state a mean or a sigma; empty if nothing."""
-        if few := seldom(found):
+        if few := undersampled(found):
             one = few[-1]  # the least probable
             return (
                 f"{one.of.name} (probability {one.of.probability:.3g}) occurred in {one.times} of "

@@ -28,7 +28,7 @@ class Tally(msgspec.Struct, frozen=True):
     scene waits for (`sepmc.campaign.execution.missing_events`); the largest error of every outcome,
     as far as cases tell it one by one, and the largest ``guards``, which tell it of the others
     (`sepmc.campaign.execution.error_estimate.Estimate.largest`); how often rare values ``occurred``
-    (`sepmc.analysis.rare_values.count`)."""
+    (`sepmc.analysis.rare_values.count_values`)."""
 
     failures: int = 0
     implausible: int = 0
@@ -85,7 +85,7 @@ def count(campaign: Definition, drawn: np.ndarray, block: Block) -> Tally:
         count_missing(campaign, outcomes, block.status == Status.OK),
         {c.name: float(x) for c, x in zip(columns, errors, strict=True)},
         tuple(again.guards.tolist()) if again else (),
-        rare_values.count(campaign.rare_values, drawn),
+        rare_values.count_values(campaign.rare_values, drawn),
     )
 
 

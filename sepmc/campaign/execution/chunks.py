@@ -18,7 +18,7 @@ import numpy as np
 
 from sepmc.analysis.constant_outcomes import reach
 from sepmc.analysis.quantile_sketch import EXACT_VALUES
-from sepmc.analysis.rare_values import Occurrence, not_shown, occurrences
+from sepmc.analysis.rare_values import Occurrence, occurrences, render_undersampled
 from sepmc.analysis.stopping import StoppingRule
 from sepmc.analysis.streaming import ACCUMULATION_BLOCK
 from sepmc.campaign.case_selection import Numbers
@@ -359,7 +359,7 @@ class Chunks:
             "implausible_inertias": self.tally.implausible,
             "accuracy": self._accuracy(),
             "notes": self.notes,
-            "rarely_drawn": not_shown(self.occurred),
+            "rarely_drawn": render_undersampled(self.occurred),
             "least_at_the_end": self.tally.least_at_the_end,
             **({"stopping_rule": self.orders.until.text} if self.orders.until else {}),
             "missing": self.tally.missing,
@@ -409,7 +409,7 @@ class Chunks:
             *([note] if note else []),
             *mixed(self.kinds),
             *sampled(self.campaign, self.draws.numbers),
-            *not_shown(self.occurred),
+            *render_undersampled(self.occurred),
             *unmet(told, fixed),
             *unsettled(self.tally.unsettled, self.tally.finer),
             *still_near(self.tally.least_at_the_end),
