@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.proportions import difference_interval, paired_interval
-from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student
+from sepmc.analysis.statistics import WIDTH, aligned, column, ok_rows, rounded, student_half_width
 from sepmc.scene.model import SALTELLI
 from sepmc.schema import is_yes_or_no
 
@@ -173,7 +173,7 @@ def _of_means(a: np.ndarray, b: np.ndarray, paired: bool) -> tuple[float, float,
         if error > 0.0:  # Welch and Satterthwaite, by shares, which do not underflow
             share = of_a / (of_a + of_b)
             freedoms = 1.0 / (share**2 / (len(a) - 1) + (1.0 - share) ** 2 / (len(b) - 1))
-    reach = student(freedoms) * error
+    reach = student_half_width(freedoms) * error
     return difference, difference - reach, difference + reach
 
 

@@ -104,7 +104,7 @@ def statistics(
     )
 
 
-def student(freedoms: Any, confidence: float = 0.95) -> Any:
+def student_half_width(freedoms: Any, confidence: float = 0.95) -> Any:
     """Half the width of a two-sided interval of a mean, in standard errors that were estimated with
     so many degrees of freedom (Student's t); shape of ``freedoms``, NaN of those below 1."""
     from scipy.special import stdtrit  # noqa: PLC0415  (0.1 s that most runs do not need)
@@ -155,7 +155,7 @@ def statistics_table(
         for name in columns
     }
     if reference is not None:
-        data |= _beside(data, outcomes, reference)
+        data |= _reference_columns(data, outcomes, reference)
     # all columns at once: the first insertion of one more name takes pandas 0.1 s
     return pd.DataFrame(data, index=pd.Index(list(outcomes), name="outcome", dtype="str"))
 
@@ -250,7 +250,7 @@ def _moments(x: np.ndarray) -> tuple[float, float, float, float]:
     )
 
 
-def _beside(
+def _reference_columns(
     data: Mapping[str, np.ndarray],
     outcomes: Sequence[str],
     reference: Mapping[str, Mapping[str, float]],
@@ -279,7 +279,7 @@ def status_counts(cases: Mapping[str, Any]) -> dict[str, int]:
     return {OK: counts.pop(OK, 0)} | counts
 
 
-class Worst:
+class AuditBound:
     """The worst value of an audit column and the number of cases beyond its bound; NaN is worse
     than any number."""
 
@@ -299,7 +299,7 @@ class Worst:
         if not np.isnan(self.bound) and not x[at] <= self.bound:
             self.beyond += int(np.count_nonzero(~(x <= self.bound)))
 
-    def apart(self) -> "Worst":
+    def apart(self) -> "AuditBound":
         """What counts other cases for this one to `take`."""
         found = copy(self)
         found.worst, found.case, found.beyond, found._rank = np.nan, -1, 0, -np.inf
@@ -313,7 +313,7 @@ class Worst:
         """Hold what another one held."""
         set_scalars(self, next(arrays))
 
-    def take(self, others: "Worst") -> None:
+    def take(self, others: "AuditBound") -> None:
         """Take cases that come next, which others counted."""
         if others.case >= 0 and (self.case < 0 or others._rank > self._rank):
             self.worst, self.case, self._rank = others.worst, others.case, others._rank
@@ -333,13 +333,13 @@ def audit(
     """
     ok = ok_rows(cases)
     numbers = np.asarray(cases["case"])[ok]
-    found = {name: Worst(name, bounds) for name in columns if name in cases}
+    found = {name: AuditBound(name, bounds) for name in columns if name in cases}
     for name, worst in found.items():
         worst.add(column(cases, name)[ok], numbers)
     return audit_table(found)
 
 
-def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
+def audit_table(found: Mapping[str, AuditBound]) -> pd.DataFrame:
     """The table of `audit`."""
     rows = {name: [w.worst, w.case, w.bound, w.beyond] for name, w in found.items()}
     return pd.DataFrame.from_dict(
@@ -347,7 +347,7 @@ def audit_table(found: Mapping[str, Worst]) -> pd.DataFrame:
     )
 
 
-def audit_text(table: pd.DataFrame, width: int = WIDTH) -> str:
+def render_audit(table: pd.DataFrame, width: int = WIDTH) -> str:
     """An audit in one line, or a line for each column that has cases beyond its bound."""
     if not len(table) or table["case"].max() < 0:
         return "audit: no ok case to audit"
@@ -413,7 +413,7 @@ def rounded(value: float, scale: float, digits: int = 3) -> str:
     return f"{value:z.{decimals}f}" if plain else f"{value:z.{digits}e}"
 
 
-def summary_text(
+def render_summary(
     stats: pd.DataFrame,
     counts: Mapping[str, int],
     units: Mapping[str, str] | None = None,
@@ -442,12 +442,12 @@ def summary_text(
         to two.
     """
     parts = [_counts_line(counts, width)]
-    for lines in (share_lines(stats), constant_outcomes.lines(stats, units)):
+    for lines in (render_proportions(stats), constant_outcomes.lines(stats, units)):
         parts += ["\n".join(f"  {line}" for line in lines)] if lines else []
     stats = stats[~_are_shares(stats)]
     varied = stats[~stats["constant"].to_numpy(dtype=bool)] if "constant" in stats else stats
     if len(varied):
-        parts.append(_layout(list(varied.index), groups(varied, units), width))
+        parts.append(_layout(list(varied.index), column_groups(varied, units), width))
     if varied["n"].between(1, _TAIL_CASES - 1).any():
         said = (
             f"With fewer than {_TAIL_CASES} values: the 0.135 % and 99.865 % points lie between "
@@ -484,7 +484,7 @@ def _are_shares(stats: pd.DataFrame) -> np.ndarray:
     return stats.index.map(is_yes_or_no).to_numpy(dtype=bool)
 
 
-def share_lines(stats: pd.DataFrame) -> list[str]:
+def render_proportions(stats: pd.DataFrame) -> list[str]:
     """Of a table of `statistics`, the outcomes that are yes or no: in how many cases, and in what
     share of all."""
     lines, shares = [], stats[_are_shares(stats)]
@@ -496,7 +496,7 @@ def share_lines(stats: pd.DataFrame) -> list[str]:
     return lines
 
 
-def groups(
+def column_groups(
     stats: pd.DataFrame, units: Mapping[str, str] | None
 ) -> list[tuple[str, dict[str, list[str]]]]:
     """The main table of `statistics` in text: columns as (heading, {column: cells})."""

@@ -18,7 +18,7 @@ import pandas as pd
 from sepmc.analysis.constant_outcomes import known_value
 from sepmc.analysis.proportions import CONFIDENCE, interval
 from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
-from sepmc.analysis.statistics import PERCENTILES, student
+from sepmc.analysis.statistics import PERCENTILES, student_half_width
 from sepmc.scene.messages import InputError, nearest
 from sepmc.schema import Status, is_yes_or_no
 from sepmc.wording import option
@@ -123,7 +123,7 @@ class StoppingRule:
         if self.statistic in PERCENTILES:
             low, high = row[f"{self.statistic}_low"], row[f"{self.statistic}_high"]
         else:
-            half = student(n - 1, confidence) * row[f"{self.statistic}_se"]
+            half = student_half_width(n - 1, confidence) * row[f"{self.statistic}_se"]
             low, high = value - half, value + half
         return value, *((-math.inf, math.inf) if np.isnan(high - low) else (low, high))
 

@@ -29,8 +29,8 @@ from sepmc.analysis.requirements import (
 )
 from sepmc.analysis.statistics import (
     PERCENTILES,
+    AuditBound,
     Histogram,
-    Worst,
     audit_table,
     histogram_of,
     percentile_ends,
@@ -64,7 +64,7 @@ class _BlockCounters:
         moments: Mapping[str, _Takes],
         sketches: Mapping[str, _Counts],
         margins: Mapping[str, _Counts],
-        audits: Mapping[str, Worst],
+        audits: Mapping[str, AuditBound],
         requirements: Sequence[Requirement],
     ):
         self._moments, self._sketches, self._margins = moments, sketches, margins
@@ -179,7 +179,7 @@ class StreamingStatistics:
         self.margins = {
             item.name: QuantileSketch() for item in requirements if has_two_bounds(item)
         }
-        self.audits = {name: Worst(name, bounds) for name in audits}
+        self.audits = {name: AuditBound(name, bounds) for name in audits}
         self._counters = _BlockCounters(
             self.moments, self.sketches, self.margins, self.audits, requirements
         )

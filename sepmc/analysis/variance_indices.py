@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sepmc.analysis.statistics import student
+from sepmc.analysis.statistics import student_half_width
 from sepmc.scene.model import REPLICATES, SALTELLI
 
 PLAN, LHS, SOBOL = "plan", "lhs", "sobol"
@@ -180,7 +180,9 @@ def of_groups(found: Groups) -> tuple[np.ndarray, np.ndarray]:
         index = float(product.mean() / variance)
         influence = (product - index * spread) / variance
         parts = np.bincount(found.replicates, influence) * REPLICATES / len(influence)
-        return index, float(student(REPLICATES - 1) * parts.std(ddof=1) / np.sqrt(REPLICATES))
+        return index, float(
+            student_half_width(REPLICATES - 1) * parts.std(ddof=1) / np.sqrt(REPLICATES)
+        )
 
     changed = (every[:, 1:-1] - mean).T
     first, total = zip(
@@ -241,4 +243,4 @@ def _half(influence: np.ndarray, too_much: float, more: float) -> float:
     if of_mean > 0.0:
         kurtosis = float(np.mean(influence**4)) / variance**2
         freedoms = 2.0 * n / max(kurtosis - 1.0, 1e-9) * (1.0 + more / of_mean) ** 2
-    return float(student(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))
+    return float(student_half_width(np.clip(freedoms, 2.0, 1e9)) * np.sqrt(of_mean + more))

@@ -264,7 +264,7 @@ def tell_results(
     not passed, or else 0."""
     from sepmc.analysis import requirements
     from sepmc.analysis.constant_outcomes import flat
-    from sepmc.analysis.statistics import audit_text, summary_text
+    from sepmc.analysis.statistics import render_audit, render_summary
     from sepmc.analysis.stored_statistics import histogram_table
     from sepmc.campaign.store import manifests, shards
     from sepmc.schema import Status
@@ -281,7 +281,7 @@ def tell_results(
     shards.write_statistics(folder, table, units, told)
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     width = screen_width()
-    say(summary_text(chosen, counts, units, source, width))
+    say(render_summary(chosen, counts, units, source, width))
     sentences = {status.label: status.sentence for status in Status}
     for label, count in counts.items():
         if label != Status.OK.label and count:
@@ -297,7 +297,7 @@ def tell_results(
             "others",
             err=True,
         )
-    say(audit_text(audited, width))
+    say(render_audit(audited, width))
     if "errors" in accuracy:
         stages = accuracy.get("stages") or [phase.name for phase in loaded.scene.phase]
         say(for_screen(accuracy_text(accuracy, stages)))
@@ -358,7 +358,7 @@ def tell_given(
         filter_outcomes,
         matching_rows,
     )
-    from sepmc.analysis.statistics import ok_rows, summary_text
+    from sepmc.analysis.statistics import ok_rows, render_summary
     from sepmc.campaign.store import folders, manifests, shards
     from sepmc.scene.messages import InputError
 
@@ -391,7 +391,7 @@ def tell_given(
         said = ", ".join(f"{count} {label}" for label, count in ends.items())
         folded(f"none of them came to its end as asked, so there are no statistics: {said}")
     else:
-        folded(summary_text(_matching(table, shown), summary.counts, units, width=width))
+        folded(render_summary(_matching(table, shown), summary.counts, units, width=width))
     if verdicts:
         folded(requirements.render_verdicts(verdicts, units, width, of="such cases"))
         if too_few := requirements.render_cases_needed(verdicts):

@@ -23,11 +23,11 @@ from sepmc.analysis.requirements import FAIL
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.statistics import (
     WIDTH,
-    audit_text,
     column,
     ok_rows,
-    share_lines,
-    summary_text,
+    render_audit,
+    render_proportions,
+    render_summary,
 )
 from sepmc.analysis.streaming import StreamingStatistics
 from sepmc.campaign.campaign import Campaign
@@ -404,7 +404,7 @@ def _found(
     units = {c.name: c.unit for c in loaded.outcome_columns}
     source = loaded.file.reference.source if loaded.file.reference else "reference"
     sentences = {status.label: status.sentence for status in Status}
-    every = summary_text(table, summary.counts, units, source, _ACROSS)
+    every = render_summary(table, summary.counts, units, source, _ACROSS)
     last = manifest["sessions"][-1]
     report = page.Report(
         name=loaded.name,
@@ -420,7 +420,7 @@ def _found(
             for label, count in summary.counts.items()
             if count and label != Status.OK.label
         ],
-        shares=share_lines(table),
+        shares=render_proportions(table),
         statistics=table,
         telling=telling_outcomes(loaded, table)[:_TOLD],
         units=units,
@@ -430,7 +430,7 @@ def _found(
         )
         if "errors" in accuracy
         else "",
-        audit=audit_text(audited),
+        audit=render_audit(audited),
         sessions=manifest["sessions"],
         campaign=loaded.file.toml,
         drivers=texts[0],

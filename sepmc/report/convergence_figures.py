@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from scipy.special import betaincinv
 
 from sepmc.analysis.requirements import Verdict, margins
-from sepmc.analysis.statistics import TWO_SIDED, student
+from sepmc.analysis.statistics import TWO_SIDED, student_half_width
 from sepmc.report.style import (
     BLACK,
     BLUE,
@@ -170,7 +170,7 @@ def running(x: np.ndarray, n: np.ndarray) -> tuple[tuple[np.ndarray, ...], ...]:
     mean, spread = middle + span * first, np.maximum(second - first**2, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):  # one case has no sigma: NaN
         sigma = span * np.sqrt(spread * n / (n - 1))
-        reach = student(n - 1) * sigma / np.sqrt(n)
+        reach = student_half_width(n - 1) * sigma / np.sqrt(n)
         kurtosis = np.divide(fourth, spread**2, out=np.ones(len(n)), where=spread > 0.0)
         few = n / (n - TWO_SIDED)
         error = few * np.sqrt(np.maximum(kurtosis - (n - 3) / n, 0.0) / (n - 1)) / 2.0

@@ -21,7 +21,7 @@ from sepmc.analysis.requirements import (
     render_missing,
     requirement_sentence,
 )
-from sepmc.analysis.statistics import groups, rounded
+from sepmc.analysis.statistics import column_groups, rounded
 
 _STYLES = {PASS: "pass", FAIL: "fail"}
 
@@ -124,7 +124,7 @@ def _statistics(table: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], l
     """Heads and rows of the statistics of some outcomes."""
     cells = [
         (head, column)
-        for _, columns in groups(table.loc[list(names)], None)
+        for _, columns in column_groups(table.loc[list(names)], None)
         for head, column in columns.items()
     ]
     rows = [[name, *(column[i] for _, column in cells)] for i, name in enumerate(names)]

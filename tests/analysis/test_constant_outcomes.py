@@ -11,7 +11,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 
 from sepmc.analysis import compare, constant_outcomes, distributions, sensitivity
 from sepmc.analysis.row_statistics import TableStatistics
-from sepmc.analysis.statistics import statistics, summary_text
+from sepmc.analysis.statistics import render_summary, statistics
 from sepmc.analysis.stopping import StoppingRule
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.store import manifests, shards
@@ -334,4 +334,4 @@ def test_text_without_constants_is_as_ever():
     x = np.array([1.0, 2.0, 4.0])
     table = statistics({"case": np.arange(3), "status": np.full(3, "ok"), "y_mm": x}, ["y_mm"])
     assert constant_outcomes.settled(table) is table
-    assert "y_mm" in summary_text(table, {"ok": 3})
+    assert "y_mm" in render_summary(table, {"ok": 3})

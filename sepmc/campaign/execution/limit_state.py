@@ -8,7 +8,7 @@ import numpy as np
 
 from sepmc import schema
 from sepmc.analysis.requirements import margins
-from sepmc.analysis.statistics import Worst
+from sepmc.analysis.statistics import AuditBound
 from sepmc.analysis.subset_simulation import Estimate
 from sepmc.campaign import cases
 from sepmc.campaign.definition import Definition
@@ -130,7 +130,7 @@ class Flights:
         self.scales = np.array([column.scale for column in campaign.result_columns])
         names = [column.name for column in campaign.result_columns]
         self.audited = {
-            names.index(column.name): Worst(column.name, schema.AUDIT_BOUNDS)
+            names.index(column.name): AuditBound(column.name, schema.AUDIT_BOUNDS)
             for column in schema.audit_columns()
         }
 
