@@ -19,7 +19,7 @@ from scipy import optimize, stats
 
 import sepmc
 from sepmc.analysis import subset_simulation
-from sepmc.analysis.proportions import interval as of_share
+from sepmc.analysis.proportions import binomial_interval as of_share
 from sepmc.campaign.campaign import Campaign
 from sepmc.campaign.cases import generator
 from sepmc.scene.read import parse_campaign

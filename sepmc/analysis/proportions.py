@@ -14,14 +14,14 @@ import numpy as np
 CONFIDENCE = 0.95  # of what is printed unless a requirement has its own
 
 
-def cumulative(k: int, n: int, p: float) -> float:
+def binomial_cdf(k: int, n: int, p: float) -> float:
     """BinCDF(k; n, p): probability that at most k of n cases meet what one does with p."""
     from scipy.special import betainc  # noqa: PLC0415  (0.6 s, which most runs do not need)
 
     return 1.0 if k >= n else float(betainc(n - k, k + 1.0, 1.0 - p))
 
 
-def interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def binomial_interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Two-sided interval of a probability that was met k times in n cases.
 
     Parameters
@@ -67,7 +67,7 @@ def paired_interval(gained: int, lost: int, n: int) -> tuple[float, float]:
     if not apart:
         return low, high
     # of the pairs that differ, given how many these are
-    least, most = (apart / n * (2.0 * end - 1.0) for end in interval(gained, apart))
+    least, most = (apart / n * (2.0 * end - 1.0) for end in binomial_interval(gained, apart))
     return min(low, least), max(high, most)
 
 
@@ -76,7 +76,7 @@ def _square_and_add(
 ) -> tuple[float, float]:
     """95 % interval of the difference of the first probability less the second, from those of both
     and the correlation of their estimates."""
-    (p, low, high), (q, least, most) = ((k / n, *interval(k, n)) for k, n in (one, two))
+    (p, low, high), (q, least, most) = ((k / n, *binomial_interval(k, n)) for k, n in (one, two))
 
     def reach(a: float, b: float) -> float:
         return math.sqrt(a * a + b * b - 2.0 * correlation * a * b)
@@ -84,13 +84,13 @@ def _square_and_add(
     return p - q - reach(p - low, most - q), p - q + reach(high - p, q - least)
 
 
-def at_most(k: int, n: int, confidence: float = CONFIDENCE) -> float:
+def upper_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
     """What a probability that was met k times in n cases does not exceed, with a confidence:
     one-sided, so that 0 of n reads 1 - (1 - confidence)^(1 / n)."""
     return _upper(k, n, 1.0 - confidence)
 
 
-def at_least(k: int, n: int, confidence: float = CONFIDENCE) -> float:
+def lower_bound(k: int, n: int, confidence: float = CONFIDENCE) -> float:
     """What a probability that was met k times in n cases does not fall below, with a confidence."""
     return _lower(k, n, 1.0 - confidence)
 
@@ -107,7 +107,7 @@ def _upper(k: int, n: int, risk: float) -> float:
     return 1.0 if k == n else float(betaincinv(k + 1, n - k, 1.0 - risk))
 
 
-def allowed(n: int, share: float, confidence: float) -> int:
+def allowed_violations(n: int, share: float, confidence: float) -> int:
     """Violations with which n cases still show a requirement.
 
     Parameters
@@ -127,19 +127,23 @@ def allowed(n: int, share: float, confidence: float) -> int:
     risk, low, high = 1.0 - confidence, -1, n
     while high - low > 1:  # BinCDF rises with k
         middle = (low + high) // 2
-        low, high = (middle, high) if cumulative(middle, n, 1.0 - share) <= risk else (low, middle)
+        low, high = (
+            (middle, high) if binomial_cdf(middle, n, 1.0 - share) <= risk else (low, middle)
+        )
     return low
 
 
-def needed(k: int, share: float, confidence: float) -> int:
+def required_cases(k: int, share: float, confidence: float) -> int:
     """Cases that show a requirement in spite of k violations: the smallest n with BinCDF(k; n, 1 -
     share) <= 1 - confidence. For k = 0, log(1 - confidence) / log(share)."""
     risk, low, high = 1.0 - confidence, k, k + 1
-    while cumulative(k, high, 1.0 - share) > risk:  # BinCDF falls with n
+    while binomial_cdf(k, high, 1.0 - share) > risk:  # BinCDF falls with n
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if cumulative(k, middle, 1.0 - share) <= risk else (middle, high)
+        low, high = (
+            (low, middle) if binomial_cdf(k, middle, 1.0 - share) <= risk else (middle, high)
+        )
     return high
 
 
@@ -158,24 +162,24 @@ def design_value(values: np.ndarray, share: float, confidence: float, upper: boo
     Returns
     -------
     value : float
-        The (k + 1)-th worst of the values, k as `allowed`; NaN if they are too few.
+        The (k + 1)-th worst of the values, k as `allowed_violations`; NaN if they are too few.
     """
-    place = design_place(len(values), share, confidence, upper)
-    return math.nan if place is None else float(ranked(values, np.array([place]))[0])
+    place = design_rank(len(values), share, confidence, upper)
+    return math.nan if place is None else float(order_statistics(values, np.array([place]))[0])
 
 
-def design_place(
+def design_rank(
     count: int, share: float, confidence: float, upper: bool, missing: int = 0
 ) -> int | None:
     """Place of the `design_value` among so many rising values, if ``missing`` more cases are worse
     than all of them; None if there is none."""
-    worse = allowed(count + missing, share, confidence) - missing
+    worse = allowed_violations(count + missing, share, confidence) - missing
     if not 0 <= worse < count:
         return None
     return count - 1 - worse if upper else worse
 
 
-def ranked(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+def order_statistics(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values at places (k,) among all (n,), rising, from 0."""
     return np.partition(values, places)[places]
 

@@ -18,7 +18,7 @@ from copy import copy
 import numpy as np
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import ranked
+from sepmc.analysis.proportions import order_statistics
 
 EXACT_VALUES = 65536  # values kept before they are counted: 0.5 MB for each outcome
 BINS = 32768
@@ -105,7 +105,7 @@ class QuantileSketch:
     def ranked(self, places: np.ndarray) -> np.ndarray:
         """Values at places (k,) among all, rising, from 0."""
         if self._grid is None:
-            return ranked(self._waiting[: self._filled], places)
+            return order_statistics(self._waiting[: self._filled], places)
         self._count()
         return self._grid.ranked(places)
 

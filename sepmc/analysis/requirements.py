@@ -19,13 +19,13 @@ import pandas as pd
 
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
 from sepmc.analysis.proportions import (
-    allowed,
-    at_least,
-    at_most,
-    cumulative,
-    design_place,
-    interval,
-    needed,
+    allowed_violations,
+    binomial_cdf,
+    binomial_interval,
+    design_rank,
+    lower_bound,
+    required_cases,
+    upper_bound,
 )
 from sepmc.analysis.statistics import WIDTH, column, ok_rows, rounded
 from sepmc.scene.model import VIOLATION, Requirement
@@ -281,7 +281,7 @@ def design_value(
     item = tally.requirement
     if item.at_least is item.at_most is None:  # on a status
         return math.nan
-    place = design_place(
+    place = design_rank(
         count, item.probability, item.confidence, item.at_least is None, tally.missing
     )
     return math.nan if place is None else float(ranked(np.array([place]))[0])
@@ -313,7 +313,7 @@ def judge(
     lacking : cases that came to their end without the outcome
     """
     item, n, k = tally.requirement, tally.cases, tally.violations
-    may = allowed(n, item.probability, item.confidence) if n else -1
+    may = allowed_violations(n, item.probability, item.confidence) if n else -1
     # what two say of one bound is in doubt once
     about = {
         (one.requirement.metric, one.requirement.at_least, one.requirement.at_most): one
@@ -336,11 +336,11 @@ def judge(
         k,
         may,
         tally.missing,
-        0 if k <= may else needed(k, item.probability, item.confidence) - n,
-        interval(known, n)[0] if n else 0.0,
-        interval(k, n)[1] if n else 1.0,
-        at_least(known, n, item.confidence) if n else 0.0,
-        at_most(k, n, item.confidence) if n else 1.0,
+        0 if k <= may else required_cases(k, item.probability, item.confidence) - n,
+        binomial_interval(known, n)[0] if n else 0.0,
+        binomial_interval(k, n)[1] if n else 1.0,
+        lower_bound(known, n, item.confidence) if n else 0.0,
+        upper_bound(k, n, item.confidence) if n else 1.0,
         _known(design),
         _known(worst),
         worst_case if worst_case >= 0 else None,
@@ -398,11 +398,11 @@ def _verdict(
 
 def _shown(k: int, missing: int, n: int, item: Requirement) -> str:
     """What k violations in n cases show, of which so many are ``missing``."""
-    if k <= allowed(n, item.probability, item.confidence):
+    if k <= allowed_violations(n, item.probability, item.confidence):
         return PASS
     # a system that is just sufficient would rarely have so many that are known
     rarely = 1.0 - item.confidence
-    as_many = 1.0 - cumulative(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
+    as_many = 1.0 - binomial_cdf(k - missing - 1, n, 1.0 - item.probability) if k > missing else 1.0
     return FAIL if as_many <= rarely else NOT_SHOWN
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis import statistics as of
-from sepmc.analysis.proportions import CONFIDENCE, ranked
+from sepmc.analysis.proportions import CONFIDENCE, order_statistics
 from sepmc.analysis.requirements import (
     Errors,
     RequirementCounter,
@@ -120,7 +120,7 @@ class TableStatistics:
         known = values[self._ok & ~np.isnan(values)]
         if has_two_bounds(tally.requirement):
             known = margins(known, tally.requirement)
-        return design_value(tally, len(known), partial(ranked, known))
+        return design_value(tally, len(known), partial(order_statistics, known))
 
     def histogram(self, name: str) -> of.Histogram | None:
         """Histogram of the finite values of an outcome, or None if it has none."""

@@ -18,7 +18,13 @@ import pandas as pd
 
 from sepmc.analysis import constant_outcomes
 from sepmc.analysis.accumulator_state import Arrays, scalars, set_scalars
-from sepmc.analysis.proportions import CONFIDENCE, at_most, interval, percentile_ranks, ranked
+from sepmc.analysis.proportions import (
+    CONFIDENCE,
+    binomial_interval,
+    order_statistics,
+    percentile_ranks,
+    upper_bound,
+)
 from sepmc.schema import is_yes_or_no
 
 OK = "ok"
@@ -207,7 +213,7 @@ def _describe(values: np.ndarray, numbers: np.ndarray, confidence: float) -> dic
     # between two infinities there is no number, and the table then says NaN
     with np.errstate(invalid="ignore"):
         row |= dict(zip(PERCENTILES, np.percentile(x, list(PERCENTILES.values())), strict=True))
-    row |= percentile_ends(x.size, partial(ranked, x), confidence)
+    row |= percentile_ends(x.size, partial(order_statistics, x), confidence)
     return row | {"case_min": numbers[x.argmin()], "case_max": numbers[x.argmax()]}
 
 
@@ -490,8 +496,8 @@ def render_proportions(stats: pd.DataFrame) -> list[str]:
     lines, shares = [], stats[_are_shares(stats)]
     for name, n, mean in zip(shares.index, shares["n"], shares["mean"], strict=True):
         k = round(n * mean) if n else 0
-        low, high = interval(k, int(n)) if n else (0.0, 1.0)
-        share = f"< {at_most(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
+        low, high = binomial_interval(k, int(n)) if n else (0.0, 1.0)
+        share = f"< {upper_bound(0, int(n)):.1e}" if n and not k else f"{low:.2g} to {high:.2g}"
         lines.append(f"{name}: {k} of {n} ok cases; of all such {share} ({100.0 * CONFIDENCE:g} %)")
     return lines
 

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from sepmc.analysis.constant_outcomes import known_value
-from sepmc.analysis.proportions import CONFIDENCE, interval
+from sepmc.analysis.proportions import CONFIDENCE, binomial_interval
 from sepmc.analysis.rare_values import Occurrence, RareValue, undersampled
 from sepmc.analysis.statistics import PERCENTILES, student_half_width
 from sepmc.scene.messages import InputError, nearest
@@ -163,7 +163,7 @@ class StoppingRule:
 
 
 def _share(k: int, n: int, confidence: float) -> tuple[float, float, float]:
-    return (k / n, *interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
+    return (k / n, *binomial_interval(k, n, confidence)) if n else (math.nan, -math.inf, math.inf)
 
 
 def parse_stopping_rule(text: str, outcomes: Collection[str]) -> StoppingRule:

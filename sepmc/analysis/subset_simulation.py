@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from sepmc.analysis.proportions import CONFIDENCE
-from sepmc.analysis.proportions import interval as of_shares
+from sepmc.analysis.proportions import binomial_interval as of_shares
 from sepmc.analysis.statistics import TWO_SIDED
 
 REPLICAS = 10  # twenty, each of half the size: 92 to 96 % of intervals hold, not 94 to 97 %

@@ -13,7 +13,7 @@ from oracles.random_scenes.interpreted import flown_plainly
 from scipy.special import stdtrit
 
 import sepmc
-from sepmc.analysis.proportions import interval
+from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.row_statistics import TableStatistics
 from sepmc.analysis.stopping import parse_stopping_rule
 from sepmc.campaign.case_selection import Numbers, read
@@ -324,7 +324,7 @@ def test_intervals_that_until_looks_at():
     found = parse_stopping_rule("speed_m_s.p95:1%", names)
     assert (found.tolerance, found.relative) == (0.01, True)
     assert found.known(summary) == (row["p95"], row["p95_low"], row["p95_high"])
-    ends = interval(0, 400)
+    ends = binomial_interval(0, 400)
     for tolerance, enough in ((0.99 * ends[1], False), (1.01 * ends[1], True)):
         found = parse_stopping_rule(f"never-released:{tolerance}", names)
         assert found.known(summary) == (0.0, *ends)

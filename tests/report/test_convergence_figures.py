@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from scipy import stats
 
-from sepmc.analysis.proportions import interval
+from sepmc.analysis.proportions import binomial_interval
 from sepmc.analysis.requirements import RequirementCounter, judge
 from sepmc.report import convergence_figures
 from sepmc.report.convergence_figures import _beyond, beyond_figure, convergence_figure, running
@@ -28,10 +28,10 @@ def test_share_beyond_a_value(upper):
     assert set(at) == set(x)
     band = ax.collections[0].get_paths()[0].vertices
     for v, k in [(at[5], count[5]), (at[len(at) // 2], count[len(at) // 2])]:
-        for end in interval(int(k), 900):
+        for end in binomial_interval(int(k), 900):
             assert np.isclose(band, [v, end], rtol=1e-9).all(axis=1).any()
     assert count.min() == 0
-    assert np.isclose(band[:, 1].max(), interval(int(count.max()), 900)[1])
+    assert np.isclose(band[:, 1].max(), binomial_interval(int(count.max()), 900)[1])
 
 
 def test_cases_without_an_outcome_are_beyond():
